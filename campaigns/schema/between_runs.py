@@ -11,8 +11,9 @@ class BetweenRunsPart(Part):
     """The YAML part `between_runs`: what an attached vehicle does between two runs.
 
     do: `ask` has a person put it back; `fly_back` has it fly there, and asks only where that must
-    not be. A bare text stands for `do`. height_m: above its start; without it, the goal's
-    altitude. tolerance_m, tolerance_deg: how far from its start it may stand then.
+    not be. A bare text stands for `do`. height_m: above its start; without it, the goal's altitude.
+    tolerance_m, tolerance_deg: how far from its start it may stand then. speed_m_s: how fast it
+    flies back.
     """
 
     shorthand: ClassVar[str] = "do"

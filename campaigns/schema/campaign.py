@@ -105,7 +105,10 @@ class AutonomyPart(Part):
 
 
 class PositionPart(Part):
-    """A position of the campaign's goal in the world's local frame, metres."""
+    """A position of the campaign's goal in the world's local frame, metres.
+
+    north_m, east_m, up_m: from the world's origin.
+    """
 
     north_m: float
     east_m: float
@@ -113,7 +116,12 @@ class PositionPart(Part):
 
 
 class GoalPart(Part):
-    """The campaign's `goal`: the altitude, and gates in their order or a position."""
+    """The campaign's `goal`: the altitude, and gates in their order or a position.
+
+    altitude_m: to which the vehicles climb after the takeoff, above the world's origin. gates:
+    names of gates in the world file, in the order in which they are flown through. position: where
+    to fly, in place of gates.
+    """
 
     altitude_m: Annotated[float, Field(gt=0, le=10_000)]
     gates: list[str] = Field(default_factory=list)
@@ -133,7 +141,14 @@ class SyncPart(Part):
     """The campaign's `sync`: allowed skews and distance of the pair; a run beyond one is INVALID.
 
     takeoff: whether the vehicles leave the ground together, or get their commands together.
-    max_twin_distance_m: None: by the twin's coupling.
+    max_twin_distance_m: None: by the twin's coupling. identify_timeout_s: how long a vehicle may
+    take to answer with who it is. ready_timeout_s: how long a vehicle may take until it can arm.
+    takeoff_timeout_s: how long it may take from the takeoff command until both are at their
+    altitude. takeoff_tolerance_m: how far from the goal's altitude counts as there. goal_timeout_s:
+    how long the autonomy may fly; without it, until it is done or an oracle ends the run.
+    landing_timeout_s: how long it may take from the command to land until the vehicle has disarmed.
+    max_command_skew_s: how far apart the takeoff commands may be. max_takeoff_skew_s: how far apart
+    the vehicles may leave the ground. max_t0_skew_s: how far apart both may be given the goal.
     """
 
     identify_timeout_s: Seconds = 5.0
@@ -168,7 +183,8 @@ class RecordPart(Part):
 
     quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
     fetched into the run's folder after landing. max_loss: which share of a topic of run.mcap may be
-    missing before the run is INVALID; of what the verdict rests on nothing may be.
+    missing before the run is INVALID; of what the verdict rests on nothing may be. pictures: how
+    images are encoded in run.mcap; none records no images.
     """
 
     pictures: PictureFormat = "jpeg"
@@ -181,7 +197,8 @@ class UntilDecidedPart(Part):
     """The campaign's `repetitions` until a sequential test of the pass rate has decided.
 
     at_least: the pass rate that is claimed; against: one that would be too low; most: flights of a
-    case and mode after which it is left undecided; error: of either decision.
+    case and mode after which it is left undecided; error: of either decision. until: when a case
+    and mode has been flown often enough.
     """
 
     until: Literal["decided"]

@@ -14,7 +14,8 @@ class CompositionPart(Part):
     """A campaign of campaigns. campaigns: by name, each a file beside this one.
 
     modes, repetitions, seed: for all of them; None: as each has it. fly_controls: whether their
-    controls are flown too. published: counts of others, by `part.case`.
+    controls are flown too. published: counts of others, by `part.case`. schema: the kind and
+    version of the file. campaign: its name, also of the folder of results. description: for people.
     """
 
     schema_: Annotated[Literal["wil/campaign/1"], Field(alias="schema")]

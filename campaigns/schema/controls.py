@@ -15,6 +15,8 @@ class ExpectPart(Part):
 
     One of both is needed: a control that fails for another reason, as a misspelt parameter of its
     autonomy, proves nothing about the campaign.
+
+    verdict: what the run must end with.
     """
 
     verdict: ControlVerdict = "FAIL"

@@ -25,8 +25,12 @@ class DeliverPart(Part):
     """An image delivery: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
 
     sensor: the camera; may be missing where there is one. of: what a vehicle perceives (mixed, in
-    mode wil), or the untouched picture of real or twin. vehicle: whose perception; the judged
-    one's without.
+    mode wil), or the untouched picture of real or twin. vehicle: whose perception; the judged one's
+    without. rtp: send H.264 by RTP to this HOST:PORT; the port is even. zmq: publish by ZeroMQ at
+    this address to bind. v4l2: write to this video loopback device. encoding: how zmq encodes the
+    images. topic: the topic under which zmq publishes the images. key_interval_s: longest time
+    between two key frames of rtp. max_bit_rate: at which rtp sends, in bits per second; not bounded
+    without.
     """
 
     rtp: str | None = None
@@ -85,7 +89,11 @@ def _check_address(kind: str, address: str) -> None:
 
 
 class _ToVehicles(Part):
-    """An injection's `to`: the vehicles whose autopilots receive it; all without."""
+    """An injection's `to`: the vehicles whose autopilots receive it; all without.
+
+    to: the vehicles whose autopilots receive it; all without. rate_hz: how often at most, up to
+    250; what is usual for the message without.
+    """
 
     to: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
     rate_hz: RateHz | None = None
@@ -100,25 +108,37 @@ class _ToVehicles(Part):
 
 
 class OfSensorPart(_ToVehicles):
-    """An injection made of a sensor's mixed readings."""
+    """An injection made of a sensor's mixed readings.
+
+    sensor: the recipe's name of the sensor whose mixed readings are sent.
+    """
 
     sensor: Annotated[str, Field(min_length=1)]
 
 
 class OfObjectsPart(_ToVehicles):
-    """An injection made of the places of several objects of the virtual world."""
+    """An injection made of the places of several objects of the virtual world.
+
+    objects: their names in the world file.
+    """
 
     objects: Annotated[list[str], Field(min_length=1)]
 
 
 class OfObjectPart(_ToVehicles):
-    """An injection made of the place of one object of the virtual world."""
+    """An injection made of the place of one object of the virtual world.
+
+    object: its name in the world file.
+    """
 
     object: Annotated[str, Field(min_length=1)]
 
 
 class OfPosePart(_ToVehicles):
-    """An injected pose: motion capture as it arrives, or a mixed sensor of type pose."""
+    """An injected pose: motion capture as it arrives, or a mixed sensor of type pose.
+
+    sensor: the recipe's name of a mixed sensor of type pose; motion capture as it arrives without.
+    """
 
     sensor: Annotated[str, Field(min_length=1)] | None = None
 

@@ -9,7 +9,11 @@ from worlds.files.documents import Part
 
 
 class MomentPart(Part):
-    """From `after_s` after a stage on, for `for_s` or until the end: `{on: goal, after_s: 1}`."""
+    """From `after_s` after a stage on, for `for_s` or until the end: `{on: goal, after_s: 1}`.
+
+    on: the stage of the flight after which it begins. after_s: how long after the stage `on` it
+    begins. for_s: how long it lasts; until the end of the run without.
+    """
 
     on: FlightStage
     after_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0

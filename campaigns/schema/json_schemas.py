@@ -39,6 +39,7 @@ _UNITS = {
     "hz": "hertz",
     "px": "pixels",
     "percent": "percent",
+    "kbit_s": "kilobits per second",
     "v": "volts",
     "a": "amperes",
     "g": "g",

@@ -13,7 +13,10 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 class LimitsPart(Part):
     """The campaign's `limits` of setpoints for both vehicles; an absent one limits nothing.
 
-    keep_m: the distance that is kept to the geofence and to the heights of up_m.
+    keep_m: the distance that is kept to the geofence and to the heights of up_m. speed_m_s: the
+    fastest setpoint. acceleration_m_s2: how fast setpoints may change their velocity. up_m: the
+    lowest and the highest setpoint, [low, high], up from the world's origin. inside_geofence:
+    whether setpoints that lead out of the geofence are held back.
     """
 
     speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = None

@@ -15,7 +15,12 @@ FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
 
 
 class BurstsPart(Part):
-    """Burst loss of a link: mean length of bursts, and mean time between them."""
+    """Burst loss of a link: mean length of bursts, and mean time between them.
+
+    length_s: mean length of a burst. gap_s: mean time between two bursts. loss_within: the
+    probability that a frame is lost within a burst, from 0 to 1. loss_between: the probability that
+    a frame is lost between bursts, from 0 to 1.
+    """
 
     length_s: Duration
     gap_s: Duration
@@ -27,6 +32,10 @@ class OutagePart(Part):
     """A link outage of `for_s`, so long after the link's opening or after a stage.
 
     `{from_s: 60, for_s: 3}`, or `{on: goal, after_s: 2, for_s: 3}`.
+
+    for_s: how long nothing arrives. from_s: when it begins, counted from the link's opening. on:
+    the stage of the flight after which it begins, in place of from_s. after_s: how long after the
+    stage `on` it begins.
     """
 
     for_s: Duration
@@ -45,7 +54,15 @@ class OutagePart(Part):
 
 
 class WayPart(Part):
-    """The impairments of one direction of a link; every probability is per frame."""
+    """The impairments of one direction of a link; every probability is per frame.
+
+    latency_ms: mean time that a frame takes. jitter_ms: by how much a frame may be earlier or later
+    than latency_ms; frames keep their order. loss: the probability that a frame is lost, from 0 to
+    1. bursts: loss in bursts, beside `loss`. duplicate: the probability that a frame arrives twice.
+    reorder: the probability that later frames overtake one. corrupt: the probability that one bit
+    of a frame is flipped. bandwidth_kbit_s: what the link carries; frames queue for it, up to one
+    second; unlimited without.
+    """
 
     latency_ms: Milliseconds = 0.0
     jitter_ms: Milliseconds = 0.0
@@ -81,7 +98,11 @@ class WayPart(Part):
 
 
 class LinkPart(WayPart):
-    """One vehicle's link, both directions; `to_vehicle` or `from_vehicle` replaces one."""
+    """One vehicle's link, both directions; `to_vehicle` or `from_vehicle` replaces one.
+
+    to_vehicle, from_vehicle: the impairments of that direction alone. blackouts: times in which
+    nothing arrives.
+    """
 
     to_vehicle: WayPart | None = None
     from_vehicle: WayPart | None = None

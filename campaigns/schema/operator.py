@@ -53,7 +53,11 @@ GcsLink = Annotated[str, AfterValidator(_is_link)]
 
 
 class GcsPart(Part):
-    """The operator's `gcs`: links on which the guard relays a vehicle's MAVLink to a GCS."""
+    """The operator's `gcs`: links on which the guard relays a vehicle's MAVLink to a GCS.
+
+    real, twin: the link to the ground station for that vehicle, such as udpout://127.0.0.1:14550;
+    none without.
+    """
 
     real: GcsLink | None = None
     twin: GcsLink | None = None
@@ -64,7 +68,11 @@ class MqttPart(Part):
 
     commands: whether they have to be signed. token_env: the variable with the token that they are
     signed by; without it one is made for each campaign, and stands in its folder. root: of all
-    topics: <root>/<campaign>/status.
+    topics: <root>/<campaign>/status. broker: the broker's address, mqtt://HOST[:PORT] or mqtts://
+    for TLS. user: the name to log in with. password_env: the environment variable that holds the
+    password. ca_file: certificates of the authorities that may have signed the broker's; the
+    system's without. cert_file: the certificate that this program shows the broker. key_file: the
+    private key of that certificate.
     """
 
     broker: Annotated[str, AfterValidator(_is_broker)]
@@ -94,7 +102,9 @@ class MqttPart(Part):
 class OperatorPart(Part):
     """The campaign's `operator`: ground stations, MQTT, and the action on operator loss.
 
-    on_operator_loss: what is done when the broker was away for lost_after_s.
+    on_operator_loss: what is done when the broker was away for lost_after_s. gcs: ground stations
+    that see and fly the vehicles through the guard. mqtt: the broker for reports and commands; none
+    without. lost_after_s: how long the broker may be away.
     """
 
     gcs: GcsPart = GcsPart()

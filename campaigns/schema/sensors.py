@@ -52,6 +52,9 @@ class MountPart(Part):
     """A sensor's mount: metres forward, right and down of the body's centre, and angles.
 
     pitch_deg is positive upwards, yaw_deg to the right, roll_deg right side down.
+
+    forward_m, right_m, down_m: from the body's centre to the sensor. roll_deg, pitch_deg, yaw_deg:
+    turn of the sensor on the body, applied as yaw, then pitch, then roll.
     """
 
     forward_m: float = 0.0
@@ -76,8 +79,14 @@ class CarriedPart(Part):
 class ImagePart(CarriedPart):
     """A pinhole image sensor; optics by `fov_deg` (horizontal, edge to edge) or by `fx_px`.
 
-    fy_px defaults to fx_px, cx_px and cy_px to the middle. distortion: OpenCV's k1, k2, p1, p2
-    and on (4, 5, 8, 12 or 14 numbers); none without.
+    fy_px defaults to fx_px, cx_px and cy_px to the middle. distortion: OpenCV's k1, k2, p1, p2 and
+    on (4, 5, 8, 12 or 14 numbers); none without.
+
+    rate_hz: images in a second. width_px, height_px: size of an image, from 16 to 8192. fov_deg:
+    horizontal field of view, from edge to edge. fx_px: focal length along the width. fy_px: focal
+    length along the height. cx_px: principal point, from the left. cy_px: principal point, from the
+    top. mount: where on the body it sits and looks; forward without. stabilized: whether a gimbal
+    keeps roll and pitch level.
     """
 
     rate_hz: Rate
@@ -131,7 +140,7 @@ class CameraPart(ImagePart):
     """A camera sensor. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
 
     source: where its pictures come from; rendered without. calibration: file with its optics, and
-    with mounting and latency where they were measured.
+    with mounting and latency where they were measured. type: the kind of sensor.
     """
 
     type: Literal["camera"]
@@ -177,7 +186,10 @@ class CameraPart(ImagePart):
 
 
 class DepthPart(ImagePart):
-    """A depth camera sensor: stereo or time of flight."""
+    """A depth camera sensor: stereo or time of flight.
+
+    type: the kind of sensor.
+    """
 
     type: Literal["depth"]
 
@@ -189,7 +201,10 @@ class DepthPart(ImagePart):
 
 
 class RangingPart(CarriedPart):
-    """The keys of every ranging sensor; its range defaults to that of the profile's sensor."""
+    """The keys of every ranging sensor; its range defaults to that of the profile's sensor.
+
+    range_min_m: what is nearer is not measured. range_max_m: what is farther is not measured.
+    """
 
     range_min_m: Metres | None = None
     range_max_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
@@ -209,7 +224,11 @@ class RangingPart(CarriedPart):
 
 
 class LidarPart(RangingPart):
-    """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward."""
+    """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward.
+
+    type: the kind of sensor. rate_hz: scans in a second. beams: how many one scan has. fov_deg:
+    from the first beam to the last; 360 is a full turn.
+    """
 
     type: Literal["lidar"]
     rate_hz: TruthRate = 10.0
@@ -232,7 +251,12 @@ class LidarPart(RangingPart):
 
 
 class LidarPointsPart(RangingPart):
-    """A 3-D lidar sensor: a full turn of `columns`, each of `rings` between two elevations."""
+    """A 3-D lidar sensor: a full turn of `columns`, each of `rings` between two elevations.
+
+    type: the kind of sensor. rate_hz: turns in a second. columns: how many directions one turn has.
+    rings: how many beams of different elevation each column has. lowest_deg: elevation of the
+    lowest ring, positive upwards. highest_deg: elevation of the highest ring, positive upwards.
+    """
 
     type: Literal["lidar_points"]
     rate_hz: TruthRate = 20.0
@@ -261,7 +285,10 @@ class LidarPointsPart(RangingPart):
 
 
 class RangefinderPart(RangingPart):
-    """A rangefinder sensor: one beam, `beam_deg` wide; looks down unless a mount is given."""
+    """A rangefinder sensor: one beam, `beam_deg` wide; looks down unless a mount is given.
+
+    type: the kind of sensor. rate_hz: measurements in a second. beam_deg: full width of the beam.
+    """
 
     type: Literal["rangefinder"]
     rate_hz: TruthRate = 50.0
@@ -280,7 +307,10 @@ class RangefinderPart(RangingPart):
 
 
 class GpsPart(CarriedPart):
-    """A GPS receiver among a vehicle's sensors."""
+    """A GPS receiver among a vehicle's sensors.
+
+    type: the kind of sensor. rate_hz: fixes in a second.
+    """
 
     type: Literal["gps"]
     rate_hz: TruthRate = 5.0
@@ -291,7 +321,10 @@ class GpsPart(CarriedPart):
 
 
 class ImuPart(CarriedPart):
-    """An IMU among a vehicle's sensors: accelerometer and gyroscope."""
+    """An IMU among a vehicle's sensors: accelerometer and gyroscope.
+
+    type: the kind of sensor. rate_hz: samples in a second.
+    """
 
     embedded_only: ClassVar[bool] = True
     type: Literal["imu"]
@@ -303,7 +336,10 @@ class ImuPart(CarriedPart):
 
 
 class PosePart(CarriedPart):
-    """A pose sensor: motion capture. rate_hz: at most; by default the profile's rate."""
+    """A pose sensor: motion capture. rate_hz: at most; by default the profile's rate.
+
+    type: the kind of sensor.
+    """
 
     embedded_only: ClassVar[bool] = True
     type: Literal["pose"]
@@ -315,7 +351,11 @@ class PosePart(CarriedPart):
 
 
 class MicrophonePart(CarriedPart):
-    """A microphone sensor that delivers blocks of samples."""
+    """A microphone sensor that delivers blocks of samples.
+
+    type: the kind of sensor. sample_rate_hz: samples in a second. block_samples: how many samples
+    each reading has.
+    """
 
     embedded_only: ClassVar[bool] = True
     type: Literal["microphone"]

@@ -36,9 +36,12 @@ _ONLY_FOR: dict[str, tuple[SourceKind, ...]] = {
 class SourcePart(Part):
     """A camera's external source of images; a bare text stands for `address`.
 
-    address: rtsp://..., rtp://HOST:PORT or FILE.sdp, /dev/videoN, a video file, a folder of
-    images, an MCAP file, or tcp://HOST:PORT of a simulator. latency_ms: middle of the exposure to
-    arrival. answer_ms: how long a simulator may take for a picture.
+    address: rtsp://..., rtp://HOST:PORT or FILE.sdp, /dev/videoN, a video file, a folder of images,
+    an MCAP file, or tcp://HOST:PORT of a simulator. latency_ms: middle of the exposure to arrival.
+    answer_ms: how long a simulator may take for a picture. open_s: how long opening it may take.
+    stall_s: a silence in flight after which the run proves nothing. transport: how RTSP carries its
+    packets. format: the pixel format that is asked of a video device, such as mjpeg. topic: the
+    topic of the images in an MCAP file.
     """
 
     shorthand: ClassVar[str] = "address"
@@ -113,7 +116,8 @@ class MocapPart(Part):
 
     address: udp://HOST:PORT (ours, to bind), tcp://HOST:PORT (a ZeroMQ publisher's), or
     vrpn://HOST[:PORT]. body: its name in the capture system; the vehicle's without. stall_s: a
-    silence in flight after which the run proves nothing.
+    silence in flight after which the run proves nothing. latency_ms: from the capture of a pose to
+    its arrival. topic: the topic of a ZeroMQ publisher; all without.
     """
 
     shorthand: ClassVar[str] = "address"

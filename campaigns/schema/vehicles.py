@@ -26,7 +26,11 @@ Speedup = Annotated[float, Field(gt=0, le=100)]
 
 
 class StartPart(Part):
-    """A vehicle's `start` pose in the world before takeoff; yaw_deg clockwise from north."""
+    """A vehicle's `start` pose in the world before takeoff; yaw_deg clockwise from north.
+
+    north_m, east_m, up_m: where the vehicle stands, in the world's local frame. yaw_deg: where its
+    nose points, clockwise from north.
+    """
 
     north_m: float = 0.0
     east_m: float = 0.0
@@ -43,6 +47,8 @@ class PoseAccuracyPart(Part):
     """The accuracy of a vehicle's pose source, one standard deviation.
 
     velocity_m_s: of an estimate's own velocity; that of motion capture is made of its positions.
+    position_m: standard deviation of each axis of the position. attitude_deg: standard deviation of
+    each angle of the attitude.
     """
 
     position_m: Annotated[float, Field(ge=0, le=1000)]
@@ -61,7 +67,7 @@ class PoseAccuracyPart(Part):
 class BodyPart(Part):
     """A vehicle's body as contacts, clearances and gates are judged: a box round its middle.
 
-    width_m: across and along, propellers included.
+    width_m: across and along, propellers included. height_m: from the feet to the top.
     """
 
     width_m: Annotated[float, Field(gt=0, le=20)]
@@ -96,7 +102,8 @@ class ArduPilotLaunchPart(Part):
     """A vehicle's `launch` of ArduCopter's own simulation (SITL).
 
     binary: one built for SITL, beside this file or on PATH. defaults: parameter files, later ones
-    win.
+    win. launch: the autopilot whose simulation is started. frame: ArduPilot's name of the airframe
+    (its --model). speedup: how many times real time it simulates, at most 100.
     """
 
     launch: Literal["ardupilot"]
@@ -107,7 +114,13 @@ class ArduPilotLaunchPart(Part):
 
 
 class Px4LaunchPart(Part):
-    """A vehicle's `launch` of PX4's own simulation: from a `build` folder or an `image`."""
+    """A vehicle's `launch` of PX4's own simulation: from a `build` folder or an `image`.
+
+    launch: the autopilot whose simulation is started. build: a folder of PX4 that was built for
+    SITL, such as build/px4_sitl_default. image: a container image that holds a PX4 built for SITL.
+    model: PX4's name of the simulated airframe (PX4_SIM_MODEL). speed: how many times real time it
+    simulates, at most 100.
+    """
 
     launch: Literal["px4"]
     build: Text | None = None
@@ -127,7 +140,11 @@ LaunchPart = Annotated[ArduPilotLaunchPart | Px4LaunchPart, Field(discriminator=
 
 
 class SigningPart(Part):
-    """A vehicle's MAVLink 2 signing key: in a `file`, or in an `environment` variable."""
+    """A vehicle's MAVLink 2 signing key: in a `file`, or in an `environment` variable.
+
+    file: one beside the campaign with the key: 32 bytes, 64 hexadecimal digits, base64 of 32 bytes,
+    or passphrase:WORDS. environment: the name of an environment variable that holds the key.
+    """
 
     file: Text | None = None
     environment: Text | None = None
@@ -145,6 +162,7 @@ class TelemetryPart(Part):
 
     bandwidth_kbit_s: both ways together; without it, that of the serial port. max_gap_s: the
     longest gap between positions that leaves a run valid; without it, three of their periods.
+    rate_hz: how often the vehicle is asked to send its position, from 10 to 100.
     """
 
     rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0

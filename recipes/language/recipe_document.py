@@ -28,7 +28,8 @@ MAX_SKEW_MS = 100.0
 class SensorPart(Part):
     """A sensor in a recipe file: the type and rate of its mixed readings.
 
-    real_type, twin_type: what a source delivers, where a transform makes it into `type`.
+    real_type, twin_type: what a source delivers, where a transform makes it into `type`. type: what
+    kind of reading is mixed. rate_hz: how often at most; as often as the sources deliver without.
     """
 
     type: SensorType

@@ -71,7 +71,10 @@ class RotationPart(Part):
 class IntrinsicsPart(Part):
     """A pinhole camera in a step's parameters; cx_px, cy_px: the middle, fy_px: fx_px.
 
-    distortion: OpenCV's coefficients (k1, k2, p1, p2[, k3[, k4, k5, k6]]).
+    distortion: OpenCV's coefficients (k1, k2, p1, p2[, k3[, k4, k5, k6]]). width_px, height_px:
+    size of the image. fx_px: focal length along the width. fy_px: focal length along the height;
+    fx_px without. cx_px: principal point, from the left; the middle without. cy_px: principal
+    point, from the top; the middle without.
     """
 
     width_px: SizePx

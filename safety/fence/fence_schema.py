@@ -19,7 +19,12 @@ Radius = Annotated[float, Field(gt=0)]
 
 
 class BoxPart(Part):
-    """A fence's box in YAML: [low, high] of north_m, east_m or latitude_deg, longitude_deg."""
+    """A fence's box in YAML: [low, high] of north_m, east_m or latitude_deg, longitude_deg.
+
+    north_m, east_m: limits [low, high] in the world's local frame. latitude_deg, longitude_deg:
+    limits [low, high] on WGS-84, in place of metres. up_m: limits [low, high] up from the world's
+    origin.
+    """
 
     north_m: Range | None = None
     east_m: Range | None = None
@@ -51,7 +56,11 @@ class BoxPart(Part):
 
 
 class CirclePart(Part):
-    """A fence's circle in YAML: north_m, east_m or latitude_deg, longitude_deg, and radius."""
+    """A fence's circle in YAML: north_m, east_m or latitude_deg, longitude_deg, and radius.
+
+    north_m, east_m: its centre in the world's local frame. latitude_deg, longitude_deg: its centre
+    on WGS-84, in place of metres. radius_m: the circle's radius.
+    """
 
     north_m: float | None = None
     east_m: float | None = None
@@ -78,7 +87,11 @@ class CirclePart(Part):
 
 
 class AreaPart(Part):
-    """A flat fence area in YAML: a polygon in metres or degrees, or a circle."""
+    """A flat fence area in YAML: a polygon in metres or degrees, or a circle.
+
+    polygon: its corners [north, east] in metres, at least three. polygon_deg: its corners
+    [latitude, longitude] on WGS-84. circle: a centre and a radius.
+    """
 
     polygon: list[Corner] | None = None
     polygon_deg: list[Corner] | None = None
@@ -108,7 +121,8 @@ class AreaPart(Part):
 class FencePart(Part):
     """A `box`; or the areas of `include` and `file`, without those of `exclude`, within `up_m`.
 
-    file: a QGroundControl plan or GeoJSON beside the file that names it.
+    file: a QGroundControl plan or GeoJSON beside the file that names it. up_m: limits [low, high]
+    of the areas, up from the world's origin.
     """
 
     may_be_empty: ClassVar[bool] = False

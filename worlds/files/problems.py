@@ -12,7 +12,7 @@ _LIKE_ENOUGH = 0.6
 _UNITS = (
     "deg_s", "rad_s", "m_s2", "m_s", "km_h", "kmh", "kph", "mph", "knots", "kn", "fps", "px",
     "deg", "rad", "ms", "us", "ns", "min", "hz", "khz", "mm", "cm", "km", "ft", "feet", "inch",
-    "percent", "kg", "lb", "mah", "wh", "m", "s", "g", "v", "a", "w",
+    "kbit_s", "percent", "kg", "lb", "mah", "wh", "m", "s", "g", "v", "a", "w",
 )
 # fmt: on
 

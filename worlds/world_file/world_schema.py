@@ -26,7 +26,11 @@ Color = str | list[int]
 
 
 class OriginModel(FilePart):
-    """The world file's `origin` of the local frame on Earth (WGS-84)."""
+    """The world file's `origin` of the local frame on Earth (WGS-84).
+
+    latitude_deg, longitude_deg: of the world's origin, the point whose north, east and up are 0.
+    altitude_m: of the world's origin above mean sea level.
+    """
 
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -34,7 +38,11 @@ class OriginModel(FilePart):
 
 
 class PoseModel(FilePart):
-    """An object's pose in the world file."""
+    """An object's pose in the world file.
+
+    north_m, east_m, up_m: from the world's origin. yaw_deg: clockwise from north, seen from above.
+    pitch_deg: positive nose up. roll_deg: positive right side down.
+    """
 
     north_m: Coordinate = 0.0
     east_m: Coordinate = 0.0
@@ -56,7 +64,10 @@ class PoseModel(FilePart):
 
 
 class GateModel(FilePart):
-    """A gate in a world file; inner_size_m: free edge of a square, free diameter of a ring."""
+    """A gate in a world file; inner_size_m: free edge of a square, free diameter of a ring.
+
+    form: the shape of the opening. bar_m: thickness of the frame round the opening.
+    """
 
     form: Literal["square", "ring"] = "square"
     inner_size_m: Length
@@ -64,7 +75,12 @@ class GateModel(FilePart):
 
 
 class RoomModel(FilePart):
-    """A room in a world file; its pose is the middle of its floor."""
+    """A room in a world file; its pose is the middle of its floor.
+
+    size_north_m, size_east_m: inner length along the room's forward and right. height_m: from floor
+    to ceiling. ceiling: whether the room has one, closed, or is open above. seed: of the textures
+    on the room's walls.
+    """
 
     size_north_m: Length
     size_east_m: Length
@@ -74,7 +90,10 @@ class RoomModel(FilePart):
 
 
 class BoxModel(FilePart):
-    """A box in a world file about its pose: size along forward, right and up."""
+    """A box in a world file about its pose: size along forward, right and up.
+
+    size_m: [forward, right, up], whole lengths.
+    """
 
     size_m: tuple[Length, Length, Length]
 
@@ -84,7 +103,10 @@ class PersonModel(FilePart):
 
 
 class QuadrotorModel(FilePart):
-    """A quadrotor in a world file; size is the width over the rotors."""
+    """A quadrotor in a world file; size is the width over the rotors.
+
+    size_m: the width over the rotors.
+    """
 
     size_m: Length = 0.3
 
@@ -92,9 +114,11 @@ class QuadrotorModel(FilePart):
 class MeshModel(FilePart):
     """A mesh of a world file, from a file beside it.
 
-    unit: None takes what the file states (.dae), else metres. up, forward: which axes of the
-    file point up and forward; None takes what the file states, else its format's custom
-    (.glb, .gltf, .dae: y up, z forward; .obj, .stl, .ply: z up, x forward).
+    unit: None takes what the file states (.dae), else metres. up, forward: which axes of the file
+    point up and forward; None takes what the file states, else its format's custom (.glb, .gltf,
+    .dae: y up, z forward; .obj, .stl, .ply: z up, x forward). file: one beside this one, .obj,
+    .stl, .ply, .glb, .gltf or .dae. scale: the factor by which all lengths of the file are
+    multiplied.
     """
 
     file: str
@@ -153,7 +177,11 @@ class ExistsModel(FilePart):
 
 
 class WaypointModel(FilePart):
-    """A waypoint of a motion in a world file; speed and yaw of the way there."""
+    """A waypoint of a motion in a world file; speed and yaw of the way there.
+
+    north_m, east_m, up_m: from the world's origin. speed_m_s: the speed on the way there. yaw_deg:
+    the heading to turn to on the way, clockwise from north; it keeps its attitude without.
+    """
 
     north_m: Coordinate
     east_m: Coordinate
@@ -163,7 +191,11 @@ class WaypointModel(FilePart):
 
 
 class StartModel(FilePart):
-    """A motion's `start` in a world file: a time after t0, or an event (and a delay)."""
+    """A motion's `start` in a world file: a time after t0, or an event (and a delay).
+
+    at_s: when it begins, counted from t0, when the goal is given. on: the event of the run that
+    starts it. delay_s: how long after the event `on` it begins.
+    """
 
     at_s: Seconds | None = None
     on: Moment | None = None
@@ -181,7 +213,9 @@ class MotionModel(FilePart):
     """An object's `motion` in a world file: waypoints from its pose.
 
     acceleration_m_s2: with it each way begins and ends at rest. speed_sd_m_s: the standard
-    deviation with which the speed of each way is drawn.
+    deviation with which the speed of each way is drawn. waypoints: the places that it moves to, one
+    after another. start: when it begins; at t0 without. loop: whether it goes back to its pose
+    after the last waypoint and begins again, for ever.
     """
 
     waypoints: Annotated[tuple[WaypointModel, ...], Field(min_length=1, max_length=1000)]

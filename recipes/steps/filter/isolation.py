@@ -22,7 +22,11 @@ PAIR = Field(min_length=2, max_length=2)
 
 
 class RangePart(Part):
-    """A colour range to isolate: hue from the first to the second, clockwise, may wrap."""
+    """A colour range to isolate: hue from the first to the second, clockwise, may wrap.
+
+    hue_deg: [from, to] on the circle of hues, red at 0. saturation: [low, high], 0 is grey. value:
+    [low, high] of the brightness, from 0 to 1.
+    """
 
     hue_deg: Annotated[list[Degrees], PAIR] = Field(default_factory=lambda: [*FULL_CIRCLE_DEG])
     saturation: Annotated[list[Fraction], PAIR] = Field(default_factory=lambda: [0.0, 1.0])

@@ -21,7 +21,12 @@ Point = Annotated[list[Fraction], PAIR]
 
 
 class BoxPart(Part):
-    """A rectangular image region, as fractions of width and height from the top left."""
+    """A rectangular image region, as fractions of width and height from the top left.
+
+    left: where it begins, from the left edge of the image, 0 to 1. right: where it ends, from the
+    left edge. top: where it begins, from the upper edge of the image, 0 to 1. bottom: where it
+    ends, from the upper edge.
+    """
 
     left: Fraction = 0.0
     top: Fraction = 0.0
@@ -46,7 +51,11 @@ class BoxPart(Part):
 
 
 class IsolateRegionParameters(SidedParameters):
-    """box or polygon: as fractions of the picture's width and height; outside: keep the rest."""
+    """The region of the image that is kept: a box or a polygon.
+
+    polygon: corners [x, y] as fractions of width and height, at least three. box: a rectangle, in
+    place of a polygon. outside: keep what is outside.
+    """
 
     box: BoxPart | None = None
     polygon: Annotated[list[Point], Field(min_length=3)] | None = None
@@ -134,7 +143,11 @@ def isolate_depth(parameters: IsolateDepthParameters, context: Context) -> Opera
 
 
 class IsolateSectorParameters(SidedParameters):
-    """A sector region: clockwise from from_deg to to_deg seen from above; 0 is forward."""
+    """A sector region: clockwise from from_deg to to_deg seen from above; 0 is forward.
+
+    from_deg: its first direction, right of forward. to_deg: its last direction, right of forward.
+    outside: keep what is outside.
+    """
 
     from_deg: Annotated[float, Field(ge=-360, le=360)]
     to_deg: Annotated[float, Field(ge=-360, le=720)]
@@ -190,7 +203,11 @@ Reach = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class IsolateBoxParameters(SidedParameters):
-    """A box region, forward_m, right_m, down_m: [from, to] in the sensor's frame."""
+    """A box region in the sensor's frame.
+
+    forward_m, right_m, down_m: [from, to] from the sensor; unbounded without. outside: keep what is
+    outside.
+    """
 
     forward_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
     right_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])

@@ -32,14 +32,21 @@ Bools = NDArray[np.bool_]
 
 
 class SectorPart(Part):
-    """The sector of a scan to replace: clockwise from the first, seen from above; 0 is forward."""
+    """The sector of a scan to replace: clockwise from the first, seen from above; 0 is forward.
+
+    from_deg: its first direction, right of forward. to_deg: its last direction, right of forward.
+    """
 
     from_deg: float
     to_deg: float
 
 
 class ConditionPart(Part):
-    """A replacement's condition: a quantity of a side's reading within limits."""
+    """A replacement's condition: a quantity of a side's reading within limits.
+
+    of: whose reading is measured. what: which quantity of that reading is measured. above: it has
+    to be over this value. below: it has to be under this value.
+    """
 
     of: Side
     what: str

@@ -17,7 +17,11 @@ Work = Masked[LidarScanReading]
 
 
 class BeamsPart(Part):
-    """Lidar beams: count, the first at start_deg right of forward, each step_deg further."""
+    """Lidar beams: count, the first at start_deg right of forward, each step_deg further.
+
+    count: how many beams there are. start_deg: direction of the first beam, right of forward.
+    step_deg: from one beam to the next.
+    """
 
     count: Annotated[int, Field(ge=1, le=100_000)]
     start_deg: Degrees

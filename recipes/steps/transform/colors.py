@@ -61,7 +61,7 @@ class MatchPhotometryParameters(SidedParameters):
     gains_bgr, noise_std_dn, blur_sigma_px: in place of what would be measured in the other side's
     pictures. max_gain: bound of each measured gain and of its inverse. measure_every: frames
     between two measurements; smoothing: share of the old correction that each leaves. seed: of the
-    noise.
+    noise. exposure, white_balance, noise, blur: whether this property is matched.
     """
 
     exposure: bool = True

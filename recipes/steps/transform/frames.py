@@ -155,7 +155,8 @@ class OffsetParameters(SidedParameters):
     """north_m, east_m, up_m: the shift of the world frame. rotation: turn of the heading.
 
     about: `body` turns the vehicle where it stands; `origin` turns the whole frame about its
-    origin, and moves then.
+    origin, and moves then. yaw_deg: turn of the heading, clockwise seen from above; or give
+    `rotation`.
     """
 
     north_m: Metres = 0.0
@@ -226,7 +227,11 @@ def _offset(reading: PoseReading | GpsReading, moved: Pose, *, about_origin: boo
 
 
 class MountPart(Part):
-    """A sensor's mount in the body's FRD frame."""
+    """A sensor's mount in the body's FRD frame.
+
+    forward_m, right_m, down_m: from the body's centre to the sensor. rotation: turn of the sensor
+    on the body.
+    """
 
     forward_m: Metres = 0.0
     right_m: Metres = 0.0

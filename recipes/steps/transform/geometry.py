@@ -15,7 +15,10 @@ Work = Masked[Picture]
 
 
 class Size(Part):
-    """An image size in pixels, to which a transform scales."""
+    """An image size in pixels, to which a transform scales.
+
+    width_px, height_px: of the image after the step.
+    """
 
     width_px: SizePx
     height_px: SizePx
@@ -67,7 +70,10 @@ def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa:
 
 
 class CropParameters(SidedParameters):
-    """left_px, top_px: of the image part's first pixel; None puts the part into the middle."""
+    """left_px, top_px: of the image part's first pixel; None puts the part into the middle.
+
+    width_px, height_px: size of the part that is kept.
+    """
 
     reshapes = True
 

@@ -24,7 +24,11 @@ from worlds.geodesy import LocalFrame
 
 
 class OriginParameters(SidedParameters):
-    """The place of the local frame's origin on WGS-84."""
+    """The place of the local frame's origin on WGS-84.
+
+    latitude_deg, longitude_deg: of the origin, the point whose north, east and up are 0.
+    altitude_m: of the origin above mean sea level.
+    """
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
