@@ -1,9 +1,10 @@
 """For all tests: properties are searched without a deadline, for these machines are shared."""
 
+import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -54,20 +55,29 @@ FAST = (
 )
 """What flies no run, starts no process and searches not for long; everything else is slow."""
 
-WALL = (
+FLIGHTS = (
+    "faults/test_socket_flights.py",
     "orchestrator/campaign/test_attached_run.py",
-    "orchestrator/campaign/test_resumption.py",
-    "orchestrator/cli/commands/test_run_command.py",
-    "orchestrator/cli/test_arming_consent.py",
     "orchestrator/console/test_console_flight.py",
     "orchestrator/external/test_external_flights.py",
-    "orchestrator/operator",
     "orchestrator/recording/test_wall_recording.py",
     "orchestrator/run/flight/test_mavsdk_run.py",
     "orchestrator/run/flight/test_scaled_run.py",
     "orchestrator/run/flight/test_wall_run.py",
-    "safety/guard/process",
     "vehicles/clients",
+)
+"""What flies on the wall clock: vehicles, guard and orchestrator are processes that must all be in
+time. One such flight is in the air at a time."""
+
+FLIGHT_TIMEOUT_S = 400
+"""A hang is found by it; how long a flight takes is the machine's matter."""
+
+WALL = (
+    "orchestrator/campaign/test_resumption.py",
+    "orchestrator/cli/commands/test_run_command.py",
+    "orchestrator/cli/test_arming_consent.py",
+    "orchestrator/operator",
+    "safety/guard/process",
     "vehicles/driver/test_conformance.py",
     "vehicles/embedded/process",
     "vehicles/links/test_flapping.py",
@@ -77,40 +87,74 @@ WALL = (
 """What waits on the wall clock: it leaves the processor idle most of the time."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is not of the fast tier, and let workers fly the wall clock's tests first.
+YIELDING = 5
+"""What workers add to their niceness once they are at tests that wait for nothing."""
 
-    `pytest -m "not slow"` leaves out what is not of the fast tier. Workers of pytest-xdist each
-    begin with their share of the tests that wait on the wall clock: beside each other these have
-    the processor that they need, beside searches and flights in virtual time they have not.
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
+
+    `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
+    one begins with all flights on the wall clock, and the others with what else waits on it.
     """
+    flights: list[pytest.Item] = []
     waiting: list[pytest.Item] = []
     others: list[pytest.Item] = []
     for item in items:
         path = item.path.relative_to(ROOT)
         if not _is_among(path, FAST):
             item.add_marker(pytest.mark.slow)
-        (waiting if _is_among(path, WALL) else others).append(item)
-    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    if workers > 1:
-        items[:] = _shares(waiting, others, workers)
+        if _is_among(path, FLIGHTS):
+            item.add_marker(pytest.mark.timeout(FLIGHT_TIMEOUT_S))
+            flights.append(item)
+        else:
+            (waiting if _is_among(path, WALL) else others).append(item)
+    if (workers := _workers()) > 1:
+        begun = [flights, *(waiting[k :: workers - 1] for k in range(workers - 1))]
+        items[:] = _shares(begun, others)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Have one flight on the wall clock in the air at a time, and all that waits for nothing yield.
+
+    A flight waits for its turn before its time counts. The kernel serves whoever is nicer last, so
+    that searches and flights in virtual time fill what flights on the wall clock leave idle.
+    """
+    path = item.path.relative_to(ROOT) if item.path.is_relative_to(ROOT) else item.path
+    if not _is_among(path, FLIGHTS):
+        if _workers() > 1 and not _is_among(path, WALL) and os.nice(0) < YIELDING:
+            os.nice(YIELDING - os.nice(0))
+        return (yield)
+    with Path(__file__).open(encoding="utf-8") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        try:
+            return (yield)
+        finally:
+            # What was forked meanwhile and lives on has this file open, too.
+            fcntl.flock(turn, fcntl.LOCK_UN)
+
+
+def _workers() -> int:
+    return int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 
 
 def _is_among(path: Path, places: Sequence[str]) -> bool:
     return any(path.is_relative_to(place) for place in places)
 
 
-def _shares(
-    first: list[pytest.Item], then: list[pytest.Item], workers: int
-) -> Iterator[pytest.Item]:
-    """Yield equal shares of tests, one behind the other: `--dist worksteal` hands them out so."""
-    total = len(first) + len(then)
-    for k in range(workers):
-        mine = first[k::workers]
+def _shares(begun: list[list[pytest.Item]], then: list[pytest.Item]) -> Iterator[pytest.Item]:
+    """Yield equal shares of tests, one behind the other: `--dist worksteal` hands them out so.
+
+    begun: what each worker begins with.
+    """
+    total, workers = sum(map(len, begun)) + len(then), len(begun)
+    for k, mine in enumerate(begun):
         yield from mine
-        size = total * (k + 1) // workers - total * k // workers - len(mine)
+        size = max(0, total * (k + 1) // workers - total * k // workers - len(mine))
         yield from then[:size]
         then = then[size:]
+    yield from then
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.report.browser import Page, browser, chromium
-from tests.orchestrator.wall_runs import Program, lines, stages
+from tests.orchestrator.wall_runs import STAYING, Program, lines, stages
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 RECORD = "operator.jsonl"
-PATIENCE_S = 40.0
+PATIENCE_S = 100.0
 IS_DRAWN = (
     "(() => { const one = document.getElementById('image-{name}');"
     " const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;"
@@ -42,7 +42,8 @@ def text_of(name: str) -> str:
 
 
 async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil", "--console", "auto") as program:
+    given = ("--mode", "wil", "--console", "auto", *STAYING)
+    async with Program(tmp_path / "out", *given) as program:
         assert program.process.stdout is not None
         line = (await program.process.stdout.readline()).decode()
         link = line.removeprefix("operator: ").strip()
@@ -73,7 +74,8 @@ async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) 
             assert [
                 one for one in page.requests if not one.startswith(link.partition("#")[0])
             ] == []
-            assert (await program.end()).code == 4
+            landed = await program.end()
+            assert landed.code == 4, landed.why
             await until(page, "!document.getElementById('lost').hidden")
         assert list((program.runtime / "wil-campaign").iterdir()) == []
     assert stages(program.run_folder())[-2:] == ["landed", "end"]

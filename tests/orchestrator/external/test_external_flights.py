@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from tests.orchestrator.wall_runs import ROOT, Program
+from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
 from tests.vehicles.sources.pumping import pump
 from vehicles.perception.blobs import BlobFinder
 from vehicles.perception.hsv import NAMED_COLORS
@@ -77,12 +77,15 @@ async def test_a_simulator_draws_the_twins_world_and_a_second_program_sees_the_m
     port, seen = free_even_port(), list[CameraReading]()
     async with simulator() as (address, _):
         watching = asyncio.create_task(watch(port, seen))
-        given = sets(drawn_by(address, 3000), f"deliver=[{{rtp: '127.0.0.1:{port}'}}]")
+        given = (
+            *(*SHORT, *sets("autonomy.with={speed_m_s: 0.3, for_s: 4}")),
+            *sets(drawn_by(address, 3000), f"deliver=[{{rtp: '127.0.0.1:{port}'}}]"),
+        )
         async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:
             landed = await program.end()
         watching.cancel()
         await asyncio.wait([watching])
-    assert landed.code == 0, landed.err
+    assert landed.code == 0, landed.why
     summary = json.loads(landed.out)
     (run,) = summary["runs"]
     assert (run["verdict"], run["reason"]) == ("PASS", "")
@@ -103,12 +106,12 @@ async def test_a_simulator_that_dies_in_flight_makes_the_run_invalid_and_lands_i
     tmp_path: Path,
 ) -> None:
     async with simulator() as (address, process):
-        given = sets(drawn_by(address, 700))
+        given = (*STAYING, *sets(drawn_by(address, 700)))
         async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:
             await program.stage("goal")
             process.send_signal(signal.SIGKILL)
             landed = await program.end()
-    assert landed.code == 3
+    assert landed.code == 3, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "INVALID"
     assert address in run["reason"]
@@ -161,7 +164,7 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     )
     async with Program(tmp_path / "out", "--mode", "sim", "--json", *given) as program:
         landed = await program.end()
-    assert landed.code == 0, landed.err + landed.out
+    assert landed.code == 0, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert (run["verdict"], run["reason"]) == ("PASS", "")
     (result,) = run["outside"]["programs"]

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
-from tests.orchestrator.wall_runs import Program
+from tests.orchestrator.wall_runs import STAYING, Program
 
 
 def writer_of(path: Path) -> int:
@@ -22,14 +22,15 @@ def writer_of(path: Path) -> int:
 
 
 async def test_what_was_recorded_outlives_kill_9(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil") as program:
+    async with Program(tmp_path / "out", "--mode", "wil", *STAYING) as program:
         await program.stage("goal")
         await asyncio.sleep(3.0)
         path = program.run_folder() / "run.mcap"
+        writer = writer_of(path)
+        os.kill(writer, signal.SIGKILL)
         killed_s = time.time()
-        os.kill(writer_of(path), signal.SIGKILL)
         landed = await program.end()
-    assert landed.code == 3
+    assert landed.code == 3, landed.why
     recording = Recording(path)
     found: Counter[str] = Counter()
     last_s = 0.0
@@ -44,4 +45,4 @@ async def test_what_was_recorded_outlives_kill_9(tmp_path: Path) -> None:
     assert set(found) == {"real camera", "twin camera", "mixed camera", "provenance"}
     assert min(found.values()) > 30
     # A chunk spans half a second; a loaded machine is given more.
-    assert killed_s - 5.0 < last_s < killed_s
+    assert killed_s - 10.0 < last_s < killed_s

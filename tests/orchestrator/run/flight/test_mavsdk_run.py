@@ -5,7 +5,7 @@ import os
 import signal
 from pathlib import Path
 
-from tests.orchestrator.wall_runs import Program, lines, stages, until
+from tests.orchestrator.wall_runs import STAYING, Program, lines, stages, until
 
 BY_MAVSDK = ("--set", "vehicles.real.driver=mavsdk", "--set", "vehicles.twin.driver=mavsdk")
 
@@ -26,14 +26,16 @@ def processes(program: Program) -> list[int]:
 
 
 async def test_mavsdk_dies_in_flight_and_the_guard_lands_both(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil", "--json", *BY_MAVSDK) as program:
+    async with Program(
+        tmp_path / "out", "--mode", "wil", "--json", *BY_MAVSDK, *STAYING
+    ) as program:
         await program.stage("goal")
         pids = processes(program)
         assert len(pids) == 2, "one instance for each vehicle"
         os.kill(pids[0], signal.SIGKILL)
         landed = await program.end()
         await until(lambda: not processes(program))
-    assert landed.code == 3
+    assert landed.code == 3, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "ERROR"
     assert "mavsdk's process was ended by SIGKILL; nothing more is sent to it" in run["reason"]

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink import mavutil
 
-from tests.orchestrator.wall_runs import Program, lines, stages
+from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
 from vehicles.autopilots.autopilot import Mode, Target
 from vehicles.autopilots.px4 import Px4
 from vehicles.links.link_strings import LinkAddress
@@ -28,10 +28,10 @@ def kinds(log: Path) -> set[tuple[str, int]]:
 
 
 async def test_the_pair_flies_through_the_guards_process(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil", "--json") as program:
+    async with Program(tmp_path / "out", "--mode", "wil", "--json", *SHORT) as program:
         landed = await program.end()
         assert list((program.runtime / "wil-campaign").iterdir()) == []
-    assert (landed.code, landed.err) == (0, "")
+    assert (landed.code, landed.err) == (0, ""), landed.why
     summary = json.loads(landed.out)
     assert [(run["verdict"], run["reason"]) for run in summary["runs"]] == [("PASS", "")]
     assert summary["clock"] == "wall"
@@ -46,39 +46,22 @@ async def test_the_pair_flies_through_the_guards_process(tmp_path: Path) -> None
         assert {("HEARTBEAT", system), ("COMMAND_LONG", 245)} <= kinds(folder / f"{name}.tlog")
 
 
-async def test_a_held_vehicle_gets_another_fence(tmp_path: Path) -> None:
+async def test_the_operator_holds_and_gives_another_fence_and_then_aborts(tmp_path: Path) -> None:
     path = tmp_path / "fence.yaml"
     path.write_text("box: {north_m: [-0.9, 6], east_m: [-4, 4], up_m: [-0.6, 3]}")
-    async with Program(tmp_path / "out", "--json") as program:
+    async with Program(tmp_path / "out", "--json", "--mode", "sim", *STAYING) as program:
         await program.stage("goal", mode="sim")
-        assert (await program.operate("hold", "--who", "anna")).code == 0
+        held = await program.operate("hold", "--who", "anna")
+        assert (held.code, held.out) == (0, "gate: held: 1 run in flight; no run is started\n")
         for _ in range(3):
             changed = await program.operate("fence", str(path), "--who", "anna")
             # A computer that is busy may not have placed it within the last second.
             if "was not seen" not in changed.err:
                 break
-        assert (changed.code, changed.err) == (0, "")
+        assert (changed.code, changed.err) == (0, ""), changed.why
         assert changed.out == "large/sim/1: cli:anna changed the fence of twin\n"
-        assert (await program.operate("abort", "--who", "anna")).code == 0
-        assert (await program.end()).code == 4
-    folder = program.run_folder("sim")
-    told = [line.get("kind") for line in lines(folder / "guard.jsonl")]
-    assert told.index("hold") < told.index("proposed") < told.index("geofence")
-    aboard = [line for line in lines(folder / "log.jsonl") if line["event"] == "fence"]
-    assert [line["ceiling_m"] for line in aboard] == [3.3, 4.0]
-    (changed_fence,) = json.loads((folder / "result.json").read_text())["fence_changes"]
-    assert (changed_fence["by"], changed_fence["vehicles"]) == ("cli:anna", ["twin"])
-    asked = lines(program.folder / "operator.jsonl")
-    assert ("cli:anna", "geofence", True) in [(a["who"], a["command"], a["ok"]) for a in asked]
-
-
-async def test_the_operator_holds_and_then_aborts(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--json") as program:
-        await program.stage("goal", mode="sim")
-        held = await program.operate("hold", "--who", "anna")
-        assert (held.code, held.out) == (0, "gate: held: 1 run in flight; no run is started\n")
         aborted = await program.operate("abort", str(program.folder), "--who", "anna")
-        assert aborted.code == 0
+        assert aborted.code == 0, aborted.why
         # The run's guard and the campaign answer on sockets of their own, in either order.
         assert sorted(aborted.out.splitlines()) == [
             "gate: all vehicles land, and no further run is flown",
@@ -86,18 +69,26 @@ async def test_the_operator_holds_and_then_aborts(tmp_path: Path) -> None:
         ]
         landed = await program.end()
         assert list((program.runtime / "wil-campaign").iterdir()) == []
-    assert landed.code == 4
+    assert landed.code == 4, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "INVALID"
     assert run["reason"].startswith("held by cli:anna after the goal was given")
     assert [(other["verdict"], other["reason"]) for other in run["also"]][:1] == [
         ("ABORTED", "aborted by cli:anna")
     ]
-    assert "landed" in stages(program.run_folder("sim"))
-    asked = lines(program.folder / "operator.jsonl")
-    assert [(line["command"], line["who"]) for line in asked] == [
-        ("hold", "cli:anna"),
-        ("abort", "cli:anna"),
+    folder = program.run_folder("sim")
+    assert "landed" in stages(folder)
+    told = [line.get("kind") for line in lines(folder / "guard.jsonl")]
+    assert told.index("hold") < told.index("proposed") < told.index("geofence")
+    aboard = [line for line in lines(folder / "log.jsonl") if line["event"] == "fence"]
+    assert [line["ceiling_m"] for line in aboard] == [3.3, 4.0]
+    (changed_fence,) = json.loads((folder / "result.json").read_text())["fence_changes"]
+    assert (changed_fence["by"], changed_fence["vehicles"]) == ("cli:anna", ["twin"])
+    asked = [(a["who"], a["command"], a["ok"]) for a in lines(program.folder / "operator.jsonl")]
+    assert ("cli:anna", "geofence", True) in asked
+    assert [who_and_what[:2] for who_and_what in (asked[0], asked[-1])] == [
+        ("cli:anna", "hold"),
+        ("cli:anna", "abort"),
     ]
 
 
@@ -106,7 +97,7 @@ async def test_ctrl_c_lands_first(tmp_path: Path) -> None:
         await program.stage("takeoff")
         program.process.send_signal(signal.SIGINT)
         landed = await program.end()
-    assert landed.code == 130
+    assert landed.code == 130, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert (run["verdict"], run["reason"]) == ("ABORTED", "aborted by Ctrl-C")
     assert "landed" in stages(program.run_folder())
@@ -136,7 +127,8 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
     context = GroundStation()
     async with context.link:
         where = f"real=udpout://127.0.0.1:{context.link.local_port}"
-        async with Program(tmp_path / "out", "--mode", "wil", "--json", "--gcs", where) as program:
+        given = ("--mode", "wil", "--json", "--gcs", where, *STAYING)
+        async with Program(tmp_path / "out", *given) as program:
             await program.stage("goal")
             assert context.heard.keys() == {1}
             assert {"HEARTBEAT", "LOCAL_POSITION_NED"} <= context.heard[1]
@@ -146,7 +138,7 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
             assert context.armed
             context.ask(Mode.LAND)
             landed = await program.end()
-    assert landed.code == 4
+    assert landed.code == 4, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "ABORTED"
     assert run["reason"] == "the ground station took real over by MAV_CMD_DO_SET_MODE"
