@@ -33,7 +33,7 @@ def fed(name: str, first: int, count: int, seconds: float) -> tuple[dict[str, An
                 check=False,
                 capture_output=True,
                 text=True,
-                timeout=left_s + 120.0,
+                timeout=left_s + 900.0,
             )
             if run.returncode == 0:
                 one = json.loads(run.stdout.splitlines()[-1])

@@ -10,6 +10,7 @@ from multiprocessing.connection import Connection
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.external_reader import program_problems
 from campaigns.values.references import BadReferenceError
+from vehicles.process_memory import limited_allocation
 from worlds.files.documents import Document, Path, Problem
 
 LONGEST_BUILD_S = 10.0
@@ -63,13 +64,24 @@ def _refusal(under_test: UnderTest) -> _Refusal | None:
         with redirect_stdout(sys.stderr):
             under_test.build(seed=0)
     except BadReferenceError as error:
+        if isinstance(error.__cause__, MemoryError):
+            return _memory_refusal(under_test)
         return _Refusal("use", str(error), error.suggestion)
     except ValueError as error:
         return _Refusal("with", f"refused by '{under_test.use}': {error}")
+    except MemoryError:
+        return _memory_refusal(under_test)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
         said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
         return _Refusal("", said)
     return None
+
+
+def _memory_refusal(under_test: UnderTest) -> _Refusal:
+    """Return the refusal of an autonomy that asks for more memory than its limit."""
+    limit = f"autonomy.limits.memory_mb, {under_test.limits.memory_mb:g}"
+    said = f"'{under_test.use}' cannot be built: it asks for more memory than {limit}"
+    return _Refusal("", f"{said}; let it load less, or raise the limit")
 
 
 def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
@@ -99,5 +111,7 @@ def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
 
 def _report(connection: Connection, under_test: UnderTest) -> None:
     """Send the outcome of the autonomy check from the child process to its parent."""
-    connection.send(_refusal(under_test))
+    with limited_allocation(under_test.limits.memory_mb):
+        refusal = _refusal(under_test)
+    connection.send(refusal)
     connection.close()

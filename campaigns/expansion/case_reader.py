@@ -195,6 +195,7 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
         parameters=dict(part.autonomy.with_),
         goal=goal,
         program=None if part.autonomy.program is None else tuple(part.autonomy.program),
+        limits=part.autonomy.limits.limits(),
     )
 
 

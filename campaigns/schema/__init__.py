@@ -3,10 +3,10 @@
 A key stands here only when code acts on it; any other is an unknown key and refused.
 """
 
+from campaigns.schema.autonomy import AutonomyPart
 from campaigns.schema.campaign import (
     DEFAULT_CASE,
     MATRIX_KEYS,
-    AutonomyPart,
     CampaignPart,
     GoalPart,
     Mode,

@@ -1,10 +1,11 @@
 """The campaign file as a whole, and its small parts."""
 
 import re
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
+from campaigns.schema.autonomy import AutonomyPart
 from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
@@ -70,38 +71,6 @@ DEFAULT_CASE = "default"
 def _one_case() -> Cases:
     """Return the cases of a campaign file that names none: the default case."""
     return {DEFAULT_CASE: {}}
-
-
-class AutonomyPart(Part):
-    """The campaign's `autonomy`, which is what is tested.
-
-    use: file.py:Class beside the file, or a shipped name. with: its parameters. program: instead,
-    a program with its arguments, run beside this file. rate_hz: how often `use` is asked for a
-    setpoint. A bare text stands for `use`.
-    """
-
-    shorthand: ClassVar[str] = "use"
-    use: Annotated[str, Field(min_length=1)] | None = None
-    program: Annotated[list[str], Field(min_length=1)] | None = None
-    with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
-    rate_hz: Annotated[float, Field(ge=2, le=250)] = 20.0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _shorthand(cls, given: Any) -> Any:
-        """Accept a bare text as the campaign autonomy's `use`."""
-        return {cls.shorthand: given} if isinstance(given, str) else given
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        """Require either `use` or `program` of a campaign's autonomy."""
-        if self.use is None and self.program is None:
-            raise ValueError("give use: (a class) or program: (a command line)")
-        if self.program is not None:
-            for key in ("use", "rate_hz"):
-                if key in self.model_fields_set:
-                    raise KeyFaultError(key, "has no effect with a program")
-        return self
 
 
 class PositionPart(Part):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
+from campaigns.values.autonomy_limits import AutonomyLimits
 from campaigns.values.references import BadReferenceError, is_reference, load_reference
 from vehicles.autonomy import Autonomy, AutonomyFactory
 from worlds.files.documents import closest
@@ -30,7 +31,7 @@ class UnderTest:
 
     use: as the file says it; None for a program. folder: what a file in `use` is relative to, and
     where a program runs. goal: what the autonomy is told of it. rate_hz: how often it acts.
-    program: command and arguments.
+    program: command and arguments. limits: of memory and time.
     """
 
     use: str | None
@@ -39,6 +40,7 @@ class UnderTest:
     parameters: Mapping[str, object] = field(default_factory=dict)
     goal: Mapping[str, float | str] = field(default_factory=dict)
     program: tuple[str, ...] | None = None
+    limits: AutonomyLimits = field(default_factory=AutonomyLimits)
 
     def build(self, seed: int) -> Autonomy:
         """Return a new autonomy under test for one vehicle of one run.

@@ -9,11 +9,15 @@ import json
 import os
 import signal
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+import psutil
+
 from vehicles.errors import VehicleError
+from vehicles.process_memory import resident_mb
 from vehicles.processes.child import ChildProcess
 
 _TERM_GRACE_S = 3.0
@@ -138,6 +142,27 @@ class ExternalAutonomy:
     def running(self) -> bool:
         """Return whether the autonomy program still runs."""
         return self._child is not None and self._child.running
+
+    @property
+    def resident_mb(self) -> float:
+        """Return what the autonomy program and all that it started hold in memory, 10^6 bytes."""
+        return sum(map(resident_mb, self._processes()))
+
+    def kill(self) -> None:
+        """Kill the autonomy program and what it started, now; its context ends it."""
+        for process in self._processes():
+            with suppress(psutil.Error):
+                process.kill()
+
+    def _processes(self) -> list[psutil.Process]:
+        """Return the program's process, which may be a supervisor, and all below it."""
+        if self._child is None or self._child.pid is None:
+            return []
+        try:
+            first = psutil.Process(self._child.pid)
+            return [first, *first.children(recursive=True)]
+        except psutil.Error:
+            return []
 
     async def ended(self) -> ProgramExit:
         """Wait for the autonomy program's own end; a crash fails the run."""

@@ -34,6 +34,8 @@ from vehicles.tasks import start, stop
 _HOST = "127.0.0.1"
 _GRACE_S = 2.0
 """Shorter than what the supervisor itself is given to end."""
+_LOOK_S = 0.25
+"""How often a program's memory is looked at."""
 
 
 class ProgramRunner:
@@ -94,6 +96,8 @@ class ProgramRunner:
             await stack.enter_async_context(self._program)
             self._ending = start(self._program.ended(), name="program's end")
             self._ending.add_done_callback(self._on_program_end)
+            watching = start(self._watch_memory(self._program), name="program's memory")
+            stack.push_async_callback(stop, watching)
             self._stack = stack.pop_all()
         return self
 
@@ -138,6 +142,20 @@ class ProgramRunner:
             await self._run_state.reaching("end")
         finally:
             self._gate.flying = False
+
+    async def _watch_memory(self, program: ExternalAutonomy) -> None:
+        """End a program that holds more memory than its limit: the run is an ERROR."""
+        limits, name = self._under_test.limits, self.context.name
+        while program.running:
+            excess = limits.excess("the program and its children hold", program.resident_mb)
+            if excess:
+                said = f"the autonomy of {name} {excess}"
+                self._run_state.decide("ERROR", said, source=f"autonomy/{name}")
+                if self._ending is not None:
+                    self._ending.remove_done_callback(self._on_program_end)
+                program.kill()
+                return
+            await asyncio.sleep(_LOOK_S)
 
     def _on_program_end(self, ending: "asyncio.Task[ProgramExit]") -> None:
         """Handle the program's own end: done, or a crash."""

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicles.perception.network_trial import refusal, short_text
 from vehicles.readings import BgrImage
 from worlds.files.paths import is_file
 
@@ -55,7 +56,7 @@ class OnnxDetector:
     names: of the classes, in the order of the network's output. input_px: (width, height) of the
     network's input. threshold: least score. overlap: of two boxes of one class whose intersection
     over union is above it, the better one stays. Raises DetectorError for a file that cannot be
-    used.
+    used: it is loaded and run in a process of its own first.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class OnnxDetector:
         overlap: float = 0.45,
         layout: Layout = "auto",
     ) -> None:
-        self._net = _network(path)
+        self._net = _network(path, input_px)
         self._path = path
         self._names = tuple(names)
         self._input_px = input_px
@@ -87,7 +88,7 @@ class OnnxDetector:
             self._net.setInput(blob)
             output = np.asarray(self._net.forward())
         except cv2.error as error:
-            said = f"'{self._path.name}' cannot run on {self._input_px}: {_short(error)}"
+            said = f"'{self._path.name}' cannot run on {self._input_px}: {short_text(error)}"
             raise DetectorError(said) from error
         found = decoded(output, len(self._names), self._layout)
         height_px, width_px = image_bgr.shape[:2]
@@ -101,23 +102,22 @@ class OnnxDetector:
         )
 
 
-def _network(path: Path) -> Any:
+def _network(path: Path, input_px: tuple[int, int]) -> Any:
     """Return the detector's network of an ONNX file. Raises DetectorError."""
     if not is_file(path):
         raise DetectorError(f"there is no file '{path.name}'")
     try:
+        refused = refusal(path, input_px)
+        if refused:
+            raise DetectorError(refused)
         net = cv2.dnn.readNetFromONNX(str(path))
+    except OSError as error:
+        raise DetectorError(f"'{path.name}' cannot be read: {error.strerror}") from error
     except cv2.error as error:
-        raise DetectorError(f"'{path.name}' is not an ONNX network: {_short(error)}") from error
+        raise DetectorError(f"'{path.name}' is not an ONNX network: {short_text(error)}") from error
     if net.empty():
         raise DetectorError(f"'{path.name}' is an empty network")
     return net
-
-
-def _short(error: cv2.error) -> str:
-    """Return OpenCV's error about a detector, short."""
-    said = str(error).strip().splitlines()
-    return said[0][-160:] if said else "OpenCV gives no reason"
 
 
 def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImage, Letterbox]:

@@ -23,3 +23,5 @@ MAX_CHUNK_RECORDS = 500_000
 """Of a chunk of an MCAP file."""
 MAX_MESSAGE_VALUES = 5_000_000
 """Of a JSON message in an MCAP file: its commas, brackets and braces."""
+MAX_NETWORK_BYTES = 500_000_000
+"""Of an ONNX file."""

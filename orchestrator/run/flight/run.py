@@ -156,7 +156,7 @@ class Flown:
             try:
                 await _fly_pair(ground, inbox, disturb)
             except AutonomyFault as fault:
-                run_state.decide("FAIL", str(fault), source="autonomy", trace=fault.trace)
+                run_state.decide(fault.kind, str(fault), source="autonomy", trace=fault.trace)
             except (VehicleError, LinkError, StepError) as error:
                 run_state.decide("ERROR", str(error))
             except FAULTS as error:

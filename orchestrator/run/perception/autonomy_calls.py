@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn, TypeVar
+from typing import Literal, NoReturn, TypeVar
 
+from campaigns.values.autonomy_limits import LONGEST_CALL_S
 from vehicles.autonomy import Command
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from worlds.files.problems import printable
@@ -18,10 +19,7 @@ from worlds.frames import Vec3
 
 T = TypeVar("T")
 
-LONGEST_ANSWER_S = 30.0
-LONGEST_CONSTRUCTION_S = 300.0
-"""Wall time for one answer, and for a constructor that loads a model; who takes longer hangs.
-Before a worker that says nothing is killed, and under the wall clock long after the guard."""
+_MEMORY_REMEDY = "ask for less, or raise autonomy.limits.memory_mb"
 _AGAIN_S = 1.0
 _LONGEST_TEXT = 300
 _LONGEST_NOTE = 80
@@ -43,34 +41,45 @@ _LARGEST = 1e6
 class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that failed
     """The autonomy under test failed in a call; says how, and where in its code.
 
-    trace: the whole traceback of what it raised; empty where it raised nothing.
+    trace: the whole traceback of what it raised; empty where it raised nothing. kind: what the run
+    comes to by it; ERROR where the machine's memory ends it, which is no statement about it.
     """
 
-    def __init__(self, message: str, trace: str = "") -> None:
+    def __init__(
+        self, message: str, trace: str = "", kind: Literal["FAIL", "ERROR"] = "FAIL"
+    ) -> None:
         super().__init__(message)
         self.trace = trace
+        self.kind: Literal["FAIL", "ERROR"] = kind
 
 
 class _HangWarning(BaseException):
     """Raised in the autonomy's code when a call hangs; no `except Exception` catches it."""
 
 
-def call_autonomy(ask: Callable[[], T], *, within_s: float = LONGEST_ANSWER_S) -> T:
+def call_autonomy(
+    ask: Callable[[], T], *, within_s: float = LONGEST_CALL_S, limit: str = "call_s"
+) -> T:
     """Return the result of a call of the autonomy. Raises AutonomyFault, and nothing else.
 
-    SystemExit, KeyboardInterrupt and CancelledError are faults, too: nothing but the autonomy's
-    own code raises them in a call that does not await.
+    limit: which of the autonomy's limits within_s is. SystemExit, KeyboardInterrupt and
+    CancelledError are faults, too: nothing but the autonomy's own code raises them in a call that
+    does not await.
     """
     try:
         with _alarm(within_s):
             return ask()
     except _HangWarning as error:
-        said = f"gave no answer within {within_s:g} s ({_place_of(error)})"
+        name = f"autonomy.limits.{limit}"
+        said = f"gave no answer within {within_s:g} s, its limit ({name}) ({_place_of(error)})"
         raise AutonomyFault(said, _trace(error)) from None
     except BaseException as error:  # noqa: BLE001 - whatever the code under test raises
-        raise AutonomyFault(
-            f"crashed: {_error_text(error)} ({_place_of(error)})", _trace(error)
-        ) from None
+        said = f"{_error_text(error)} ({_place_of(error)})"
+        # Of a file of the user's that runs out of memory while it is imported it is the cause.
+        if isinstance(error, MemoryError) or isinstance(error.__cause__, MemoryError):
+            said = f"was refused memory: {said}; {_MEMORY_REMEDY}"
+            raise AutonomyFault(said, _trace(error), "ERROR") from None
+        raise AutonomyFault(f"crashed: {said}", _trace(error)) from None
 
 
 def command_of(answer: object) -> Command:

@@ -2,8 +2,10 @@
 
 import asyncio
 from collections.abc import Callable
+from typing import TypeVar
 
 from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
+from orchestrator.run.perception.autonomy_memory import MemoryMeter
 from orchestrator.state.run_state import RunState
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autonomy import Autonomy, PerceivesRaw
@@ -12,6 +14,7 @@ from vehicles.readings import Reading
 from vehicles.readings.copies import copied
 from vehicles.setpoints import Setpoint
 
+T = TypeVar("T")
 SetpointListener = Callable[[Setpoint, float], None]
 
 
@@ -19,15 +22,26 @@ class AutonomyRunner:
     """Runs one autonomy on one vehicle at `rate_hz`.
 
     A fault of the autonomy is a FAIL of the run, not an error of ours: it is what is under test.
+    memory: looked at after each call; beyond its limit the run is an ERROR. call_s: wall time of
+    one call.
     """
 
     def __init__(
-        self, *, autonomy: Autonomy, context: VehicleContext, run_state: RunState, rate_hz: float
+        self,
+        *,
+        autonomy: Autonomy,
+        context: VehicleContext,
+        run_state: RunState,
+        rate_hz: float,
+        memory: MemoryMeter,
+        call_s: float,
     ) -> None:
         self.context = context
         self._autonomy = autonomy
         self._run_state = run_state
         self._rate_hz = rate_hz
+        self._memory = memory
+        self._call_s = call_s
         self._crashed = False
         self._started: Callable[[str, float], None] | None = None
         self._setpoint_listeners: list[SetpointListener] = []
@@ -54,7 +68,7 @@ class AutonomyRunner:
         if self._crashed:
             return
         try:
-            call_autonomy(lambda: perceive(copied(reading)))
+            self._call(lambda: perceive(copied(reading)))
         except AutonomyFault as fault:
             self._report_fault(fault)
 
@@ -72,7 +86,7 @@ class AutonomyRunner:
         if telemetry is None:
             return
         try:
-            command = command_of(call_autonomy(lambda: self._autonomy.act(telemetry)))
+            command = command_of(self._call(lambda: self._autonomy.act(telemetry)))
         except AutonomyFault as fault:
             self._report_fault(fault)
             return
@@ -87,8 +101,15 @@ class AutonomyRunner:
         if command.done:
             self.done.set()
 
+    def _call(self, ask: Callable[[], T]) -> T:
+        """Return what the autonomy answers, within its limits. Raises AutonomyFault."""
+        answer = call_autonomy(ask, within_s=self._call_s)
+        if excess := self._memory.excess():
+            raise AutonomyFault(excess, kind="ERROR")
+        return answer
+
     def _report_fault(self, fault: AutonomyFault) -> None:
         self._crashed = True
         name = self.context.name
         said = f"the autonomy of {name} {fault}"
-        self._run_state.decide("FAIL", said, source=f"autonomy/{name}", trace=fault.trace)
+        self._run_state.decide(fault.kind, said, source=f"autonomy/{name}", trace=fault.trace)

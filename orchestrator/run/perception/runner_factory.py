@@ -4,11 +4,8 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 
 from orchestrator.external.program_runner import ProgramRunner
-from orchestrator.run.perception.autonomy_calls import (
-    LONGEST_CONSTRUCTION_S,
-    AutonomyFault,
-    call_autonomy,
-)
+from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy
+from orchestrator.run.perception.autonomy_memory import MemoryMeter
 from orchestrator.run.perception.autonomy_runner import AutonomyRunner
 from orchestrator.run.perception.coupled_runners import FollowRunner, ShadowRunner
 from orchestrator.run.vehicles.pair import Pair
@@ -17,6 +14,7 @@ from orchestrator.state.run_state import RunState
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autonomy import Autonomy
 from vehicles.autopilots.autopilot import Target
+from vehicles.process_memory import limited_allocation
 
 AnyRunner = AutonomyRunner | ProgramRunner | FollowRunner | ShadowRunner
 
@@ -31,17 +29,23 @@ async def open_runners(
     cannot be started.
     """
     runners: dict[str, AnyRunner] = {}
+    under_test = setup.campaign.under_test
+    memory = MemoryMeter(under_test.limits)
     async with AsyncExitStack() as stack:
+        if under_test.program is None:
+            stack.enter_context(limited_allocation(memory.backstop_mb))
         for context in pair.contexts:
             coupled = _coupled_runner(setup, pair, context, runners)
             if coupled is not None:
                 runners[context.name] = coupled
-            elif setup.campaign.under_test.program is None:
+            elif under_test.program is None:
                 runners[context.name] = AutonomyRunner(
-                    autonomy=_build_autonomy(setup, context.name),
+                    autonomy=_build_autonomy(setup, context.name, memory),
                     context=context,
                     run_state=run_state,
-                    rate_hz=setup.campaign.under_test.rate_hz,
+                    rate_hz=under_test.rate_hz,
+                    memory=memory,
+                    call_s=under_test.limits.call_s,
                 )
             else:
                 program = _program_runner(setup, pair, context, run_state)
@@ -65,14 +69,20 @@ def _coupled_runner(
     return None
 
 
-def _build_autonomy(setup: RunSetup, name: str) -> Autonomy:
+def _build_autonomy(setup: RunSetup, name: str, memory: MemoryMeter) -> Autonomy:
     """Build the autonomy of a vehicle for its runner. Raises AutonomyFault."""
+    under_test = setup.campaign.under_test
     try:
-        return call_autonomy(
-            lambda: setup.campaign.under_test.build(setup.seed), within_s=LONGEST_CONSTRUCTION_S
+        built = call_autonomy(
+            lambda: under_test.build(setup.seed),
+            within_s=under_test.limits.build_s,
+            limit="build_s",
         )
     except AutonomyFault as fault:
-        raise AutonomyFault(f"the autonomy of {name} {fault}", fault.trace) from None
+        raise AutonomyFault(f"the autonomy of {name} {fault}", fault.trace, fault.kind) from None
+    if excess := memory.excess():
+        raise AutonomyFault(f"the autonomy of {name} {excess}", kind="ERROR")
+    return built
 
 
 def _program_runner(

@@ -321,6 +321,7 @@ def test_all_missing_files_and_the_autonomys_are_reported_at_once(files: Any, ca
     [
         ("import time\ntime.sleep(600)\n", "is not imported and built within 1 s: it blocks"),
         ("import os\nos._exit(7)\n", "ends its process (exit status 7)"),
+        ("KEPT = b'x' * 5_000_000_000\n", "it asks for more memory than autonomy.limits.memory_mb"),
     ],
 )
 def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(

@@ -11,6 +11,7 @@ from typing import Any, cast
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from campaigns.setup.autonomy_under_test import UnderTest
+from campaigns.values.autonomy_limits import AutonomyLimits
 from campaigns.values.sensor_setups import CameraSetup
 from orchestrator.external.program_runner import ProgramRunner
 from orchestrator.state.run_state import RunState
@@ -51,6 +52,15 @@ while True:
             sys.exit(int(sys.argv[1]))
 """
 
+HOARDS = """
+import os, subprocess, sys, time
+hoard = "import time; kept = b'x' * 400_000_000; time.sleep(600)"
+child = subprocess.Popen([sys.executable, "-c", hoard])
+open("child.part", "w").write(str(child.pid))
+os.replace("child.part", "child")
+time.sleep(600)
+"""
+
 STARTS = """
 import os, subprocess, sys, time
 child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
@@ -79,6 +89,7 @@ class Rig:
                 parameters={"speed_m_s": 0.8},
                 goal={"altitude_m": 1.2},
                 program=tuple(command),
+                limits=AutonomyLimits(memory_mb=300.0),
             ),
             context=cast("VehicleContext", self.context),
             link=self.link,
@@ -148,6 +159,20 @@ async def test_a_crash_in_flight_fails_the_run_with_the_programs_last_output(
     (event,) = one.run_state.decisive
     assert (event.kind, event.source) == ("FAIL", "autonomy/real")
     assert event.text == "the autonomy of real ended by itself, exit code 3: no such gate"
+
+
+async def test_a_program_whose_child_eats_memory_is_ended_and_the_run_an_error(
+    tmp_path: Path,
+) -> None:
+    async with rig(tmp_path, "-c", HOARDS) as one:
+        await until(lambda: bool(one.run_state.decisive))
+        child = int((tmp_path / "child").read_text())
+        await until(lambda: not runs(child))
+    (event,) = one.run_state.decisive
+    assert (event.kind, event.source) == ("ERROR", "autonomy/real")
+    said = "the autonomy of real uses too much memory: the program and its children hold "
+    assert event.text.startswith(said)
+    assert "autonomy.limits.memory_mb is 300" in event.text
 
 
 async def test_an_end_before_the_goal_was_given_fails_the_run(tmp_path: Path) -> None:

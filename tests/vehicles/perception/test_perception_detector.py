@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicles.tiny_onnx import INPUT_PX, NAMES, noise, tiny_detector, truncated
+from vehicles.perception import network_trial
 from vehicles.perception.detector import (
     Candidates,
     DetectorError,
@@ -87,9 +88,21 @@ def test_a_file_that_is_no_detector(tmp_path: Path, content: bytes, said: str) -
 def test_a_file_that_is_missing_and_an_input_that_does_not_fit(tmp_path: Path) -> None:
     with pytest.raises(DetectorError, match=r"no file 'none\.onnx'"):
         OnnxDetector(tmp_path / "none.onnx", names=NAMES)
-    wrong = OnnxDetector(detector(tmp_path, "v8")._path, names=NAMES, input_px=(48, 48))
-    with pytest.raises(DetectorError, match=r"cannot run|layout"):
-        wrong.detect(picture())
+    path = detector(tmp_path, "v8")._path
+    with pytest.raises(DetectorError, match=r"'v8\.onnx' cannot run on \(48, 48\): "):
+        OnnxDetector(path, names=NAMES, input_px=(48, 48))
+
+
+def test_a_network_that_takes_too_much_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = detector(tmp_path, "v8")._path
+    monkeypatch.setattr(network_trial, "_SPARE_MB", 20.0)
+    with pytest.raises(DetectorError, match=r"cannot run on \(4096, 4096\): .*([Mm]emory|alloc)"):
+        OnnxDetector(path, names=NAMES, input_px=(4096, 4096))
+    monkeypatch.setattr(network_trial, "MAX_NETWORK_BYTES", 10)
+    with pytest.raises(DetectorError, match="bytes; at most 10 are read"):
+        OnnxDetector(path, names=NAMES, input_px=(64, 64))
 
 
 @pytest.mark.parametrize(
