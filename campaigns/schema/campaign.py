@@ -15,6 +15,7 @@ from campaigns.schema.limits import LimitsPart
 from campaigns.schema.links import LinksPart
 from campaigns.schema.operator import OperatorPart
 from campaigns.schema.preflight import PreflightPart
+from campaigns.schema.search import SearchPart
 from campaigns.schema.vehicles import Speedup, VehiclesPart
 from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import DECIDED, parse_share
@@ -40,6 +41,7 @@ MATRIX_KEYS = frozenset(
         "operator",
         "clock",
         "between_runs",
+        "search",
     }
 )
 """What makes the matrix of runs, and so cannot differ from case to case."""
@@ -217,7 +219,7 @@ class CampaignPart(Part):
     must pass, "4/5"; without it every run. published: counts of others, shown beside the
     campaign's own. retries: how often a run that came to ERROR or INVALID is flown again; never
     with hardware. collision_always: whether a contact fails a run whatever `oracles` says of
-    `collision`.
+    `collision`. search: which variants `wil-campaign search` tries to find one that fails.
     """
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")
@@ -251,6 +253,7 @@ class CampaignPart(Part):
     record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None
     published: PublishedPart | None = None
+    search: SearchPart | None = None
 
     @property
     def most_repetitions(self) -> int:

@@ -95,7 +95,8 @@ class FlyingSettings:
     out: beneath it the campaign's folder is made. junit: a copy of junit.xml. resume: take up the
     campaign that was cut off, in its folder: `out` itself, or the newest beneath it. arm: False
     tries each case and mode once, up to arming. real_kind: what plays the real vehicle. hardware:
-    in words, what a person has to put back between runs; empty for nothing.
+    in words, what a person has to put back between runs; empty for nothing. folder: the campaign's
+    folder itself, which is made; None: a new one beneath `out`, named by the time.
     """
 
     out: Path
@@ -106,6 +107,7 @@ class FlyingSettings:
     arm: bool = True
     real_kind: VehicleKind = "embedded"
     hardware: str = ""
+    folder: Path | None = None
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
@@ -133,8 +135,9 @@ def _begin(
         folder = resumed_folder(settings.out, campaign.name)
         about = resumed_manifest(folder, about)
     else:
-        folder = make_folder(settings.out / campaign.name)
+        folder = settings.folder or make_folder(settings.out / campaign.name)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         stack.enter_context(held(folder))
         _require_room(campaign, folder)
         _write(folder / "campaign.json", to_json(about))

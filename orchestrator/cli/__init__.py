@@ -27,6 +27,11 @@ _COMMANDS = (
     ),
     ("run", "orchestrator.cli.commands.run:run", "Fly a campaign and write its verdicts."),
     (
+        "search",
+        "orchestrator.cli.commands.search:search",
+        "Look for variants of a campaign that fail, confirm and reduce them.",
+    ),
+    (
         "validate",
         "orchestrator.cli.commands.validate:validate",
         "Report every fault of the files; nothing flies.",

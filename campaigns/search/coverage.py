@@ -1,0 +1,100 @@
+"""Coverage of a search's space: which pairs of levels were flown, and where it is unexplored; pure.
+
+Pairs, for most failures need no more than two parameters (Kuhn, Wallace and Gallo, IEEE TSE 30,
+2004). A continuous parameter counts by cells, as many as its `steps`.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.search.space import Parameter, Space, Values
+from campaigns.search.strategies import Point
+
+_SAMPLES = 4096
+"""Points by which admissible cells and the farthest point are sought."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpaceCoverage:
+    """How much of a space was flown.
+
+    cells, flown: pairs of cells of two parameters (cells, of a single one) that are admissible, and
+    how many of these were flown. farthest: the admissible point that is farthest from all flown
+    ones; distance: how far, as a share of the ranges (root mean square over the parameters).
+    """
+
+    cells: int
+    flown: int
+    farthest: Point | None
+    distance: float
+
+    @property
+    def share(self) -> float:
+        """Return the share of admissible cells that were flown."""
+        return self.flown / self.cells if self.cells else 0.0
+
+
+def coverage_of(space: Space, tried: Iterable[Values]) -> SpaceCoverage:
+    """Return how much of a space variants cover."""
+    samples = admissible_shares(space)
+    points = [found for values in tried if (found := space.shares(values)) is not None]
+    admissible = {cell for shares in samples for cell in _cells(space, shares)}
+    flown = {cell for shares in points for cell in _cells(space, shares)}
+    # A variant that was flown is admissible, whether the samples hit its cell or not.
+    admissible |= flown
+    farthest, distance = _farthest(samples, points)
+    return SpaceCoverage(
+        cells=len(admissible),
+        flown=len(flown),
+        farthest=None if farthest is None else space.at(farthest),
+        distance=distance,
+    )
+
+
+def admissible_shares(space: Space) -> list[tuple[float, ...]]:
+    """Return evenly spread points of the unit cube whose values keep the constraints."""
+    from scipy.stats import qmc  # noqa: PLC0415 - takes half a second
+
+    sequence = qmc.Sobol(len(space.parameters), scramble=False)
+    return [tuple(row) for row in sequence.random(_SAMPLES).tolist() if space.admits(space.at(row))]
+
+
+def cell_of(parameter: Parameter, share: float) -> int:
+    """Return the cell of a parameter in which a share of its range lies."""
+    count = cell_count(parameter)
+    return min(max(int(share * count), 0), count - 1)
+
+
+def cell_count(parameter: Parameter) -> int:
+    """Return into how many cells a parameter is divided."""
+    count = parameter.count
+    return parameter.steps if count is None else min(count, max(parameter.steps, 2))
+
+
+def _cells(space: Space, shares: Sequence[float]) -> Iterable[tuple[int, int, int, int]]:
+    """Yield the pairs of cells in which a point lies."""
+    own = [cell_of(one, share) for one, share in zip(space.parameters, shares, strict=True)]
+    if len(own) == 1:
+        yield (0, own[0], 0, own[0])
+    for first, second in itertools.combinations(range(len(own)), 2):
+        yield (first, own[first], second, own[second])
+
+
+def _farthest(
+    samples: Sequence[tuple[float, ...]], points: Sequence[tuple[float, ...]]
+) -> tuple[tuple[float, ...] | None, float]:
+    """Return the sample that is farthest from all points, and its distance."""
+    if not samples:
+        return None, 0.0
+    if not points:
+        return samples[0], 1.0
+    every, flown = np.array(samples), np.array(points)
+    nearest = np.full(len(every), np.inf)
+    for point in flown:
+        nearest = np.minimum(nearest, np.sum((every - point) ** 2, axis=1))
+    index = int(np.argmax(nearest))
+    return samples[index], math.sqrt(float(nearest[index]) / every.shape[1])

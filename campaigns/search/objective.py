@@ -1,0 +1,83 @@
+"""The objective of a search: the smallest of the oracles' margins, each in its own measure; pure.
+
+Margins of different units would mask each other: each is divided by its oracle's limit, or by half
+of the width between two, so that 1 is "as far inside as the limit is large".
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from campaigns.search.model import FlightOutcome, FlownVerdict
+from safety.evaluation.judge import OracleUse
+from safety.model.oracle_results import Limit, OracleResult
+
+_EVENTS: Mapping[str, str] = {
+    "landed": "",
+    "vehicle_fault": "",
+    "estimator": "max_unsound_s",
+    "modes": "max_changes",
+    "twin_divergence": "max_m",
+}
+"""Kinds of oracles that judge events, and the parameter by which one has a margin all the same."""
+
+
+def lacks_margin(use: OracleUse) -> str:
+    """Return why an oracle has no margin, in words; "" where it has one."""
+    key = _EVENTS.get(use.kind)
+    if key is None or (key and getattr(use.parameters, key)):
+        return ""
+    remedy = f"give it {key}" if key else "name one that has a limit"
+    return f"oracle '{use.name}' judges an event and has no margin: {remedy}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Objective:
+    """The objective of a search. oracles: by name. scale: of a margin, in its oracle's unit."""
+
+    oracles: tuple[str, ...]
+    scale: Mapping[str, float]
+
+    def value(self, results: Sequence[OracleResult], *, vehicle: str) -> float | None:
+        """Return the smallest normalised margin of the vehicle's oracles; None without any."""
+        values = [
+            one.margin / (self.scale.get(one.name) or measure_of(one.limit))
+            for one in results
+            if one.name in self.oracles and one.vehicle == vehicle and one.margin is not None
+        ]
+        return min(values, default=None)
+
+    def outcome(
+        self,
+        *,
+        verdict: FlownVerdict,
+        results: Iterable[OracleResult],
+        vehicle: str,
+        cause: str,
+        reason: str,
+        duration_s: float,
+        wall_s: float,
+    ) -> FlightOutcome:
+        """Return what came of a flight: a failure is never above 0, whatever decided it."""
+        value = self.value(tuple(results), vehicle=vehicle)
+        if verdict == "FAIL":
+            value = 0.0 if value is None else min(value, 0.0)
+        elif verdict != "PASS":
+            value = None
+        return FlightOutcome(
+            verdict=verdict,
+            value=value,
+            cause=cause,
+            reason=reason,
+            duration_s=duration_s,
+            wall_s=wall_s,
+        )
+
+
+def measure_of(limit: Limit) -> float:
+    """Return by what a margin to a limit is divided; 1 where the limit is 0 or none."""
+    if isinstance(limit, tuple):
+        low, high = limit
+        if low is not None and high is not None:
+            return (high - low) / 2.0 or 1.0
+        limit = high if low is None else low
+    return abs(limit) if limit else 1.0

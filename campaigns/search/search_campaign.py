@@ -1,0 +1,137 @@
+"""The campaign that a search varies: its variants as runs; which of them cannot be flown."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from campaigns.expansion.case_reader import read_setup
+from campaigns.expansion.expansion import Campaign, RunPlan
+from campaigns.schema import Mode
+from campaigns.schema.search import ParameterValue, SearchPart
+from campaigns.search.model import Batch, Flight, SearchProblem, Variant
+from campaigns.search.objective import Objective
+from campaigns.search.space import Space, Values
+from campaigns.setup.case_files import CaseFiles, Override, case_files
+from campaigns.setup.case_setup import Setup
+from campaigns.values.seeds import run_seed
+from worlds.files.documents import BadInput, Document, parse_value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchCampaign:
+    """A campaign with a search, checked. campaign: as it is flown without a search.
+
+    document: its file after the options, without the search. case: the one that is varied;
+    case_overrides: what that overrides; option_overrides: what the command line does.
+    """
+
+    campaign: Campaign
+    document: Document
+    part: SearchPart
+    case: str
+    case_overrides: tuple[Override, ...]
+    option_overrides: tuple[Override, ...]
+    space: Space
+    objective: Objective
+
+    def problem(self, *, at_once: int) -> SearchProblem:
+        """Return what the search needs to know. at_once: flights that fly at once."""
+        part = self.part
+        return SearchProblem(
+            space=self.space,
+            budget=part.flights_by_mode,
+            refuse=self.refuse,
+            seeds=part.seeds,
+            confirm_flights=part.confirm.flights,
+            votes=part.confirm.votes,
+            confirm_most=part.confirm.most,
+            reduce_flights=part.reduce,
+            stop_after=part.stop_after,
+            at_once=at_once,
+        )
+
+    def overrides(self, values: Values) -> dict[str, ParameterValue]:
+        """Return values by the dotted keys that they change."""
+        return {
+            key: values[parameter.name]
+            for parameter in self.space.parameters
+            if parameter.name in values
+            for key in parameter.keys
+        }
+
+    def files(self, variant: Variant) -> CaseFiles:
+        """Return the files of a variant. Raises BadInput."""
+        changed = tuple(override_of(*one) for one in self.overrides(variant.values).items())
+        overrides = (*self.case_overrides, *self.option_overrides, *changed)
+        files, problems = case_files(self.document, overrides)
+        if problems:
+            raise BadInput(problems)
+        return files
+
+    def refuse(self, variant: Variant) -> str:
+        """Return why a variant cannot be flown, in words; "" where it can.
+
+        It is outside of its fence, inside of an object at its start, or no valid campaign.
+        """
+        try:
+            read_setup(self.files(variant), tuple(self.part.flights_by_mode))
+        except BadInput as error:
+            return error.problems[0].message
+        return ""
+
+    def batch_campaign(self, batch: Batch) -> Campaign:
+        """Return a batch of flights as a campaign in which each variant is a case.
+
+        Nothing is required of it, no control is flown, and a case has as many repetitions as it has
+        flights.
+        """
+        variants = {one.variant.name: one.variant for one in batch.flights}
+        files = {name: self.files(variant) for name, variant in variants.items()}
+        setups: Mapping[str, Setup] = {
+            name: read_setup(one, (batch.mode,)) for name, one in files.items()
+        }
+        base = self.campaign
+        return replace(
+            base,
+            document=self.document,
+            paths=tuple(dict.fromkeys(path for one in files.values() for path in one.paths)),
+            cases=tuple(variants),
+            modes=(batch.mode,),
+            repetitions=max(one.repetition for one in batch.flights),
+            setups=setups,
+            runs=tuple(self._plan(one, files[one.variant.name]) for one in batch.flights),
+            requirements=(),
+            left_out=(),
+            test=None,
+            controls=(),
+            warnings=(),
+        )
+
+    def _plan(self, flight: Flight, files: CaseFiles) -> RunPlan:
+        """Return a flight as a planned run."""
+        seed = self.seed(flight)
+        return RunPlan(
+            campaign=self.campaign.name,
+            case=flight.variant.name,
+            mode=flight.mode,
+            repetition=flight.repetition,
+            seed=seed,
+            required=False,
+            files=files.seeded(seed),
+            loads_code=self.campaign.options.loads_code,
+        )
+
+    def seed(self, flight: Flight) -> int:
+        """Return the seed of a flight."""
+        return run_seed(self.campaign.seed, flight.seed_name, flight.repetition)
+
+    @property
+    def modes(self) -> Sequence[Mode]:
+        """Return the modes that the search flies, the cheapest first."""
+        return tuple(self.part.flights_by_mode)
+
+
+def override_of(key: str, value: ParameterValue) -> Override:
+    """Return the override of a dotted key by a parameter's value."""
+    text = json.dumps(value, ensure_ascii=False)
+    return Override(key, parse_value(text, name=f"search {key}={text}"))

@@ -1,0 +1,268 @@
+"""Reads the search of a campaign file: every fault of it at once, each with its place."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path as FilePath
+
+from campaigns.expansion.case_reader import gathered, read_setup
+from campaigns.expansion.composition import is_composition
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.schema import MATRIX_KEYS, Mode
+from campaigns.schema.search import ParameterPart, ParameterValue, SearchPart
+from campaigns.search.constraints import Constraint, parse_constraint
+from campaigns.search.coverage import admissible_shares
+from campaigns.search.objective import Objective, lacks_margin
+from campaigns.search.search_campaign import SearchCampaign
+from campaigns.search.space import Parameter, Space
+from campaigns.setup.case_files import (
+    CaseFiles,
+    Override,
+    case_files,
+    override_from_option,
+    overrides_of_case,
+)
+from safety.stl.formula import StlError
+from safety.stl.units import SignalKind
+from worlds.files.documents import BadInput, Document, Entry, Path, Problem, check, closest, load
+from worlds.files.problems import unit_of
+from worlds.files.yaml_nodes import Node, Place, mapping_node
+
+_AT: Path = ("search",)
+
+
+def load_search(path: FilePath, options: Options | None = None) -> SearchCampaign:
+    """Return a campaign file with its search. Raises BadInput with every problem found."""
+    options = options or Options()
+    original = load(path)
+    if is_composition(original):
+        said = "names campaigns; a search is of one of them: name its file"
+        raise BadInput([original.problem(("campaigns",), said, key=True)])
+    campaign = load_campaign(path, options)
+    document = campaign.document
+    if document.get(_AT) is None:
+        said = f"has no `search`: `wil-campaign run {path}` flies its cases"
+        raise BadInput([document.problem((), said)])
+    return _Reader(campaign, check(document, SearchPart, _AT), options).read()
+
+
+class _Reader:
+    """Reads one search; problems are collected."""
+
+    def __init__(self, campaign: Campaign, part: SearchPart, options: Options) -> None:
+        self._campaign = campaign
+        self._whole = campaign.document
+        self._part = part
+        self._options = options
+        self._problems: list[Problem] = []
+
+    def read(self) -> SearchCampaign:
+        """Return the search with its campaign. Raises BadInput."""
+        document = without_search(self._whole)
+        case = self._case()
+        own = () if case is None else overrides_of_case(document, case)
+        given = tuple(override_from_option("--set", text) for text in self._options.sets)
+        given = tuple(one for one in given if not one.dotted_key.startswith("search."))
+        files, _ = case_files(document, (*own, *given))
+        self._check_modes()
+        parameters = tuple(self._parameters(files, (*own, *given), document))
+        self._check_objective(case)
+        self._check_strategy(parameters)
+        space = Space(parameters=parameters)
+        constraints = tuple(self._constraints(parameters))
+        if not self._problems:
+            space = replace(space, constraints=constraints)
+            self._check_space(space)
+        if self._problems or case is None:
+            raise BadInput(self._problems)
+        return SearchCampaign(
+            campaign=self._campaign,
+            document=document,
+            part=self._part,
+            case=case,
+            case_overrides=own,
+            option_overrides=given,
+            space=space,
+            objective=Objective(oracles=self._part.oracles, scale=self._part.scale),
+        )
+
+    def _report(self, path: Path, message: str, meant: str = "", *, key: bool = False) -> None:
+        self._problems.append(self._whole.problem((*_AT, *path), message, meant, key=key))
+
+    def _case(self) -> str | None:
+        """Return the case that is varied; None where there is no such case."""
+        cases = self._campaign.cases
+        wanted = self._part.case
+        if wanted is None:
+            return cases[0]
+        if wanted in cases:
+            return wanted
+        self._report(("case",), f"unknown case '{wanted}'", closest(wanted, cases))
+        return None
+
+    def _check_modes(self) -> None:
+        """Report modes of the budget that the campaign does not fly, or too small a budget."""
+        known: Sequence[Mode] = self._campaign.modes
+        for mode, flights in self._part.flights_by_mode.items():
+            if mode not in known:
+                said = f"mode '{mode}' is not flown (modes: {', '.join(known)})"
+                self._report(("budget", mode), said, key=True)
+            elif flights < self._part.seeds:
+                said = f"is less than the {self._part.seeds} flights of one variant (seeds)"
+                self._report(("budget", mode), said)
+
+    def _check_objective(self, case: str | None) -> None:
+        """Report oracles that are not judged, or have no margin."""
+        uses = {} if case is None else {u.name: u for u in self._campaign.setups[case].oracles}
+        is_list = isinstance(self._part.objective, list)
+        for index, name in enumerate(self._part.oracles):
+            path: Path = ("objective", index) if is_list else ("objective",)
+            if name not in uses:
+                meant = closest(name, uses)
+                known = "" if meant else f" (the campaign has: {', '.join(uses)})"
+                self._report(path, f"unknown oracle '{name}'{known}", meant)
+            elif said := lacks_margin(uses[name]):
+                self._report(path, said)
+        for name in self._part.scale:
+            if name not in self._part.oracles:
+                self._report(("scale", name), f"'{name}' is no oracle of the objective", key=True)
+
+    def _check_strategy(self, parameters: Sequence[Parameter]) -> None:
+        """Report parameters that CMA-ES cannot vary."""
+        if self._part.strategy != "cma-es":
+            return
+        if len(parameters) < 2:
+            self._report(("strategy",), "cma-es needs at least 2 parameters; use tpe")
+        for one in parameters:
+            if one.choices:
+                said = "cma-es varies numbers, and choices have no order; use tpe"
+                self._report(("parameters", one.name, "choices"), said, key=True)
+
+    def _constraints(self, parameters: Sequence[Parameter]) -> Iterator[Constraint]:
+        """Yield the constraints; those that are wrong are reported at the wrong letter."""
+        kinds = {one.name: _kind_of(one) for one in parameters if _is_calculable(one)}
+        for index, text in enumerate(self._part.constraints):
+            path: Path = (*_AT, "constraints", index)
+            try:
+                yield parse_constraint(text, kinds)
+            except StlError as error:
+                said = str(error).replace("unknown signal", "unknown parameter")
+                self._problems.append(
+                    self._whole.problem_within(path, error.offset, said, error.suggestion)
+                )
+
+    def _check_space(self, space: Space) -> None:
+        """Report constraints that leave nothing."""
+        if space.constraints and not admissible_shares(space) and not space.listed():
+            said = "leave no variant: no point within the limits of the parameters keeps them all"
+            self._report(("constraints",), said, key=True)
+
+    def _parameters(
+        self, files: CaseFiles, overrides: tuple[Override, ...], document: Document
+    ) -> Iterator[Parameter]:
+        """Yield the parameters; keys that no file has are reported."""
+        keys: dict[str, str] = {}
+        for name, part in self._part.parameters.items():
+            is_list = isinstance(part.key, list)
+            for index, key in enumerate(part.keys):
+                at: Path = (
+                    ("parameters", name, "key", index)
+                    if is_list
+                    else (
+                        "parameters",
+                        name,
+                        "key",
+                    )
+                )
+                if key.partition(".")[0] in MATRIX_KEYS:
+                    self._report(at, f"'{key}' is the same for all cases")
+                elif key in keys:
+                    self._report(at, f"'{key}' is varied by '{keys[key]}', too")
+                else:
+                    keys[key] = name
+                    place = self._whole.entry((*_AT, *at)).node.place
+                    self._problems += self._key_problems(part, key, place, overrides, document)
+            yield _parameter(name, part, files)
+
+    def _key_problems(
+        self,
+        part: ParameterPart,
+        key: str,
+        place: Place,
+        overrides: tuple[Override, ...],
+        document: Document,
+    ) -> list[Problem]:
+        """Return what is wrong with a key, or with all of its values; nothing else of the case."""
+        found: list[Problem] = []
+        for value in _parameter("", part, None).levels:
+            override = Override(key, Entry(place, Node(value, place)))
+            wrong: list[Problem] = []
+            files, problems = case_files(document, (*overrides, override))
+            wrong += problems
+            if not problems:
+                gathered(wrong, partial(read_setup, files, tuple(self._part.flights_by_mode)))
+            own = [one for one in wrong if _is_at(one, place)]
+            if not own:
+                return []
+            found = found or own[:1]
+        return [replace(one, message=f"'{key}': {one.message}") for one in found]
+
+
+def without_search(document: Document) -> Document:
+    """Return a campaign's document without its search: what its flights depend on."""
+    root = document.root
+    if not isinstance(root.value, dict):
+        return document
+    kept: Mapping[str, Entry] = {key: one for key, one in root.value.items() if key != "search"}
+    return Document(document.path, mapping_node(dict(kept), root.place))
+
+
+def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> Parameter:
+    """Return a parameter; its own value is that of its files. files: None: without one."""
+    values = [_own_value(files, key) for key in part.keys] if files is not None else []
+    is_one = bool(values) and all(one == values[0] for one in values)
+    return Parameter(
+        name=name,
+        keys=part.keys,
+        low=0.0 if part.from_ is None else part.from_,
+        high=1.0 if part.to is None else part.to,
+        is_integer=part.integer,
+        choices=tuple(part.choices or ()),
+        steps=part.steps,
+        unit=unit_of(part.keys[0]).replace("_", "/", 1),
+        own=values[0] if is_one else None,
+    )
+
+
+def _own_value(files: CaseFiles, key: str) -> ParameterValue | None:
+    """Return the value that a dotted key has in the files; None where it is none."""
+    override = Override(key, Entry(files.campaign.root.place, files.campaign.root))
+    document = {"world": files.world, "recipe": files.recipe}.get(override.file, files.campaign)
+    if document is None:
+        return None
+    path = tuple(
+        int(step) if step.isdecimal() else step for step in override.key_in_file.split(".")
+    )
+    value = document.get(path)
+    return value if isinstance(value, bool | int | float | str) else None
+
+
+def _is_calculable(parameter: Parameter) -> bool:
+    """Return whether a constraint can be about a parameter: its values are no texts."""
+    return not any(isinstance(one, str) for one in parameter.choices)
+
+
+def _kind_of(parameter: Parameter) -> SignalKind:
+    """Return a parameter as a constraint takes it: true or false, or a number with its unit."""
+    if parameter.choices and all(isinstance(one, bool) for one in parameter.choices):
+        return SignalKind("", parameter.name)
+    return SignalKind(parameter.unit or "1", parameter.name)
+
+
+def _is_at(problem: Problem, place: Place) -> bool:
+    """Return whether a problem stands at a place of the campaign file."""
+    return (problem.file, problem.line, problem.column) == (
+        place.source.name,
+        place.line,
+        place.column,
+    )

@@ -1,0 +1,140 @@
+"""Strategies of a search that do not learn: grid, pairs of levels, Sobol points, random points."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from campaigns.schema.search import ParameterValue, StrategyName
+from campaigns.search.space import Space, Values
+
+_ATTEMPTS = 20_000
+"""Points outside of the constraints, in a row, after which there is taken to be none within."""
+_SOBOL_CHUNK = 64
+
+Point = dict[str, ParameterValue]
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """What a strategy proposes. number: by which its value is given."""
+
+    number: int
+    values: Point
+
+
+class MissingExtraError(Exception):
+    """A package of the extra `search` is not installed; says which, and the remedy."""
+
+    def __init__(self, package: str, strategy: str) -> None:
+        super().__init__(
+            f"the strategy {strategy} needs the package {package}, which is not installed: install "
+            "wil-campaign[search], or choose strategy: sobol"
+        )
+
+
+class Strategy(Protocol):
+    """Proposes values, and is given what came of them."""
+
+    def ask(self) -> Proposal | None:
+        """Return the next proposal, which keeps the constraints; None: there is no other."""
+
+    def tell(self, number: int, value: float | None) -> None:
+        """Give the value of a proposal; None: it shows nothing."""
+
+
+class FixedStrategy:
+    """A strategy whose points do not depend on what came of the points before."""
+
+    def __init__(self, points: Iterator[Point]) -> None:
+        self._points = enumerate(points)
+
+    def ask(self) -> Proposal | None:
+        """Return the next point; None after the last."""
+        following = next(self._points, None)
+        return None if following is None else Proposal(*following)
+
+    def tell(self, number: int, value: float | None) -> None:
+        """Take no notice of a value."""
+
+
+def fixed_points(name: StrategyName, space: Space, seed: int) -> Iterator[Point]:
+    """Return the points of a strategy that does not learn. Raises MissingExtraError."""
+    makers: dict[str, Callable[[Space, int], Iterator[Point]]] = {
+        "grid": _grid,
+        "pairwise": _pairwise,
+        "sobol": _sobol,
+        "random": _random,
+    }
+    return makers[name](space, seed)
+
+
+def random_point(space: Space, rng: np.random.Generator) -> Point | None:
+    """Return a random admissible point; None where none was hit."""
+    for _ in range(_ATTEMPTS):
+        point = space.at(rng.random(len(space.parameters)).tolist())
+        if space.admits(point):
+            return point
+    return None
+
+
+def _grid(space: Space, seed: int) -> Iterator[Point]:
+    """Return the grid in an order drawn by the seed: a part of it is spread over the whole."""
+    points = list(space.grid())
+    order = np.random.default_rng(seed).permutation(len(points))
+    return (points[index] for index in order)
+
+
+def _pairwise(space: Space, seed: int) -> Iterator[Point]:
+    """Return points in which each pair of levels that can stand together does, greedily."""
+    try:
+        from covertable import make  # noqa: PLC0415 - of an extra
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("covertable", "pairwise") from error
+    # Indices, for covertable takes True and 1 for one level.
+    levels = {one.name: one.levels for one in space.parameters}
+    rows = make(
+        {name: list(range(len(values))) for name, values in levels.items()},
+        strength=min(2, len(levels)),
+        salt=str(seed),
+    )
+    points = ({name: levels[name][row[name]] for name in levels} for row in rows)
+    return (point for point in points if space.admits(point))
+
+
+def _sobol(space: Space, seed: int) -> Iterator[Point]:
+    from scipy.stats import qmc  # noqa: PLC0415 - takes half a second
+
+    sequence = qmc.Sobol(len(space.parameters), rng=np.random.default_rng(seed))
+    return _unseen(space, (row for _ in _forever() for row in sequence.random(_SOBOL_CHUNK)))
+
+
+def _random(space: Space, seed: int) -> Iterator[Point]:
+    rng = np.random.default_rng(seed)
+    return _unseen(space, (rng.random(len(space.parameters)) for _ in _forever()))
+
+
+def _forever() -> Iterator[int]:
+    return iter(int, 1)
+
+
+def _unseen(space: Space, rows: Iterator[np.ndarray]) -> Iterator[Point]:
+    """Yield admissible points once each; end where many in a row are neither."""
+    seen: set[tuple[ParameterValue, ...]] = set()
+    missed = 0
+    for row in rows:
+        point = space.at(row.tolist())
+        key = point_key(point)
+        missed += 1
+        if key not in seen and space.admits(point):
+            seen.add(key)
+            missed = 0
+            yield point
+        if missed >= _ATTEMPTS:
+            return
+
+
+def point_key(point: Values) -> tuple[ParameterValue, ...]:
+    """Return what is equal for equal points."""
+    return tuple(point.values())

@@ -1,0 +1,29 @@
+"""Writes report.html of a search."""
+
+import time
+from pathlib import Path
+
+from campaigns.search.coverage import coverage_of
+from campaigns.search.search_campaign import SearchCampaign
+from orchestrator.model.document_writer import write_whole
+from orchestrator.recording.timestamps import utc_text
+from orchestrator.report.rendering.search_page import SearchPage, render_search
+from orchestrator.search.search_runner import SearchOutcome
+
+FILE_NAME = "report.html"
+
+
+def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
+    """Write the page of a search into its folder, and return where it is. Raises OSError."""
+    findings = outcome.findings
+    page = SearchPage(
+        campaign=search.campaign.name,
+        strategy=search.part.strategy,
+        objective=search.part.oracles,
+        ended=outcome.ended,
+        files=outcome.files,
+        coverage=coverage_of(search.space, [one.variant.values for one in findings.tried]),
+    )
+    path = outcome.folder / FILE_NAME
+    write_whole(path, render_search(page, search.space, findings, made_utc=utc_text(time.time())))
+    return path

@@ -1,0 +1,140 @@
+"""The ledger of a search: each batch that was begun, and what came of it, as lines of JSON.
+
+It alone decides what a search that was cut off flies again. A line that a crash cut off is no line.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from campaigns.search.model import Batch, FlightOutcome
+from orchestrator.model.document_writer import sync_folder, to_json, write_whole
+from orchestrator.search.errors import SearchError
+
+FILE_NAME = "ledger.jsonl"
+_OUTCOMES = TypeAdapter(tuple[FlightOutcome, ...])
+
+
+@dataclass(slots=True)
+class LedgerContents:
+    """What a ledger holds. at_once: flights that the search wants at once.
+
+    batches: as they were begun; outcomes: of those that are finished; both by number.
+    """
+
+    at_once: int
+    batches: dict[int, Any] = field(default_factory=dict)
+    outcomes: dict[int, tuple[FlightOutcome, ...]] = field(default_factory=dict)
+    is_broken: bool = False
+
+
+def read_ledger(text: str) -> LedgerContents:
+    """Return what the lines of a ledger say; what follows the last line's end was cut off.
+
+    Raises SearchError for a line that is damaged.
+    """
+    lines = text.split("\n")[:-1]
+    contents: LedgerContents | None = None
+    for number, line in enumerate(lines, start=1):
+        try:
+            entry = json.loads(line)
+            if contents is None:
+                contents = LedgerContents(int(entry["at_once"]))
+            elif "begun" in entry:
+                contents.batches[int(entry["begun"]["number"])] = entry["begun"]
+            else:
+                found = _OUTCOMES.validate_json(json.dumps(entry["outcomes"]), strict=True)
+                contents.outcomes[int(entry["flown"])] = found
+                contents.is_broken |= bool(entry["is_broken"])
+        except (ValueError, KeyError, TypeError, ValidationError) as error:
+            said = f"line {number} of {FILE_NAME} is damaged ({type(error).__name__})"
+            raise SearchError(f"{said}: start the search again without --resume") from error
+    if contents is None:
+        raise SearchError(f"{FILE_NAME} is empty: start the search again without --resume")
+    return contents
+
+
+class Ledger:
+    """A ledger on the disk; every line is there before anything else happens. Raises OSError."""
+
+    def __init__(self, path: Path, contents: LedgerContents) -> None:
+        self._path = path
+        self._contents = contents
+
+    @classmethod
+    def new(cls, folder: Path, *, at_once: int) -> "Ledger":
+        """Return the ledger of a search that begins."""
+        path = folder / FILE_NAME
+        write_whole(path, to_json({"at_once": at_once}, indent=None))
+        return cls(path, LedgerContents(at_once))
+
+    @classmethod
+    def resumed(cls, folder: Path) -> "Ledger":
+        """Return the ledger of a search that was cut off. Raises SearchError."""
+        path = folder / FILE_NAME
+        try:
+            text = path.read_bytes().decode("utf-8", "replace")
+        except OSError as error:
+            said = error.strerror or error
+            raise SearchError(f"{path} cannot be read: {said}; begin without --resume") from error
+        contents = read_ledger(text)
+        whole = text[: text.rfind("\n") + 1]
+        if whole != text:
+            write_whole(path, whole)
+        return cls(path, contents)
+
+    @property
+    def at_once(self) -> int:
+        """Return how many flights the search wants at once: it decides what it proposes."""
+        return self._contents.at_once
+
+    @property
+    def is_broken(self) -> bool:
+        """Return whether an exception of ours was met in a batch."""
+        return self._contents.is_broken
+
+    def outcomes(self, batch: Batch) -> tuple[FlightOutcome, ...] | None:
+        """Return what came of a batch; None where it is not finished.
+
+        Raises SearchError where the ledger has another batch of its number.
+        """
+        begun = self._contents.batches.get(batch.number)
+        if begun is not None and begun != _plain(batch):
+            raise SearchError(
+                f"{self._path} cannot be resumed: its batch {batch.number} is another one than the "
+                "search proposes now (other versions of optuna, scipy or NumPy propose otherwise): "
+                "start the search again without --resume"
+            )
+        return self._contents.outcomes.get(batch.number)
+
+    def begin(self, batch: Batch) -> None:
+        """Note that a batch begins; one that is resumed is noted already."""
+        if batch.number not in self._contents.batches:
+            plain = _plain(batch)
+            self._contents.batches[batch.number] = plain
+            self._append({"begun": plain})
+
+    def finish(self, batch: Batch, outcomes: Sequence[FlightOutcome], *, is_broken: bool) -> None:
+        """Note what came of a batch."""
+        self._contents.outcomes[batch.number] = tuple(outcomes)
+        self._contents.is_broken |= is_broken
+        plain = [dataclasses.asdict(one) for one in outcomes]
+        self._append({"flown": batch.number, "outcomes": plain, "is_broken": is_broken})
+
+    def _append(self, entry: dict[str, object]) -> None:
+        with self._path.open("ab") as stream:
+            stream.write(to_json(entry, indent=None).encode())
+            stream.flush()
+            os.fsync(stream.fileno())
+        sync_folder(self._path.parent)
+
+
+def _plain(batch: Batch) -> Any:
+    """Return a batch as the ledger's JSON reads back."""
+    return json.loads(to_json(batch, indent=None))

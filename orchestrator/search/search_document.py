@@ -1,0 +1,131 @@
+"""search.json: what a search tried, found and cost."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from campaigns.search.coverage import coverage_of
+from campaigns.search.model import FailingCase, Findings, TriedVariant
+from campaigns.search.search_campaign import SearchCampaign
+
+FILE_NAME = "search.json"
+
+
+def search_document(
+    search: SearchCampaign,
+    findings: Findings,
+    *,
+    ended: str,
+    files: Mapping[str, str],
+    at_once: int,
+) -> dict[str, Any]:
+    """Return the document of a search. ended: why it ended. files: of confirmed failures, by name.
+
+    Beside `wall_s` nothing here depends on the machine.
+    """
+    part = search.part
+    return {
+        "campaign": search.campaign.name,
+        "case": search.case,
+        "seed": search.campaign.seed,
+        "strategy": part.strategy,
+        "at_once": at_once,
+        "objective": list(part.oracles),
+        "budget": part.flights_by_mode,
+        "seeds": part.seeds,
+        "parameters": [
+            {
+                "name": one.name,
+                "keys": list(one.keys),
+                "unit": one.unit,
+                "from": one.low if one.is_number else None,
+                "to": one.high if one.is_number else None,
+                "integer": one.is_integer,
+                "choices": list(one.choices),
+                "own": one.own,
+            }
+            for one in search.space.parameters
+        ],
+        "constraints": [one.text for one in search.space.constraints],
+        "ended": ended,
+        "failures": [_case_of(search, one, files) for one in findings.cases],
+        "gaps": [
+            {
+                "from": gap.lower,
+                "to": gap.upper,
+                "pairs": len(gap.differences),
+                "mean": gap.mean,
+                "spread": gap.spread,
+            }
+            for gap in findings.gaps
+        ],
+        "costs": [
+            {
+                "mode": mode,
+                "purpose": purpose,
+                "flights": cost.flights,
+                "flight_s": round(cost.flight_s, 3),
+                "wall_s": round(cost.wall_s, 3),
+            }
+            for (mode, purpose), cost in findings.costs.items()
+        ],
+        "coverage": _coverage(search, findings),
+        "variants": [_variant(one) for one in findings.tried],
+        "refused": [
+            {"name": one.name, "values": dict(one.values), "reason": why}
+            for one, why in findings.refused
+        ],
+    }
+
+
+def _variant(tried: TriedVariant) -> dict[str, Any]:
+    """Return a variant that was tried."""
+    return {
+        "name": tried.variant.name,
+        "values": dict(tried.variant.values),
+        "modes": {
+            mode: {
+                "value": tried.value(mode),
+                "verdicts": [one.verdict for one in outcomes],
+                "causes": [one.cause for one in outcomes],
+                "reasons": [one.reason for one in outcomes],
+            }
+            for mode, outcomes in tried.outcomes.items()
+        },
+    }
+
+
+def _case_of(search: SearchCampaign, case: FailingCase, files: Mapping[str, str]) -> dict[str, Any]:
+    """Return a failure that was flown again."""
+    interval = case.interval
+    return {
+        "name": case.variant.name,
+        "mode": case.mode,
+        "standing": case.standing,
+        "cause": case.cause,
+        "failed": case.failed,
+        "proven": case.proven,
+        "interval": None
+        if interval is None
+        else {"low": interval.low, "high": interval.high, "confidence": interval.confidence},
+        "values": dict(case.variant.values),
+        "reduced": {
+            "values": dict(case.reduced.values),
+            "keys": search.overrides(case.reduced.values),
+            "failed": case.reduced_failed,
+            "proven": case.reduced_proven,
+            "is_smallest": case.is_reduced,
+        },
+        "file": files.get(case.variant.name),
+    }
+
+
+def _coverage(search: SearchCampaign, findings: Findings) -> dict[str, Any]:
+    """Return how much of the space was flown."""
+    found = coverage_of(search.space, [one.variant.values for one in findings.tried])
+    return {
+        "cells": found.cells,
+        "flown": found.flown,
+        "share": found.share,
+        "farthest": found.farthest,
+        "distance": found.distance,
+    }

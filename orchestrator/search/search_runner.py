@@ -1,0 +1,210 @@
+"""Flies a search: resumes from its ledger, has batches flown, writes what it found."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaigns.search.learning_strategies import make_strategy
+from campaigns.search.model import Batch, Findings, Flight, FlightOutcome
+from campaigns.search.search import Search
+from campaigns.search.search_campaign import SearchCampaign
+from orchestrator.campaign.campaign_folder import OutputError, TakenError, held, make_folder
+from orchestrator.campaign.manifest import manifest
+from orchestrator.campaign.resumption import resumed_folder, resumed_manifest
+from orchestrator.model.clock import Clock
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.results import RunResult, Stop
+from orchestrator.search.engine import Engine
+from orchestrator.search.failure_file import FOLDER, failure_text
+from orchestrator.search.ledger import Ledger
+from orchestrator.search.search_document import FILE_NAME, search_document
+
+SEARCHES = "search"
+"""The folder of a campaign's searches, beneath that of its results."""
+_FLIGHTS = "flights"
+_STOPPED: Mapping[Stop, str] = {
+    "signal": "Ctrl-C or SIGTERM; --resume goes on",
+    "command": "aborted by an operator; --resume goes on",
+}
+_CODES: Mapping[Stop, int] = {"signal": 130, "command": 4}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchSettings:
+    """How a search is flown. out: beneath it the search's folder is made.
+
+    at_once: flights that it wants at once; a resumed search keeps what it had. resume: go on with
+    the search that was cut off: `out` itself, or the newest beneath it.
+    """
+
+    out: Path
+    clock: Clock
+    at_once: int
+    resume: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOutcome:
+    """The outcome of a search. ended: why, in words. files: of confirmed failures, by variant."""
+
+    findings: Findings
+    folder: Path
+    ended: str
+    files: Mapping[str, str]
+    exit_code: int
+
+
+def fly_search(
+    search: SearchCampaign,
+    settings: SearchSettings,
+    engine: Engine,
+    say: Callable[[str], None],
+) -> SearchOutcome:
+    """Fly a search and write its folder.
+
+    Raises OutputError, OperatingError, ResumeError, SearchError, MissingExtraError.
+    """
+    with ExitStack() as stack:
+        try:
+            folder, ledger = _begin(search, settings, stack)
+            return _Flown(search, engine, folder, ledger, say).fly()
+        except (TakenError, OSError) as error:
+            raise OutputError(f"{error}; choose another place by --out") from error
+
+
+def _begin(
+    search: SearchCampaign, settings: SearchSettings, stack: ExitStack
+) -> tuple[Path, Ledger]:
+    """Return the search's folder, locked until the stack ends, and its ledger."""
+    home = settings.out / search.campaign.name
+    about: Mapping[str, object] = manifest(search.campaign, settings.clock)
+    if not settings.resume:
+        folder = make_folder(home / SEARCHES)
+        stack.enter_context(held(folder))
+        ledger = Ledger.new(folder, at_once=settings.at_once)
+    else:
+        is_folder = (settings.out / "campaign.json").is_file()
+        folder = resumed_folder(settings.out if is_folder else home, SEARCHES)
+        about = resumed_manifest(folder, about)
+        stack.enter_context(held(folder))
+        ledger = Ledger.resumed(folder)
+    write_whole(folder / "campaign.json", to_json(about))
+    return folder, ledger
+
+
+class _Flown:
+    """A search while it is flown."""
+
+    def __init__(
+        self,
+        search: SearchCampaign,
+        engine: Engine,
+        folder: Path,
+        ledger: Ledger,
+        say: Callable[[str], None],
+    ) -> None:
+        self._search = search
+        self._engine = engine
+        self._folder = folder
+        self._ledger = ledger
+        self._say = say
+        self._files: dict[str, str] = {}
+
+    def fly(self) -> SearchOutcome:
+        """Fly until the search wants nothing more, or is stopped."""
+        part, space = self._search.part, self._search.space
+        strategy = make_strategy(part.strategy, space, self._search.campaign.seed)
+        search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
+        try:
+            stopped = self._fly_all(search)
+        except KeyboardInterrupt:
+            # Between two batches; within one it lands what flies.
+            stopped = "signal"
+        findings = search.findings
+        ended = findings.ended if stopped is None else _STOPPED[stopped]
+        self._write(findings, ended)
+        return SearchOutcome(
+            findings=findings,
+            folder=self._folder,
+            ended=ended,
+            files=dict(self._files),
+            exit_code=exit_code_of(findings, stopped=stopped, is_broken=self._ledger.is_broken),
+        )
+
+    def _fly_all(self, search: Search) -> Stop | None:
+        """Send the search what came of each batch that it wants; return what stopped it."""
+        steps = search.steps()
+        outcomes: tuple[FlightOutcome, ...] | None = None
+        while True:
+            try:
+                batch = next(steps) if outcomes is None else steps.send(outcomes)
+            except StopIteration:
+                return None
+            outcomes = self._ledger.outcomes(batch)
+            if outcomes is None:
+                found = self._fly_batch(batch)
+                if not isinstance(found, tuple):
+                    return found
+                outcomes = found
+
+    def _fly_batch(self, batch: Batch) -> tuple[FlightOutcome, ...] | Stop:
+        """Have a batch flown; return what came of it, or what stopped it."""
+        self._ledger.begin(batch)
+        names = ", ".join(dict.fromkeys(one.variant.name for one in batch.flights))
+        self._say(f"batch {batch.number}, {batch.purpose} in {batch.mode}: {names}")
+        folder = self._folder / _FLIGHTS / f"{batch.number:04d}"
+        result = self._engine.fly(self._search.batch_campaign(batch), folder)
+        if result.stopped is not None:
+            return result.stopped
+        outcomes = tuple(self._outcome(result.runs[_run_name(one)]) for one in batch.flights)
+        self._ledger.finish(batch, outcomes, is_broken=result.is_broken)
+        return outcomes
+
+    def _outcome(self, result: RunResult) -> FlightOutcome:
+        """Return a run's result as the search takes it."""
+        return self._search.objective.outcome(
+            verdict=result.verdict,
+            results=result.oracles,
+            vehicle=result.subject,
+            cause=result.decided_by or result.bare_reason,
+            reason=result.reason,
+            duration_s=result.duration_s or 0.0,
+            wall_s=result.wall_s,
+        )
+
+    def _write(self, findings: Findings, ended: str) -> None:
+        """Write the campaign files of confirmed failures, and search.json."""
+        place = self._folder / FOLDER
+        for case in findings.confirmed:
+            place.mkdir(exist_ok=True)
+            path = place / f"{case.variant.name}.yaml"
+            write_whole(path, failure_text(self._search, case, place))
+            self._files[case.variant.name] = f"{FOLDER}/{path.name}"
+        document = search_document(
+            self._search, findings, ended=ended, files=self._files, at_once=self._ledger.at_once
+        )
+        write_whole(self._folder / FILE_NAME, to_json(document))
+
+
+def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -> int:
+    """Return the exit code of a search; the first of 130, 4, 3, 1, 5, 0.
+
+    1: a failure is confirmed. 3: an exception of ours; or what failed is neither confirmed nor
+    refuted, or no flight proved anything. 5: nothing was flown.
+    """
+    if stopped is not None:
+        return _CODES[stopped]
+    if is_broken:
+        return 3
+    if findings.confirmed:
+        return 1
+    outcomes = [one for tried in findings.tried for each in tried.outcomes.values() for one in each]
+    if not outcomes:
+        return 5
+    is_proven = any(one.verdict in {"PASS", "FAIL"} for one in outcomes)
+    return 3 if findings.open_failures or not is_proven else 0
+
+
+def _run_name(flight: Flight) -> str:
+    return f"{flight.variant.name}/{flight.mode}/{flight.repetition}"

@@ -1,0 +1,238 @@
+"""Searches over made-up objectives: what is proposed, passed on, confirmed and reduced."""
+
+import itertools
+from typing import Any
+
+import pytest
+
+from campaigns.search.gap import ModeGap, passed_on
+from campaigns.search.model import FlightOutcome, Variant
+from campaigns.search.search import EXHAUSTED, SPENT, Search, failure_name, most_flights
+from campaigns.search.space import Parameter, Space, Values
+from campaigns.search.strategies import FixedStrategy, Proposal, fixed_points
+from campaigns.search.votes import standing_of, votes_of
+from tests.campaigns.search.made_up import corner, drive, fly, number, plane, problem, searched
+
+
+def test_tpe_finds_a_corner_confirms_it_and_takes_the_keys_out_that_do_not_matter() -> None:
+    given = problem(plane(z=1), budget={"sim": 60}, confirm_most=1, reduce_flights=100)
+    findings, batches = searched(given, corner)
+    (case,) = findings.confirmed
+    assert (case.standing, case.failed, case.proven) == ("confirmed", 5, 5)
+    assert case.interval is not None
+    assert (round(case.interval.low, 2), case.interval.high) == (0.48, 1.0)
+    assert set(case.reduced.values) == {"x", "y"}
+    # The boundary is at 0.6 and 0.5: four halvings from 0 come within a sixteenth of it.
+    assert 0.6 <= number(case.reduced.values, "x") <= 0.6 + 1 / 16
+    assert 0.5 <= number(case.reduced.values, "y") <= 0.5 + 1 / 16
+    assert case.is_reduced
+    assert findings.ended == SPENT
+    assert [one.number for one in batches] == list(range(1, len(batches) + 1))
+    flown = sum(len(one.flights) for one in batches)
+    assert flown == sum(cost.flights for cost in findings.costs.values()) <= most_flights(given)
+
+
+@pytest.mark.parametrize("strategy", ["tpe", "cma-es", "sobol", "random"])
+def test_a_search_proposes_the_same_for_a_seed_and_a_number_of_workers(strategy: str) -> None:
+    given = problem(plane(), budget={"sim": 16}, reduce_flights=0)
+    batches = searched(given, corner, strategy=strategy)[1]
+    assert searched(given, corner, strategy=strategy)[1] == batches
+    assert searched(given, corner, strategy=strategy, seed=2)[1] != batches
+
+
+@pytest.mark.parametrize("strategy", ["tpe", "cma-es", "sobol", "grid", "pairwise"])
+def test_no_proposal_breaks_a_constraint(strategy: str) -> None:
+    space = plane(constraints=("x + y <= -0.9",))
+    findings, _ = searched(problem(space, budget={"sim": 20}), corner, strategy=strategy)
+    assert findings.tried
+    assert all(space.admits(one.variant.values) for one in findings.tried)
+    assert not findings.confirmed
+
+
+def test_pairs_of_levels_stand_together_in_far_fewer_flights_than_the_grid() -> None:
+    space = plane(z=1)
+    points = list(fixed_points("pairwise", space, 1))
+    grid = list(fixed_points("grid", space, 1))
+    assert len(grid) == 125
+    assert len(points) <= 40
+    for one, other in itertools.combinations("xyz", 2):
+        pairs = {(point[one], point[other]) for point in points}
+        assert pairs == {(point[one], point[other]) for point in grid}
+
+
+def test_a_finite_space_is_tried_once_and_no_more() -> None:
+    choices = Parameter(name="form", keys=("world.form",), choices=("square", "round"))
+    counted = Parameter(name="count", keys=("world.count",), low=1, high=3, is_integer=True)
+    space = Space(parameters=(choices, counted))
+    for strategy in ("tpe", "random", "grid"):
+        findings, _ = searched(
+            problem(space, budget={"sim": 50}), lambda *_: 1.0, strategy=strategy
+        )
+        points = [tuple(one.variant.values.items()) for one in findings.tried]
+        assert len(points) == len(set(points)) == 6, strategy
+        assert findings.ended == EXHAUSTED
+
+
+class Recorded(FixedStrategy):
+    """A strategy that notes what it is given."""
+
+    def __init__(self, space: Space) -> None:
+        super().__init__(fixed_points("sobol", space, 1))
+        self.given: dict[int, float | None] = {}
+        self.asked: list[Proposal] = []
+
+    def ask(self) -> Proposal | None:
+        found = super().ask()
+        if found is not None:
+            self.asked.append(found)
+        return found
+
+    def tell(self, number: int, value: float | None) -> None:
+        assert number not in self.given
+        self.given[number] = value
+
+
+def test_what_cannot_be_flown_is_not_and_what_shows_nothing_tells_the_strategy_nothing() -> None:
+    space = plane()
+
+    def refuse(variant: Variant) -> str:
+        return "starts inside 'gate'" if number(variant.values, "x") < 0.0 else ""
+
+    def answer(values: Values, mode: str, seed: int) -> float | None:
+        del mode, seed
+        return None if number(values, "y") < 0.0 else 1.0
+
+    strategy = Recorded(space)
+    search = Search(problem(space, budget={"sim": 12}, refuse=refuse, at_once=3), strategy)
+    batches = drive(search, lambda batch: fly(space, batch, answer))
+    flown = [one.variant.values for batch in batches for one in batch.flights]
+    assert all(number(values, "x") >= 0.0 for values in flown)
+    assert len(search.findings.tried) == 12
+    assert {why for _, why in search.findings.refused} == {"starts inside 'gate'"}
+    assert len(strategy.given) == len(strategy.asked)
+    for proposal in strategy.asked:
+        x, y = number(proposal.values, "x"), number(proposal.values, "y")
+        assert strategy.given[proposal.number] == (1.0 if x >= 0.0 and y >= 0.0 else None)
+
+
+def test_a_space_in_which_nothing_can_be_flown_ends_the_search_with_the_reason() -> None:
+    given = problem(plane(), refuse=lambda _: "'real' starts 1.00 m outside of the geofence")
+    findings, batches = searched(given, corner, strategy="random")
+    assert not batches
+    assert "cannot be flown" in findings.ended
+    assert "outside of the geofence" in findings.ended
+
+
+def test_a_failure_that_does_not_come_back_under_other_seeds_is_refuted() -> None:
+    def once(values: Values, mode: str, seed: int) -> float:
+        return corner(values, mode, seed) if seed == 1 else 1.0
+
+    given = problem(plane(), budget={"sim": 60}, confirm_most=2)
+    findings, batches = searched(given, once)
+    assert findings.cases
+    assert not findings.confirmed
+    assert {one.standing for one in findings.cases} == {"refuted"}
+    assert "reduce" not in {one.purpose for one in batches}
+
+
+def test_confirming_flights_have_seeds_of_their_own_and_reducing_ones_the_same() -> None:
+    given = problem(plane(), budget={"sim": 60}, confirm_most=1)
+    findings, batches = searched(given, corner)
+    (case,) = findings.cases
+    explored = {f.seed_name for one in batches if one.purpose == "explore" for f in one.flights}
+    seeds = {
+        purpose: {
+            tuple((f.seed_name, f.repetition) for f in one.flights)
+            for one in batches
+            if one.purpose == purpose
+        }
+        for purpose in ("confirm", "reduce")
+    }
+    name = failure_name(case.variant)
+    assert seeds["confirm"] == {tuple((name, repetition) for repetition in range(1, 6))}
+    assert seeds["reduce"] == seeds["confirm"]
+    assert name not in explored
+    assert failure_name(case.reduced) == name
+
+
+def test_a_smaller_variant_that_fails_by_something_else_is_not_the_same_failure() -> None:
+    space = plane()
+    given = problem(space, budget={"sim": 60}, confirm_most=1)
+    search = Search(given, FixedStrategy(iter([{"x": 1.0, "y": 1.0}])))
+    drive(
+        search,
+        lambda batch: [
+            FlightOutcome(verdict="FAIL", value=0.0, cause=_cause(one.variant.values))
+            for one in batch.flights
+        ],
+    )
+    (case,) = search.findings.confirmed
+    assert case.cause == "collision/twin"
+    assert case.reduced.values == {"x": 1.0, "y": 1.0}
+
+
+def _cause(values: Values) -> str:
+    return "collision/twin" if values == {"x": 1.0, "y": 1.0} else "time_limit/twin"
+
+
+def test_stop_after_confirms_at_once_and_flies_no_more() -> None:
+    given = problem(plane(), budget={"sim": 400}, stop_after=1, confirm_most=5, reduce_flights=0)
+    findings, batches = searched(given, corner, strategy="random")
+    assert len(findings.confirmed) == 1
+    assert batches[-1].purpose == "confirm"
+    assert len(findings.tried) < 100
+    assert "stop_after" in findings.ended
+
+
+def test_the_dearer_mode_flies_what_fails_in_the_cheaper_one_or_may_by_the_gap() -> None:
+    def shifted(by: float) -> Any:
+        def answer(values: Values, mode: str, seed: int) -> float:
+            noise = 0.01 * seed if mode == "wil" else 0.0
+            return corner(values, mode, seed) - (by if mode == "wil" else 0.0) + noise
+
+        return answer
+
+    given = problem(plane(), budget={"sim": 80, "wil": 60}, seeds=2, reduce_flights=0)
+    narrow, _ = searched(given, shifted(0.0), strategy="sobol")
+    wide, _ = searched(given, shifted(0.8), strategy="sobol")
+
+    def passed(findings: Any) -> int:
+        return sum("wil" in one.outcomes for one in findings.tried)
+
+    # With a gap of nearly nothing the few that fail are passed on; with one of 0.8 far more.
+    failing = sum(one.failed("sim") for one in narrow.tried)
+    assert failing <= passed(narrow) <= failing + 3
+    assert passed(wide) > 2 * passed(narrow)
+    (gap,) = wide.gaps
+    assert gap.mean == pytest.approx(-0.785)
+    assert {one.mode for one in wide.cases} == {"wil"}
+    cost = wide.costs["wil", "pass on"]
+    assert (cost.flights, cost.flight_s) == (2 * passed(wide), 20.0 * passed(wide))
+
+
+def test_until_the_gap_is_measured_the_worst_are_passed_on_to_measure_it() -> None:
+    values = [("a", 0.9), ("b", -0.1), ("c", 0.2), ("d", 0.5)]
+    unmeasured = ModeGap("sim", "wil", (0.1, 0.1))
+    assert passed_on(values, unmeasured, probes=1, most=10) == ["b", "c", "d"]
+    assert passed_on(values, unmeasured, probes=1, most=2) == ["b", "c"]
+    # Mean 0, spread 0.1: Student's t of 2 degrees, 2.92, times 0.1 times sqrt(4/3) is 0.337.
+    measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
+    assert measured.least_above(0.5) == pytest.approx(0.5 - 0.3372, abs=1e-4)
+    assert passed_on(values, measured, probes=1, most=10) == ["b", "c"]
+
+
+def test_invalid_flights_confirm_nothing_and_refute_nothing() -> None:
+    failed = FlightOutcome(verdict="FAIL", value=0.0, cause="reached/twin")
+    invalid = FlightOutcome(verdict="INVALID", value=None)
+    votes = votes_of([failed, failed, invalid, invalid, invalid])
+    assert (votes.failed, votes.proven, votes.cause) == (2, 2, "reached/twin")
+    assert standing_of(votes, needed=3, due=5) == "undecided"
+    assert standing_of(votes, needed=2, due=5) == "confirmed"
+    assert standing_of(votes_of([failed, invalid]), needed=3, due=2) == "refuted"
+
+
+def test_only_failures_by_the_cause_count() -> None:
+    other = FlightOutcome(verdict="FAIL", value=0.0, cause="time_limit/twin")
+    failed = FlightOutcome(verdict="FAIL", value=0.0, cause="reached/twin")
+    assert votes_of([other, failed, failed]).failed == 2
+    assert votes_of([other, failed, failed], cause="time_limit/twin").failed == 1
