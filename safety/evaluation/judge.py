@@ -9,6 +9,7 @@ from safety.model.oracle_results import EvidenceResult, Flag, OracleResult
 from safety.model.samples import (
     DoubtSample,
     FenceSample,
+    GroundSpeedSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -191,6 +192,15 @@ class Judge:
     def reference(self, sample: ReferenceSample) -> None:
         """Feed another source's position of a vehicle to the judge."""
         self._evidence.reference(sample)
+        self._take_evidence()
+
+    def needs_ground_speed(self, vehicle: str) -> bool:
+        """Return whether the judge compares speeds of other sources of a vehicle."""
+        return self._evidence.needs_ground_speed(vehicle)
+
+    def ground_speed(self, sample: GroundSpeedSample) -> None:
+        """Feed another source's horizontal speed of a vehicle to the judge."""
+        self._evidence.ground_speed(sample)
         self._take_evidence()
 
     def report(self, sample: ReportSample) -> None:

@@ -10,6 +10,7 @@ cameras three percent of its speed):
      estimator_fault]; only t_s and vehicle when nothing else has changed
     ["heard", t_s, vehicle]
     ["reference", t_s, vehicle, source, [n, e, d], [vn, ve, vd]]
+    ["ground speed", t_s, vehicle, source, speed_m_s, accuracy_m_s or nil]
     ["report", t_s, vehicle, signal]                      a sample whose value travels elsewhere
     ["doubt", t_s, vehicle, signal, source, reason]
     ["stage", t_s, stage, vehicle or nil]
@@ -30,6 +31,7 @@ from safety.fence.fence_values import fence_of_plain, plain_fence
 from safety.model.samples import (
     DoubtSample,
     FenceSample,
+    GroundSpeedSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -70,6 +72,7 @@ LoggedSample = (
     | StateSample
     | LinkSample
     | ReferenceSample
+    | GroundSpeedSample
     | ReportSample
     | DoubtSample
     | StageSample
@@ -80,6 +83,9 @@ LoggedSample = (
 
 
 _NAMES: dict[type[LoggedSample], str] = {
+    ReferenceSample: "reference",
+    GroundSpeedSample: "ground speed",
+    ReportSample: "report",
     LinkSample: "heard",
     DoubtSample: "doubt",
     StageSample: "stage",
@@ -112,10 +118,8 @@ class JudgeLogPacker:
                 return ("pose", t_s, vehicle, pose.position_ned_m, pose.q_wxyz, velocity)
             case StateSample():
                 return self._state(sample)
-            case ReferenceSample():
-                return ("reference", *sample)
-            case ReportSample():
-                return ("report", *sample)
+            case ReferenceSample() | GroundSpeedSample() | ReportSample():
+                return (_NAMES[type(sample)], *sample)
             case FenceSample(t_s, vehicle, fence):
                 return ("fence", t_s, vehicle, plain_fence(fence))
             case _:
@@ -200,6 +204,7 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
     "state": StateSample,
     "heard": LinkSample,
     "report": ReportSample,
+    "ground speed": GroundSpeedSample,
     "reference": lambda t_s, vehicle, source, place, velocity, attitude=None: ReferenceSample(
         t_s, vehicle, source, tuple(place), tuple(velocity), attitude and tuple(attitude)
     ),
@@ -233,6 +238,8 @@ def judge_from_log(
                 judge.pose(sample)
             case ReferenceSample():
                 judge.reference(sample)
+            case GroundSpeedSample():
+                judge.ground_speed(sample)
             case Tick(t_s):
                 judge.tick(t_s)
             case StageSample(t_s, stage):

@@ -10,6 +10,7 @@ from safety.evidence.terms import SignalTerms
 from safety.model.oracle_results import EvidenceResult
 from safety.model.samples import (
     DoubtSample,
+    GroundSpeedSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -67,6 +68,18 @@ class Evidence:
             return
         for key, known in self._flown.get(sample.vehicle, ()):
             known.reference(sample)
+            self._settle(key, known)
+
+    def needs_ground_speed(self, vehicle: str) -> bool:
+        """Return whether a vehicle's velocity is judged, and other speeds are evidence."""
+        return (VELOCITY, vehicle) in self._signals
+
+    def ground_speed(self, sample: GroundSpeedSample) -> None:
+        """Add another source's horizontal speed of a vehicle to the evidence."""
+        key = (VELOCITY, sample.vehicle)
+        known = self._signals.get(key)
+        if isinstance(known, VelocityCoverage):
+            known.ground_speed(sample)
             self._settle(key, known)
 
     def report(self, sample: ReportSample) -> None:

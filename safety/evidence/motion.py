@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
 from safety.evidence.flown_coverage import FlownCoverage
 from safety.evidence.terms import SignalTerms
-from safety.model.samples import PoseSample, ReferenceSample
+from safety.model.samples import GroundSpeedSample, PoseSample, ReferenceSample
 from worlds.frames import Quat, Vec3, add, norm, rotate, scale, subtract
 
 _SPAN_S = 1.0
@@ -18,6 +18,8 @@ _STAMPS_S = 0.1
 """By how much the times of two sources may be mapped apart."""
 _STATED_M_S = 0.1
 """Accuracy of a velocity whose source does not say it, one standard deviation on each axis."""
+_SPEED_LATE_S = 0.6
+"""By how much another source's speed may be late: a receiver's filter, its rate, and a radio."""
 _DOWN: Vec3 = (0.0, 0.0, 1.0)
 
 
@@ -35,10 +37,11 @@ class VelocityCoverage(FlownCoverage):
         self._waiting: deque[ReferenceSample] = deque()
         self._kept: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
         self._sources: dict[str, None] = {}
+        self._speeds: deque[GroundSpeedSample] = deque()
 
     @property
     def compared_with(self) -> tuple[str, ...]:
-        """Return the sources of positions with which the velocity was compared."""
+        """Return the sources of positions and speeds with which the velocity was compared."""
         return tuple(self._sources)
 
     def pose(self, sample: PoseSample) -> None:
@@ -51,6 +54,12 @@ class VelocityCoverage(FlownCoverage):
         self._compare_own()
         while self._waiting and self._waiting[0].t_s <= sample.t_s:
             self._compare_with(self._waiting.popleft())
+        while self._speeds and self._speeds[0].t_s + _STAMPS_S <= sample.t_s:
+            self._compare_speed(self._speeds.popleft())
+
+    def ground_speed(self, sample: GroundSpeedSample) -> None:
+        """Note another source's horizontal speed of the vehicle."""
+        self._speeds.append(sample)
 
     def reference(self, sample: ReferenceSample) -> None:
         """Note another source's position of the vehicle."""
@@ -94,6 +103,26 @@ class VelocityCoverage(FlownCoverage):
         before = _Integrated(past.t_s, past.position_ned_m, past.velocity_ned_m_s, integral_m)
         moved_m = subtract(reference.position_ned_m, past.position_ned_m)
         self._hold(before, now, moved_m, other, reference.source)
+
+    def _compare_speed(self, other: GroundSpeedSample) -> None:
+        """Hold the velocity to a speed that arrived then, and is of some moment before."""
+        begin_s, end_s = other.t_s - _SPEED_LATE_S, other.t_s + _STAMPS_S
+        if not self._way or self._way[0].t_s > begin_s:
+            return
+        near = [
+            math.hypot(*one.velocity_m_s[:2]) for one in self._way if begin_s <= one.t_s <= end_s
+        ]
+        if not near:
+            return
+        self._sources[other.source] = None
+        stated_m_s = self._accuracy.velocity_m_s or _STATED_M_S
+        limit_m_s = SIGMAS * math.hypot(stated_m_s, other.accuracy_m_s or _STATED_M_S)
+        nearest_m_s = min(max(other.speed_m_s, min(near)), max(near))
+        if abs(other.speed_m_s - nearest_m_s) <= limit_m_s or not self.stages.open:
+            return
+        said = f"by it the vehicle moved {nearest_m_s:.2f} m/s over ground at {other.t_s:.2f} s"
+        said += f", by {other.source} {other.speed_m_s:.2f} m/s; the limit is {limit_m_s:.2f} m/s"
+        self.find(other.t_s, said)
 
     def _hold(
         self,

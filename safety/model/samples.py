@@ -70,6 +70,19 @@ class ReferenceSample(NamedTuple):
     q_wxyz: Quat | None = None
 
 
+class GroundSpeedSample(NamedTuple):
+    """A sample of a vehicle's horizontal speed by another source than the judged one.
+
+    t_s: when it arrived. accuracy_m_s: one standard deviation; None where the source says none.
+    """
+
+    t_s: float
+    vehicle: str
+    source: str
+    speed_m_s: float
+    accuracy_m_s: float | None
+
+
 class ReportSample(NamedTuple):
     """A sample of a signal whose value travels elsewhere: a status, a mixed frame.
 

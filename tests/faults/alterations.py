@@ -35,6 +35,7 @@ MESSAGES: Mapping[str, tuple[int, ...]] = {
     "position": (LOCAL_POSITION_NED,),
     "velocity": (LOCAL_POSITION_NED,),
     "attitude": (ATTITUDE_QUATERNION,),
+    "ground speed": (mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,),
     "heartbeat": (mavlink.MAVLINK_MSG_ID_HEARTBEAT,),
     "landed_state": (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
     "battery": (mavlink.MAVLINK_MSG_ID_SYS_STATUS, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS),
@@ -50,6 +51,7 @@ POSSIBLE: Mapping[str, tuple[Kind, ...]] = {
     "position": KINDS,
     "velocity": ("stop", "freeze", "delay", "bias", "jump", "nan"),
     "attitude": KINDS,
+    "ground speed": _OF_A_STATE,
     "heartbeat": _OF_A_STATE,
     "landed_state": _OF_A_STATE,
     "battery": _OF_A_STATE,
@@ -169,6 +171,9 @@ def _value(frame: Frame, alteration: Alteration) -> bytes:
             payload[6] ^= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         case mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             payload[1] = mavlink.MAV_LANDED_STATE_ON_GROUND
+        case mavlink.MAVLINK_MSG_ID_GPS_RAW_INT:
+            (speed_cm_s,) = struct.unpack_from("<H", payload, 24)
+            struct.pack_into("<H", payload, 24, speed_cm_s + round(100.0 * abs(north_m)))
         case mavlink.MAVLINK_MSG_ID_SYS_STATUS:
             payload[30] = 100
         case mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS | mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT:

@@ -86,7 +86,7 @@ def _gate(north_m: float, east_m: float) -> dict[str, Any]:
 
 _FAR = {"wall": _box([0.1, 6, 4], 30.0, 2.0)}
 _AREA = {"north_m": [-2, 4], "east_m": [-2, 2], "up_m": [-1, 3]}
-_FAST = ((2.5, 0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 2.0))
+_FAST = ((2.2, 0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 2.0))
 """So much above a limit of 1 m/s that no error of a velocity that is not found hides it."""
 _TO_AND_FRO = ((2.5, 0.0, 0.0, 1.0), (-2.5, 0.0, 0.0, 1.0)) * 3
 _WALKER = {

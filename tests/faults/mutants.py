@@ -16,7 +16,7 @@ from typing import Any
 
 from orchestrator.run.flight import run_oracles
 from safety.evaluation import judge
-from safety.evidence import agreement, coverage, evidence, motion, poses
+from safety.evidence import agreement, coverage, evidence, poses
 from safety.model.samples import PoseSample
 from safety.oracles import contact, reached
 from safety.oracles.passages import Passage
@@ -141,14 +141,6 @@ def _beside_the_bar(fault: SignalFault) -> SignalFault:
     )
 
 
-def _slow(fault: SignalFault) -> SignalFault:
-    """Return a velocity that is 2 m/s too small, in a flight that is too fast by 1.5 m/s."""
-    return replace(
-        fault, cause="speed", signal="velocity", judged_by="mavlink", vehicle="twin",
-        stage="goal", after_s=0.0, alteration=Alteration("bias", (-2.0, 0.0, 0.0), 0.0),
-    )  # fmt: skip
-
-
 def _for(*causes: str) -> Callable[[SignalFault], bool]:
     harmless = {"text", "acknowledgement", "battery"}
     return lambda fault: fault.mode == "sim" and fault.cause in causes and fault.signal in harmless
@@ -175,11 +167,6 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "a velocity is no evidence": _hiding("speed", evidence.VELOCITY, "freeze", "stop"),
     "a velocity in a formula is no evidence": _hiding("formula", evidence.VELOCITY, "stop"),
-    "a velocity may lead elsewhere than positions": Mutant(
-        _set(motion.VelocityCoverage, "_hold", lambda *_: None),
-        lambda fault: fault.mode == "sim",
-        _slow,
-    ),
     "an attitude is no evidence": _hiding("tilt", evidence.ATTITUDE, "freeze"),
     "a battery may fall silent": _hiding("battery", "battery", "stop"),
     "an estimator may fall silent": _hiding("estimator", "estimator", "stop"),

@@ -51,7 +51,7 @@ _SIGNALS = (
     *("position",) * 6,
     *("mocap",) * 4,
     *("attitude", "heartbeat", "landed_state", "battery", "estimator", "text"),
-    *("acknowledgement", "timesync", "link", "process", "picture", "picture"),
+    *("acknowledgement", "timesync", "link", "process", "ground speed", "picture", "picture"),
 )
 """What is faulty, as often as it stands here."""
 JUDGED_BESIDE: Mapping[Cause, str] = {

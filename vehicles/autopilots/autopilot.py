@@ -49,6 +49,8 @@ class TelemetryRates:
     status_hz: float = 2.0
     """System and estimator status, global position."""
     home_hz: float = 0.5
+    ground_speed_hz: float = 0.0
+    """Of its GPS receiver; 0: not requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +145,7 @@ class Autopilot(ABC):
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
         """Return the messages to request from the autopilot, and how often."""
+        gps = MessageRate(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, rates.ground_speed_hz, required=False)
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -153,6 +156,7 @@ class Autopilot(ABC):
                 mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, rates.status_hz, required=False
             ),
             MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
+            *((gps,) if rates.ground_speed_hz > 0.0 else ()),
         )
 
     def velocity_setpoint(

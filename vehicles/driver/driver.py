@@ -1,7 +1,8 @@
 """Flies one vehicle over MAVLink, whichever autopilot it has."""
 
 import asyncio
-from collections.abc import Awaitable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -12,6 +13,7 @@ from vehicles.driver.command_backend import CommandBackend, FailureListener, Fra
 from vehicles.driver.confirmed_command import SEEN_WITHIN_S, ConfirmedCommand
 from vehicles.driver.estimates import EstimateListener, Estimates
 from vehicles.driver.identified_vehicle import IdentifiedVehicle
+from vehicles.driver.onboard.gps_receiver import GroundSpeed
 from vehicles.driver.refusals import arm_refused, not_ready
 from vehicles.driver.session.commands import Commander
 from vehicles.driver.session.conditions import ConditionWaiter
@@ -32,6 +34,7 @@ from worlds.frames import Pose, Vec3
 from worlds.geodesy import Geodetic
 
 _ASK_AGAIN_S = 2.0
+_GROUND_SPEED_HZ = 2.0
 _ANSWER_WITHIN_S = 1.0
 """What a vehicle that was heard at the last moment still has to say who it is."""
 
@@ -170,6 +173,12 @@ class Driver:
     def on_estimate(self, listener: EstimateListener) -> None:
         """Call `listener` with each estimate of the vehicle, once it is anchored."""
         self._estimates.listen(listener)
+
+    def on_ground_speed(self, listener: Callable[[GroundSpeed], None]) -> None:
+        """Call `listener` with speeds of the vehicle's GPS receiver; before `identify`."""
+        hz = min(_GROUND_SPEED_HZ, self._rates.position_hz)
+        self._rates = replace(self._rates, ground_speed_hz=hz)
+        self.onboard.satellites.on_ground_speed(listener)
 
     def on_event(self, listener: EventListener) -> None:
         """Call `listener` with each event of the vehicle."""

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import cast, get_args
 
 from orchestrator.model.results import FenceChange
@@ -15,6 +16,7 @@ from safety.model.oracle_results import Flag, OracleResult
 from safety.model.samples import (
     DoubtSample,
     FenceSample,
+    GroundSpeedSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -24,6 +26,7 @@ from safety.model.samples import (
 )
 from safety.model.samples import Stage as JudgedStage
 from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.driver.onboard.gps_receiver import GroundSpeed
 from vehicles.driver.vehicle_state import VehicleEvent, VehicleState
 from vehicles.embedded.physics.states import TruthSample
 
@@ -71,6 +74,8 @@ class OracleRunner:
         self._contexts.append(context)
         context.on_pose(self._pose)
         context.on_reference(self._reference)
+        if self._judge.needs_ground_speed(context.name):
+            context.driver.on_ground_speed(partial(self._ground_speed, context.name))
         context.driver.on_event(lambda event: self._event(context, event))
         context.driver.on_failure(lambda error: self._failure(context, str(error)))
         context.on_contact(lambda truth: self._contact(context, truth))
@@ -140,6 +145,14 @@ class OracleRunner:
     def _reference(self, sample: ReferenceSample) -> None:
         self._tape(sample)
         self._judge.reference(sample)
+        self._take(())
+
+    def _ground_speed(self, vehicle: str, speed: GroundSpeed) -> None:
+        sample = GroundSpeedSample(
+            speed.arrived_s, vehicle, "gps", speed.speed_m_s, speed.accuracy_m_s
+        )
+        self._tape(sample)
+        self._judge.ground_speed(sample)
         self._take(())
 
     def _state(self, context: VehicleContext, t_s: float) -> None:

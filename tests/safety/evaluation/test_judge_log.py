@@ -27,6 +27,7 @@ from safety.fence.geofence import Fence
 from safety.model.samples import (
     DoubtSample,
     FenceSample,
+    GroundSpeedSample,
     LinkSample,
     PoseSample,
     ReportSample,
@@ -122,7 +123,11 @@ def judge_logs(draw: st.DrawFn) -> list[LoggedSample]:
 
 def draw_evidence(draw: st.DrawFn, t_s: float, vehicle: str) -> LoggedSample:
     signal = draw(st.sampled_from((*SIGNALS, "camera")))
-    if draw(st.booleans()):
+    kind = draw(st.integers(0, 2))
+    if kind == 2:
+        accuracy_m_s = draw(st.none() | st.floats(0.01, 2.0))
+        return GroundSpeedSample(t_s, vehicle, "gps", draw(st.floats(0.0, 20.0)), accuracy_m_s)
+    if kind:
         return ReportSample(t_s, vehicle, signal)
     return DoubtSample(t_s, vehicle, signal, "recipe", "it is not there")
 
@@ -193,6 +198,16 @@ def packed(taped: list[LoggedSample]) -> bytes:
     return packer.header() + b"".join(packer.pack(sample) for sample in taped)
 
 
+def feed_evidence(judge: Judge, sample: GroundSpeedSample | ReportSample | DoubtSample) -> None:
+    match sample:
+        case GroundSpeedSample():
+            judge.ground_speed(sample)
+        case ReportSample():
+            judge.report(sample)
+        case DoubtSample():
+            judge.doubt(sample)
+
+
 def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
     """Feed one sample as a flight does."""
     match sample:
@@ -202,10 +217,8 @@ def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
             judge.state(sample)
         case LinkSample():
             judge.received(sample)
-        case ReportSample():
-            judge.report(sample)
-        case DoubtSample():
-            judge.doubt(sample)
+        case GroundSpeedSample() | ReportSample() | DoubtSample():
+            feed_evidence(judge, sample)
         case StageSample():
             judge.stage(sample)
         case Tick(t_s):

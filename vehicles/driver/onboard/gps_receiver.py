@@ -1,8 +1,9 @@
-"""What the vehicle's GPS receiver says of its fix, asked for when it is needed: GPS_RAW_INT."""
+"""What the vehicle's GPS receiver says of its fix and its speed: GPS_RAW_INT."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -12,6 +13,7 @@ from vehicles.driver.session.session import Session
 _ASK_AGAIN_S = 0.5
 _UNKNOWN_HDOP = 0xFFFF
 _UNKNOWN_COUNT = 0xFF
+_UNKNOWN_SPEED = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,14 +29,31 @@ class GpsFix:
     hdop: float | None
 
 
+class GroundSpeed(NamedTuple):
+    """A horizontal speed by the vehicle's GPS receiver, which measures it by Doppler shift.
+
+    arrived_s: when it reached us (run clock). accuracy_m_s: one standard deviation as the receiver
+    states it, None where it does not.
+    """
+
+    arrived_s: float
+    speed_m_s: float
+    accuracy_m_s: float | None
+
+
 class GpsReceiver:
-    """Requests the fix of the vehicle's GPS receiver."""
+    """Requests the fix of the vehicle's GPS receiver, and passes its ground speed on."""
 
     def __init__(self, *, session: Session) -> None:
         self._session = session
         self._newest: GpsFix | None = None
         self._came = asyncio.Event()
+        self._speed_listeners: list[Callable[[GroundSpeed], None]] = []
         session.on(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, self._take)
+
+    def on_ground_speed(self, listener: Callable[[GroundSpeed], None]) -> None:
+        """Call `listener` with each horizontal speed of a fix; the driver requests them."""
+        self._speed_listeners.append(listener)
 
     async def fix(self, timeout_s: float) -> GpsFix | None:
         """Return the GPS receiver's present fix; None without a report in `timeout_s`."""
@@ -55,7 +74,7 @@ class GpsReceiver:
             return self._newest
         return None
 
-    def _take(self, message: Any, _t_s: float) -> None:
+    def _take(self, message: Any, t_s: float) -> None:
         seen, hdop = message.satellites_visible, message.eph
         self._newest = GpsFix(
             kind=message.fix_type,
@@ -63,3 +82,9 @@ class GpsReceiver:
             hdop=None if hdop == _UNKNOWN_HDOP else hdop * 0.01,
         )
         self._came.set()
+        if message.fix_type < mavlink.GPS_FIX_TYPE_3D_FIX or message.vel == _UNKNOWN_SPEED:
+            return
+        accuracy_m_s = message.vel_acc * 1e-3 if message.vel_acc else None
+        speed = GroundSpeed(t_s, message.vel * 0.01, accuracy_m_s)
+        for listener in self._speed_listeners:
+            listener(speed)
