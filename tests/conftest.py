@@ -36,6 +36,7 @@ FAST = (
     "safety/stl/test_stl_formula.py",
     "test_dependencies.py",
     "test_docs.py",
+    "test_order.py",
     "vehicles/autopilots",
     "vehicles/clocks",
     "vehicles/driver/session",

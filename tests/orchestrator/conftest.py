@@ -25,12 +25,23 @@ SMALL_CAMERAS = tuple(
     for key, value in (("width_px", 320), ("height_px", 240))
 )
 """A quarter of the pixels: the same flight, sooner."""
-BRIEF = (
+STEP = (
     "autonomy={use: autonomies/straight.py:StraightAutonomy, with: {speed_m_s: 0.8, for_s: 1}}",
     "goal.altitude_m=0.5",
     "oracles.reached.required=false",
 )
-"""Up, a step ahead, and down, for what is no matter of the mission: half of the gate's costs."""
+"""Up, a step ahead, and down, for what is no matter of the mission."""
+FEW_PICTURES = (
+    *(
+        f"vehicles.{name}.sensors.camera.{key}={value}"
+        for name in ("real", "twin")
+        for key, value in (("width_px", 160), ("height_px", 120), ("rate_hz", 5))
+    ),
+    "recipe.sensors.camera.rate_hz=5",
+)
+"""Few and small pictures, where nothing but the autonomy looks at them: half of the costs."""
+BRIEF = (*STEP, *FEW_PICTURES)
+"""Both: a quarter of the gate's costs."""
 
 
 class NoCommands:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from tests.orchestrator.conftest import BRIEF
+from tests.orchestrator.conftest import STEP
 
 ROOT = Path(__file__).parents[2]
 PATIENT = (
@@ -26,7 +26,7 @@ PATIENT = (
     *(f"vehicles.{name}.telemetry.max_gap_s=5" for name in ("real", "twin")),
 )
 """Small pictures, and limits that a loaded machine does not exceed: what is tested is who lives."""
-SHORT = tuple(word for one in (*BRIEF, "controls={}") for word in ("--set", one))
+SHORT = tuple(word for one in (*STEP, "controls={}") for word in ("--set", one))
 """Up, a step ahead, and down, far from the gate: close by, pictures that a loaded machine mixes a
 tenth of a second late show it far from its place, which rightly makes the run INVALID."""
 STAYING = (

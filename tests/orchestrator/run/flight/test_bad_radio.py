@@ -9,7 +9,7 @@ import pytest
 
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
-from tests.orchestrator.conftest import BRIEF
+from tests.orchestrator.conftest import BRIEF, FEW_PICTURES
 
 Fly = Callable[..., tuple[RunResult, Path]]
 LONGER = (*BRIEF, "autonomy.with={speed_m_s: 0.4, for_s: 6}")
@@ -28,7 +28,7 @@ def guard_events(folder: Path) -> list[str]:
 def test_the_pair_flies_over_a_radio_that_loses_and_is_late(
     fly_run: Fly, campaign: str, seed: int
 ) -> None:
-    result, _ = fly_run(campaign, sets=(BAD,), seed=seed)
+    result, _ = fly_run(campaign, sets=(*FEW_PICTURES, BAD), seed=seed)
     assert (result.verdict, result.reason) == ("PASS", "")
     link = next(o for o in result.oracles if (o.name, o.vehicle) == ("link", "real"))
     twin = next(o for o in result.oracles if (o.name, o.vehicle) == ("link", "twin"))
@@ -90,7 +90,7 @@ def test_a_gap_that_was_recovered_but_too_long_fails(fly_run: Fly, campaign: str
 def test_a_link_by_which_nothing_comes_is_an_error_within_the_time_limit(
     fly_run: Fly, link: str
 ) -> None:
-    result, _ = fly_run(sets=(f"links.real={link}", "sync.ready_timeout_s=8"))
+    result, _ = fly_run(sets=(*BRIEF, f"links.real={link}", "sync.ready_timeout_s=8"))
     assert result.verdict == "ERROR"
     assert "real guard" in result.reason
 

@@ -18,7 +18,7 @@ from orchestrator.recording import run_recorder
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.conftest import BRIEF
+from tests.orchestrator.conftest import BRIEF, FEW_PICTURES
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
 from vehicles.autonomy import Command, Telemetry
@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
 
     def everything(seed: int) -> tuple[str, bytes, bytes]:
-        result, folder = fly_run(seed=seed)
+        result, folder = fly_run(seed=seed, sets=FEW_PICTURES)
         document = json.loads(to_json(result))
         del document["wall_s"]
         trajectory = (folder / "trajectory.csv").read_bytes()
@@ -141,7 +141,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
 
 
 def test_sim_flies_the_twin_alone_and_judges_it(fly_run: Fly) -> None:
-    result, folder = fly_run(mode="sim")
+    result, folder = fly_run(mode="sim", sets=FEW_PICTURES)
     assert result.verdict == "PASS"
     assert {oracle.vehicle for oracle in result.oracles} == {"twin"}
     assert result.mixing is None
@@ -149,7 +149,9 @@ def test_sim_flies_the_twin_alone_and_judges_it(fly_run: Fly) -> None:
 
 
 def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) -> None:
-    result, folder = fly_run(sets=("world.objects.gate.shape.gate.inner_size_m=0.31",))
+    result, folder = fly_run(
+        sets=(*FEW_PICTURES, "world.objects.gate.shape.gate.inner_size_m=0.31")
+    )
     assert result.verdict == "FAIL"
     contacts = [flag for flag in result.collisions if flag.vehicle == "real"]
     assert contacts
@@ -172,7 +174,7 @@ def test_a_thing_that_moves_starts_at_its_event(
         + start
         + ", waypoints: [{north_m: 0, east_m: 0, up_m: 0.25, speed_m_s: 30}]}}"
     )
-    result, folder = fly_run(mode="sim", sets=("world.objects.ram=" + ram,))
+    result, folder = fly_run(mode="sim", sets=(*FEW_PICTURES, "world.objects.ram=" + ram))
     (contact, *_) = [flag for flag in result.collisions if "ram" in flag.text]
     entered_s = {line["stage"]: line["t_s"] for line in log_of(folder) if line["event"] == "stage"}
     assert 0.0 < contact.t_s - entered_s[stage] - waits_s < 0.07
@@ -195,7 +197,7 @@ def test_a_vehicle_that_never_becomes_ready_is_an_error_with_its_reasons(fly_run
     def spoil(pair: Pair, _: RunState) -> None:
         cast("Any", pair.vehicles["real"]).autopilot.never_ready = True
 
-    result, folder = fly_run(disturb=spoil, sets=("sync.ready_timeout_s=15",))
+    result, folder = fly_run(disturb=spoil, sets=(*BRIEF, "sync.ready_timeout_s=15"))
     assert result.verdict == "ERROR"
     assert result.reason.startswith("real: not ready to arm within")
     assert result.duration_s is None
@@ -218,7 +220,7 @@ def test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands(
 
 
 def test_the_operators_abort_lands_both(fly_run: Fly) -> None:
-    result, folder = fly_run(inbox=Script(15.0))
+    result, folder = fly_run(inbox=Script(15.0), sets=(*BRIEF, "autonomy.with.for_s=30"))
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by tester")
     assert all_landed(folder)
     (line,) = [line for line in log_of(folder) if line["event"] == "operator"]
@@ -226,7 +228,9 @@ def test_the_operators_abort_lands_both(fly_run: Fly) -> None:
 
 
 def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
-    result, folder = fly_run(sets=("geofence.box.north_m=[-0.8, 3.2]",))
+    result, folder = fly_run(
+        sets=(*BRIEF, "autonomy.with.for_s=6", "geofence.box.north_m=[-0.8, 3.2]")
+    )
     assert result.verdict == "FAIL"
     assert "fence" in result.reason
     assert all_landed(folder)
@@ -254,6 +258,7 @@ def test_limits_keep_a_reckless_autonomy_inside_of_the_fence(
     result, folder = fly_run(
         campaign,
         sets=(
+            *FEW_PICTURES,
             limits,
             "oracles.time_limit.limit_s=12",
             "collision_always=off",
@@ -287,7 +292,7 @@ def test_a_crash_of_the_autonomy_is_a_fail_with_its_place(
             raise ZeroDivisionError("one half of nothing")
 
     monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Crashing)
-    result, folder = fly_run()
+    result, folder = fly_run(sets=FEW_PICTURES)
     assert result.verdict == "FAIL"
     assert "the autonomy of" in result.reason
     assert "ZeroDivisionError" in result.reason
@@ -296,7 +301,7 @@ def test_a_crash_of_the_autonomy_is_a_fail_with_its_place(
 
 
 def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> None:
-    result, folder = fly_run(sets=("oracles.time_limit.limit_s=2",))
+    result, folder = fly_run(sets=(*FEW_PICTURES, "oracles.time_limit.limit_s=2"))
     assert result.verdict == "FAIL"
     assert result.reason.startswith("reached of real failed: never flew through gate")
     assert any("not done 2 s after its goal" in late.reason for late in result.also)
@@ -316,7 +321,7 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
         write(self, *args, **details)
 
     monkeypatch.setattr(writer, "write", until_full)
-    result, folder = fly_run(mode="sim")
+    result, folder = fly_run(mode="sim", sets=BRIEF)
     assert result.verdict == "ERROR"
     assert result.reason == "the recording ended early: No space left on device"
     (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
@@ -326,7 +331,8 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
 
 def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: Fly) -> None:
     result, folder = fly_run(
-        mode="sim", sets=("oracles={reached: {}}", "sync.goal_timeout_s=2", "accept=null")
+        mode="sim",
+        sets=(*FEW_PICTURES, "oracles={reached: {}}", "sync.goal_timeout_s=2", "accept=null"),
     )
     assert result.verdict == "FAIL"
     assert result.reason.startswith("reached of twin failed: never flew through gate")
@@ -338,7 +344,10 @@ def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: 
 def test_a_contact_fails_the_run_of_a_campaign_that_does_not_ask(fly_run: Fly) -> None:
     result, _ = fly_run(
         mode="sim",
-        sets=("world.objects.gate.shape.gate.inner_size_m=0.26", "oracles={reached: {}}"),
+        sets=(
+            *(*FEW_PICTURES, "oracles={reached: {}}"),
+            "world.objects.gate.shape.gate.inner_size_m=0.26",
+        ),
     )
     assert result.verdict == "FAIL"
     assert result.reason.startswith("twin touched gate.")
@@ -360,7 +369,7 @@ def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
 
 def test_a_formula_that_cannot_hold_any_more_lands_the_run(fly_run: Fly) -> None:
     formula = "oracles.low={stl: 'always (up_m < 0.6)', from: takeoff, fail_fast: true}"
-    result, folder = fly_run(sets=(formula,))
+    result, folder = fly_run(sets=(*FEW_PICTURES, formula))
     assert result.verdict == "FAIL"
     assert "low cannot be satisfied any more" in result.reason
     assert "goal" not in [line.get("stage") for line in log_of(folder)]

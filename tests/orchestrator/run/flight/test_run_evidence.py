@@ -16,7 +16,7 @@ from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import Stage
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, frozen, relay, stopped
-from tests.orchestrator.conftest import BRIEF, NoCommands
+from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, NoCommands
 from tests.orchestrator.wall import write_wall
 from vehicles.readings import PoseReading
 from worlds.frames import Pose
@@ -109,7 +109,7 @@ def biased(reading: PoseReading) -> tuple[PoseReading]:
 def test_motion_capture_counts_from_takeoff_to_landed(
     fly_run: Callable[..., tuple[RunResult, Path]], alter: Alter, stage: Stage, said: str
 ) -> None:
-    sets = () if stage == "goal" else BRIEF
+    sets = FEW_PICTURES if stage == "goal" else BRIEF
     result, _ = fly_run(disturb=captured("real", alter, stage=stage, after_s=0.3), sets=sets)
     assert result.verdict == "INVALID"
     assert result.reason.startswith("pose of real from mocap: ")

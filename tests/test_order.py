@@ -1,0 +1,38 @@
+"""The order of the tests: what flies on the wall clock is known, and one worker begins with it."""
+
+from itertools import chain
+from typing import Any
+
+import pytest
+
+from tests.conftest import FAST, FLIGHTS, ROOT, WALL, _is_among, _shares
+
+
+@pytest.mark.parametrize("place", [*FAST, *FLIGHTS, *WALL])
+def test_a_place_that_is_named_is_there(place: str) -> None:
+    assert (ROOT / place).exists()
+
+
+def test_whoever_flies_a_program_has_its_turn() -> None:
+    flying = "from tests.orchestrator.wall_runs import"
+    found = [
+        path.relative_to(ROOT)
+        for path in ROOT.rglob("test_*.py")
+        if any(line.startswith(flying) for line in path.read_text("utf-8").splitlines())
+    ]
+    assert len(found) > 5
+    assert [path for path in found if not _is_among(path, FLIGHTS)] == []
+
+
+@pytest.mark.parametrize(("workers", "others"), [(2, 7), (3, 100), (3, 0), (4, 1000)])
+def test_each_worker_begins_with_its_own_and_none_is_lost(workers: int, others: int) -> None:
+    begun: Any = [[f"{k}:{n}" for n in range(2)] for k in range(workers)]
+    then: Any = [f"other {n}" for n in range(others)]
+    ordered = list(_shares(begun, then))
+    assert sorted(map(str, ordered)) == sorted(map(str, chain(*begun, then)))
+    total, first = len(ordered), 0
+    for k in range(workers):
+        # As --dist worksteal cuts what is collected: each gets its part of what is left.
+        size = (total - first) // (workers - k)
+        assert ordered[first : first + len(begun[k])] == begun[k]
+        first += size
