@@ -68,9 +68,8 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
         _Order(folder, entry, anchor, size, entry.name in embedded)
         for entry, anchor in zip(campaign.entries, names, strict=True)
     ]
-    pages = list(_pages(orders))
+    pages, study = _pages_and_study(orders, folder, campaign)
     path = folder / FILE_NAME if out is None else out
-    study = _study(folder, campaign)
     page = render_page(campaign, study, pages, made_utc=utc_text(time.time()))
     write_whole(path, page)
     if out is None:
@@ -99,18 +98,21 @@ def _embedded(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
                     yield entry.name
 
 
-def _pages(orders: Sequence[_Order]) -> Iterable[RunPage]:
+def _pages_and_study(
+    orders: Sequence[_Order], folder: Path, campaign: CampaignDocuments
+) -> tuple[list[RunPage], Study]:
     workers = min(os.cpu_count() or 1, len(orders))
-    if len(orders) <= _ALONE or workers == 1:
-        return map(_page, orders)
-    # Spawned: what flew before may have left threads, with which no process can be forked.
-    context = multiprocessing.get_context("spawn")
-    try:
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            return list(pool.map(_page, orders, chunksize=2))
-    except BrokenProcessPool:
+    if len(orders) > _ALONE and workers > 1:
+        # Spawned: what flew before may have left threads, with which no process can be forked.
+        context = multiprocessing.get_context("spawn")
         # A script whose main module cannot be imported again, or a machine without memory for it.
-        return map(_page, orders)
+        with (
+            suppress(BrokenProcessPool),
+            ProcessPoolExecutor(workers, mp_context=context) as pool,
+        ):
+            study = pool.submit(_study, folder, campaign)
+            return list(pool.map(_page, orders, chunksize=2)), study.result()
+    return list(map(_page, orders)), _study(folder, campaign)
 
 
 def _page(order: _Order) -> RunPage:

@@ -81,11 +81,14 @@ class ClearanceProbe:
         events: Mapping[str, float] = NO_EVENTS,
         *,
         below_m: Mapping[_Key, float] | None = None,
+        only_least: bool = False,
     ) -> tuple[Clearance, ...]:
         """Return the least clearance to each near object between two samples of the pose.
 
         The body moves straight and turns evenly from pose_0 to pose_1; things move as they do.
         below_m: by `Clearance.key`, what is known already: only what is less is reported.
+        only_least: whether an object that is farther than one before it may be left out, which is
+        quicker; the least of all is reported.
         """
         stretch = _Stretch(pose_0, t_0_s, pose_1, t_1_s, events)
         found: dict[_Key, Clearance] = {}
@@ -100,6 +103,8 @@ class ClearanceProbe:
                 clearance = _Sweep(self._body, target, stretch).least(limit_m)
                 if clearance is not None:
                     found[target.key] = clearance
+                    if only_least:
+                        within_m = clearance.clearance_m
         return tuple(found.values())
 
 

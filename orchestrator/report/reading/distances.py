@@ -30,7 +30,7 @@ def clearances(
     probe = ClearanceProbe(scene, BODY, floors=False, within_m=SHOWN_WITHIN_M)
     found: list[Point] = []
     for (begin_s, begin), (end_s, end) in itertools.pairwise(poses[::_EVERY]):
-        near = probe.sweep(begin, begin_s, end, end_s, events)
+        near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)
         least_m = min((one.clearance_m for one in near), default=SHOWN_WITHIN_M)
         found.append((end_s, max(0.0, least_m)))
     return tuple(found)

@@ -236,8 +236,11 @@ def test_the_least_of_a_run_is_exact_however_it_is_asked(seed: int) -> None:
         at = (way[k], k * 0.1, way[k + 1], (k + 1) * 0.1)
         closer = probe.sweep(*at, below_m=known)
         known.update((each.key, each.clearance_m) for each in closer)
-        for each in probe.sweep(*at):
+        near = probe.sweep(*at)
+        for each in near:
             plain[each.key] = min(each.clearance_m, plain.get(each.key, math.inf))
+        nearest = least(probe.sweep(*at, only_least=True))
+        assert nearest == pytest.approx(least(near), abs=EXACT_M)
     assert known.keys() == plain.keys()
     for key, value in known.items():
         assert value == pytest.approx(plain[key], abs=EXACT_M)
