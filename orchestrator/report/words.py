@@ -6,6 +6,12 @@ from safety.model.oracle_results import Limit, OracleResult
 from worlds.frames import Vec3
 
 NOTHING = "\N{EN DASH}"
+MODES = {
+    "sim": "the twin alone, in the virtual world",
+    "wil": "the real vehicle and its twin; the autonomy perceives the mixture of their readings",
+    "real": "the real vehicle alone, in the real world",
+}
+"""What flies in each mode."""
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 3) -> str:

@@ -1,19 +1,33 @@
 """Why a run is no PASS, and the moment that its page is about; pure."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from orchestrator.model.results import RunResult
 from orchestrator.report.model import Cause, LogEvent, Moment
 from orchestrator.report.words import NOTHING, limit_text, number_text, time_text
 from safety.model.oracle_results import OracleResult
+from safety.oracles import registry
+
+
+@dataclass(frozen=True, slots=True)
+class NearestPass:
+    """When the vehicle was nearest to the first gate or the place of its goal, and how near."""
+
+    t_s: float
+    distance_m: float
 
 
 def cause_of(
-    result: RunResult, events: Sequence[LogEvent], *, goal_s: float | None, passed_s: float | None
+    result: RunResult,
+    events: Sequence[LogEvent],
+    *,
+    goal_s: float | None,
+    passed: NearestPass | None,
 ) -> Cause | None:
     """Return what was violated, when and by how much; None for a PASS.
 
-    passed_s: when the vehicle was nearest to what it should have reached, where that is known.
+    passed: where the vehicle was nearest to what it should have reached; None where not known.
     """
     if result.verdict == "PASS":
         return None
@@ -21,8 +35,8 @@ def cause_of(
     at_s = _decided_s(result, oracle, events)
     facts = [] if oracle is None else _oracle_facts(oracle)
     facts.append(("when", time_text(at_s, goal_s) if at_s is not None else "at the end of the run"))
-    if at_s is None and passed_s is not None:
-        facts.append(("nearest", time_text(passed_s, goal_s)))
+    if at_s is None and passed is not None:
+        facts.append(("nearest", _nearest_text(passed, goal_s)))
     if result.note:
         facts.append(("last note", result.note))
     facts += [("also", f"{one.verdict}: {one.reason}") for one in result.also[:3]]
@@ -60,8 +74,18 @@ def _violated(result: RunResult, oracle: OracleResult | None) -> str:
     }[result.verdict]
 
 
+def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
+    distance = number_text(passed.distance_m, "m", digits=2)
+    return f"{distance} from the goal's first gate or place, {time_text(passed.t_s, goal_s)}"
+
+
 def _oracle_facts(oracle: OracleResult) -> list[tuple[str, str]]:
-    found = [("at worst", number_text(oracle.actual, oracle.unit)), ("limit", limit_text(oracle))]
+    kind = registry.get(oracle.name)
+    rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
+    worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
+    if worst == NOTHING != limit:
+        worst = "not measured"
+    found = [("rule", rule), ("at worst", worst), ("limit", limit)]
     if oracle.margin is not None:
         found.append(("by how much", _margin_text(oracle)))
     if oracle.detail:
@@ -74,7 +98,7 @@ def _margin_text(oracle: OracleResult) -> str:
     if margin > 0.0:
         return f"{number_text(margin, oracle.unit)} inside of the limit"
     if margin == 0.0:
-        return "at the limit itself"
+        return f"{number_text(0.0, oracle.unit)}: reaching the limit is a violation already"
     return f"{number_text(-margin, oracle.unit)} beyond the limit"
 
 
@@ -100,17 +124,17 @@ def moment_of(
     cause: Cause | None,
     *,
     stages: dict[str, float],
-    passed_s: float | None,
+    passed: NearestPass | None,
     end_s: float | None,
 ) -> Moment | None:
     """Return the time that the page of a run shows; None where nothing was recorded.
 
-    passed_s: when the vehicle was nearest to what it should have reached.
+    passed: where the vehicle was nearest to what it should have reached.
     """
     if cause is not None and cause.at_s is not None:
         return Moment(cause.at_s, cause.violated)
-    if cause is not None and cause.oracle == "reached" and passed_s is not None:
-        return Moment(passed_s, "nearest to what was to be reached")
+    if cause is not None and cause.oracle == "reached" and passed is not None:
+        return Moment(passed.t_s, "nearest to what was to be reached")
     if result is not None and cause is None:
         tight = _tightest(result)
         if tight is not None and tight.at_s is not None:

@@ -16,7 +16,7 @@ from orchestrator.report.model import (
     Track,
     VehicleAtMoment,
 )
-from orchestrator.report.reading.cause import cause_of, moment_of
+from orchestrator.report.reading.cause import NearestPass, cause_of, moment_of
 from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
 from orchestrator.report.reading.outlines import outlines_of
@@ -68,14 +68,14 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     subject = "twin" if entry.mode == "sim" else "real"
     times = EvenTimes.over(parts.span_s)
     poses = {name: even_poses(found, times) for name, found in _poses(parts).items()}
-    passed_s = _nearest_pass_s(parts, poses.get(subject, []))
+    passed = _nearest_pass(parts, poses.get(subject, []))
     result = entry.result
     cause = None
     if result is not None:
-        cause = cause_of(result, parts.log.events, goal_s=parts.goal_s, passed_s=passed_s)
+        cause = cause_of(result, parts.log.events, goal_s=parts.goal_s, passed=passed)
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
-    moment = moment_of(result, cause, stages=stages, passed_s=passed_s, end_s=recorded_s)
+    moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
     wanted = () if moment is None else tuple(moment.t_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
     shown = decode_sights(sights, size, at_s=None if moment is None else moment.t_s)
@@ -121,7 +121,7 @@ def _without_files(entry: RunEntry) -> RunReport:
     problems = (said,) if entry.result is None else (*entry.problems, said)
     cause = None
     if entry.result is not None:
-        cause = cause_of(entry.result, (), goal_s=None, passed_s=None)
+        cause = cause_of(entry.result, (), goal_s=None, passed=None)
     return RunReport(
         name=entry.name,
         case=entry.case,
@@ -165,17 +165,19 @@ def _tracks(parts: _Parts, poses: Mapping[str, list[TimedPose]], times: EvenTime
     return [track_of(name, source, found, times) for name, found in poses.items() if found]
 
 
-def _nearest_pass_s(parts: _Parts, poses: Sequence[TimedPose]) -> float | None:
-    """Return when the judged vehicle was nearest to the first gate or the place of its goal."""
+def _nearest_pass(parts: _Parts, poses: Sequence[TimedPose]) -> NearestPass | None:
+    """Return where the judged vehicle was nearest to the first gate or the place of its goal."""
     targets = parts.world.targets_ned_m(parts.motion.world_events)
-    if not targets or not poses:
+    if not targets:
         return None
     begin_s = parts.stages.get("goal", -math.inf)
     end_s = parts.stages.get("land", math.inf)
-    flown = [(t_s, pose) for t_s, pose in poses if begin_s <= t_s <= end_s]
-    if not flown:
-        return None
-    return min(flown, key=lambda one: math.dist(one[1].position_ned_m, targets[0]))[0]
+    flown = (
+        NearestPass(t_s, math.dist(pose.position_ned_m, targets[0]))
+        for t_s, pose in poses
+        if begin_s <= t_s <= end_s
+    )
+    return min(flown, key=lambda one: one.distance_m, default=None)
 
 
 def _drawn_world(

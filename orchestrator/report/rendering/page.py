@@ -20,7 +20,7 @@ from orchestrator.report.rendering.markup import visible
 from orchestrator.report.rendering.page_parts import environment, policy, resource
 from orchestrator.report.rendering.plot_svg import plot_svg, stage_axis_svg, time_axis_svg
 from orchestrator.report.rendering.scan_svg import scan_svg
-from orchestrator.report.words import number_text, short_time
+from orchestrator.report.words import MODES, number_text, short_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,7 @@ def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunP
             verdict=verdict,
             is_bad=went_wrong(result),
             role=role_of(run),
+            mode_text=MODES.get(run.mode, ""),
             subject="twin" if run.mode == "sim" else "real",
             maps=[found for view in ("above", "side") if (found := map_svg(run, view))],
             plots=[(plot, plot_svg(plot, run)) for plot in run.plots],

@@ -10,10 +10,10 @@ import pytest
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.model.results import with_note
+from orchestrator.model.results import RunResult, SyncResult, with_note
 from orchestrator.report.campaign_report import write_report
 from orchestrator.report.model import Frame, LogEvent, RunReport
-from orchestrator.report.reading.cause import cause_of
+from orchestrator.report.reading.cause import NearestPass, cause_of
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from orchestrator.report.words import limit_text, number_text, short_time
@@ -240,7 +240,53 @@ def test_a_run_that_the_guard_ended_says_when_though_its_reason_has_a_note(recor
         result, reason=with_note(breach, "through"), note="through", decided_by="guard.fence/real"
     )
     events = [LogEvent(20.0, "decisive", "", f"kind FAIL · {breach} · source guard.fence/real")]
-    cause = cause_of(guarded, events, goal_s=15.0, passed_s=18.0)
+    cause = cause_of(guarded, events, goal_s=15.0, passed=NearestPass(18.0, 0.7))
     assert cause is not None
     assert cause.at_s == 20.0
     assert ("last note", "through") in cause.facts
+
+
+def failed(oracle: OracleResult) -> RunResult:
+    """Return a run that one oracle failed."""
+    return RunResult(
+        case="a",
+        mode="wil",
+        rep=1,
+        seed=1,
+        verdict="FAIL",
+        reason=oracle.detail,
+        also=(),
+        required=True,
+        duration_s=10.0,
+        wall_s=1.0,
+        oracles=(oracle,),
+        sync=SyncResult(),
+        mixing=None,
+        decided_by=f"{oracle.name}/{oracle.vehicle}",
+    )
+
+
+def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> None:
+    touch = OracleResult("collision", "real", True, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched gate")
+    cause = cause_of(failed(touch), (), goal_s=0.0, passed=NearestPass(7.0, 0.4))
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert facts["rule"] == "real touches nothing of the judged world"
+    assert facts["by how much"] == "0 m: reaching the limit is a violation already"
+    assert "nearest" not in facts
+
+
+def test_what_was_never_reached_says_how_near_the_vehicle_came() -> None:
+    missed = OracleResult("reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never")
+    cause = cause_of(failed(missed), (), goal_s=2.0, passed=NearestPass(6.5, 1.234))
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert (facts["at worst"], facts["limit"]) == ("not measured", "0.5 m")
+    assert facts["when"] == "at the end of the run"
+    assert facts["nearest"] == (
+        "1.23 m from the goal's first gate or place, 4.50 s after the goal was given"
+    )
+    own = replace(missed, name="through the ring")
+    cause = cause_of(failed(own), (), goal_s=2.0, passed=None)
+    assert cause is not None
+    assert "rule" not in dict(cause.facts)
