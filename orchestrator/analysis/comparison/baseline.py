@@ -9,6 +9,9 @@ from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.model.results import RunResult
 
+_DOCUMENTS = ("campaign.json", "summary.json")
+"""Of a results folder: one of them is there, unless both were lost."""
+
 
 @dataclass(frozen=True, slots=True)
 class FlownSet:
@@ -68,13 +71,18 @@ def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
 
 def results_folders(folder: Path) -> list[Path]:
     """Return the results folders at or beneath a folder, three levels deep at most."""
-    patterns = ("campaign.json", "*/campaign.json", "*/*/campaign.json", "*/*/*/campaign.json")
-    return sorted({path.parent for pattern in patterns for path in folder.glob(pattern)})
+    found = {
+        path.parent
+        for depth in range(4)
+        for name in _DOCUMENTS
+        for path in folder.glob("*/" * depth + name)
+    }
+    return sorted(found)
 
 
 def is_results_folder(folder: Path) -> bool:
     """Return whether a folder is that of one campaign."""
-    return any((folder / name).is_file() for name in ("campaign.json", "summary.json"))
+    return any((folder / name).is_file() for name in _DOCUMENTS)
 
 
 def _readable(path: Path) -> CampaignDocuments | None:

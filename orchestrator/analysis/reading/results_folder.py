@@ -1,6 +1,7 @@
 """The documents of a results folder: campaign.json, summary.json, and result.json of each run."""
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +16,11 @@ T = TypeVar("T")
 
 MODES = ("sim", "wil", "real")
 _MOST_BYTES = 64 * 1024 * 1024
+_LONGEST_NAME = 255
+"""Bytes of one folder's name: more no file system takes."""
+_OF_THE_MANIFEST = {"campaign": str, "started_utc": str, "runs": list, "document": dict}
+"""What campaign.json has at least, each with its type."""
+_SHOWN = 60
 _OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
 _RESULT = TypeAdapter(RunResult)
 _SUMMARY = TypeAdapter(Summary)
@@ -28,8 +34,11 @@ def read_campaign(folder: Path) -> CampaignDocuments:
     """Return what the documents of a results folder tell. Raises ResultsFolderError."""
     _require_campaign(folder)
     problems: list[str] = []
-    manifest = _read_document(folder / "campaign.json", _mapping, problems) or {}
-    summary = _read_document(folder / "summary.json", _SUMMARY.validate_json, problems)
+    found = _read_document(folder / "campaign.json", _mapping, problems)
+    manifest = {} if found is None else found
+    if found is not None:
+        problems += _manifest_problems(found)
+    summary = _read_document(folder / "summary.json", _parse_summary, problems)
     entries = tuple(_entries(folder, manifest, summary))
     if not entries:
         problems.append("no run was begun in this folder")
@@ -79,7 +88,7 @@ def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) ->
         case, mode, rep = name.split("/")
         problems: list[str] = []
         path = folder / name / "result.json"
-        result = _read_document(path, _RESULT.validate_json, problems)
+        result = _read_document(path, _parse_result, problems)
         yield RunEntry(name, case, mode, rep, result or summarised.get(name), tuple(problems))
 
 
@@ -107,7 +116,30 @@ def _is_run_name(name: str) -> bool:
     """Return whether a name is case/mode/repetition, and leads nowhere else."""
     parts = name.split("/")
     plain = all(part and part not in {".", ".."} and "\0" not in part for part in parts)
-    return len(parts) == 3 and plain and parts[1] in MODES
+    is_short = all(len(part.encode()) <= _LONGEST_NAME for part in parts)
+    return len(parts) == 3 and plain and is_short and parts[1] in MODES
+
+
+def _manifest_problems(manifest: dict[str, Any]) -> Iterator[str]:
+    """Yield what campaign.json lacks, and the runs that it names and that cannot be any."""
+    lacking = [
+        name for name, kind in _OF_THE_MANIFEST.items() if not isinstance(manifest.get(name), kind)
+    ]
+    if lacking:
+        yield (
+            "campaign.json is damaged or of another version: it lacks "
+            f"{', '.join(lacking)}, or has something else there"
+        )
+    runs = manifest.get("runs")
+    named = [*_names_in(manifest)]
+    foreign = [name for name in named if not _is_run_name(name)]
+    count = (len(runs) if isinstance(runs, list) else 0) - len(named) + len(foreign)
+    if count:
+        examples = ", ".join(repr(name[:_SHOWN]) for name in foreign[:3])
+        yield (
+            f"campaign.json has {count} runs that are not named case/mode/repetition"
+            f"{f': {examples}' if examples else ''}; they are left out"
+        )
 
 
 def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -> T | None:
@@ -138,8 +170,38 @@ def read_text(path: Path) -> str:
         raise UnreadableError(f"{path.name} cannot be read: {error.strerror or error}") from error
 
 
+def _parse_result(text: str) -> RunResult:
+    found = _RESULT.validate_json(text)
+    _require_numbers(text)
+    return found
+
+
+def _parse_summary(text: str) -> Summary:
+    found = _SUMMARY.validate_json(text)
+    _require_numbers(text)
+    return found
+
+
+def _require_numbers(text: str) -> None:
+    """Raise ValueError for NaN and infinities, which are no JSON and no value of ours."""
+    json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
+
+
+def _refuse_constant(text: str) -> None:
+    raise ValueError(f"{text} is not a number")
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        raise ValueError(f"{text} is beyond all numbers")
+    return number
+
+
 def _mapping(text: str) -> dict[str, Any]:
-    found = json.loads(text)
+    found = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     if not isinstance(found, dict):
         raise ValueError("it is not a JSON object")  # noqa: TRY004 - a document, not an argument
-    return found
+    # Half a surrogate pair is valid JSON and no text: nothing could be written with it.
+    whole = json.dumps(found, ensure_ascii=False).encode("utf-8", errors="replace")
+    replaced: dict[str, Any] = json.loads(whole)
+    return replaced

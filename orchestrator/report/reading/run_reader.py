@@ -30,6 +30,8 @@ from worlds.frames import Pose, quat_from_euler
 STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """When the frames of the strip are, relative to the moment."""
 VIDEO = "mixed.mp4"
+_MP4_MARK = b"ftyp"
+"""What stands after the length of an MP4 file's first box."""
 
 
 @dataclass(slots=True)
@@ -79,10 +81,10 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     wanted = () if moment is None else tuple(moment.t_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
     shown = decode_sights(sights, size, at_s=None if moment is None else moment.t_s)
-    if not shown and wanted and (place / VIDEO).is_file():
-        shown = video_sights(place / VIDEO, wanted, size)
-    problems = (*entry.problems, *parts.problems, *sights.problems)
-    video = place / VIDEO
+    video, video_problems = _read_video(place / VIDEO)
+    if not shown and wanted and video is not None:
+        shown = video_sights(video, wanted, size)
+    problems = (*entry.problems, *parts.problems, *sights.problems, *video_problems)
     files = tuple(sorted(path.name for path in place.iterdir() if path.is_file()))
     return RunReport(
         name=entry.name,
@@ -109,8 +111,8 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         events=parts.log.events,
         preflight=parts.log.preflight,
         events_left_out=parts.log.left_out,
-        video=VIDEO if video.is_file() else None,
-        video_bytes=video.stat().st_size if video.is_file() else 0,
+        video=None if video is None else VIDEO,
+        video_bytes=0 if video is None else video.stat().st_size,
         files=files,
         overrides=parts.world.overrides,
     )
@@ -163,6 +165,18 @@ def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:
 def _tracks(parts: _Parts, poses: Mapping[str, list[TimedPose]], times: EvenTimes) -> list[Track]:
     source = "as judged" if parts.motion.poses else "from trajectory.csv"
     return [track_of(name, source, found, times) for name, found in poses.items() if found]
+
+
+def _read_video(path: Path) -> tuple[Path | None, tuple[str, ...]]:
+    """Return a video that can be shown, and why one that is there cannot."""
+    if not path.exists():
+        return None, ()
+    try:
+        with path.open("rb") as file:
+            is_mp4 = file.read(8)[4:] == _MP4_MARK
+    except OSError as error:
+        return None, (f"{path.name} cannot be read: {error.strerror or error}",)
+    return (path, ()) if is_mp4 else (None, (f"{path.name} is no MP4 file",))
 
 
 def _nearest_pass(parts: _Parts, poses: Sequence[TimedPose]) -> NearestPass | None:

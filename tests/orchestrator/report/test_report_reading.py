@@ -290,3 +290,14 @@ def test_what_was_never_reached_says_how_near_the_vehicle_came() -> None:
     cause = cause_of(failed(own), (), goal_s=2.0, passed=None)
     assert cause is not None
     assert "rule" not in dict(cause.facts)
+
+
+def test_a_video_is_shown_where_it_is_one(copied: Path) -> None:
+    video = copied / FAILED / "mixed.mp4"
+    video.write_bytes(b"\0\0\0\x1cftypiso5" + bytes(100))
+    run = run_of(copied)
+    assert (run.video, run.video_bytes) == ("mixed.mp4", 112)
+    video.write_bytes(b"no video at all")
+    run = run_of(copied)
+    assert run.video is None
+    assert run.problems == ("mixed.mp4 is no MP4 file",)
