@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path as FilePath
 
+from campaigns.checks.autonomy_checks import IsolatedBuilds
 from campaigns.expansion.case_reader import gathered, read_setup
 from campaigns.expansion.composition import is_composition
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
@@ -39,21 +40,31 @@ def load_search(path: FilePath, options: Options | None = None) -> SearchCampaig
         said = "names campaigns; a search is of one of them: name its file"
         raise BadInput([original.problem(("campaigns",), said, key=True)])
     campaign = load_campaign(path, options)
-    document = campaign.document
-    if document.get(_AT) is None:
+    if not has_search(campaign):
         said = f"has no `search`: `wil-campaign run {path}` flies its cases"
-        raise BadInput([document.problem((), said)])
-    return _Reader(campaign, check(document, SearchPart, _AT), options).read()
+        raise BadInput([campaign.document.problem((), said)])
+    return read_search(campaign)
+
+
+def has_search(campaign: Campaign) -> bool:
+    """Return whether a campaign's file has a search."""
+    return campaign.document.get(_AT) is not None
+
+
+def read_search(campaign: Campaign) -> SearchCampaign:
+    """Return the search of a loaded campaign that has one. Raises BadInput."""
+    return _Reader(campaign, check(campaign.document, SearchPart, _AT)).read()
 
 
 class _Reader:
     """Reads one search; problems are collected."""
 
-    def __init__(self, campaign: Campaign, part: SearchPart, options: Options) -> None:
+    def __init__(self, campaign: Campaign, part: SearchPart) -> None:
         self._campaign = campaign
         self._whole = campaign.document
         self._part = part
-        self._options = options
+        self._options = campaign.options
+        self._builds = IsolatedBuilds() if campaign.options.is_autonomy_isolated else None
         self._problems: list[Problem] = []
 
     def read(self) -> SearchCampaign:
@@ -200,7 +211,14 @@ class _Reader:
             files, problems = case_files(document, (*overrides, override))
             wrong += problems
             if not problems:
-                gathered(wrong, partial(read_setup, files, tuple(self._part.flights_by_mode)))
+                read = partial(
+                    read_setup,
+                    files,
+                    tuple(self._part.flights_by_mode),
+                    builds=self._builds,
+                    loads_code=self._options.loads_code,
+                )
+                gathered(wrong, read)
             own = [one for one in wrong if _is_at(one, place)]
             if not own:
                 return []

@@ -2,8 +2,9 @@
 
 import ast
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -28,7 +29,7 @@ def imported_by(files: set[Path]) -> Imported:
     or parsed imports nothing here: whoever loads it reports that.
     """
     installed = [Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib")]
-    distributions = packages_distributions()
+    distributions = _distributions()
     found, packages, waiting = set(files), set[str](), list(files)
     while waiting and len(found) < _MOST_FILES:
         for module in _modules(waiting.pop()):
@@ -42,6 +43,12 @@ def imported_by(files: set[Path]) -> Imported:
                 found.add(origin)
                 waiting.append(origin)
     return Imported(frozenset(found - files), frozenset(packages))
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Return what is installed, by the modules that it brings; once, for it takes a second."""
+    return packages_distributions()
 
 
 def _modules(file: Path) -> Iterator[str]:

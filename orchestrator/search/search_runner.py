@@ -9,6 +9,7 @@ from campaigns.search.learning_strategies import make_strategy
 from campaigns.search.model import Batch, Findings, Flight, FlightOutcome
 from campaigns.search.search import Search
 from campaigns.search.search_campaign import SearchCampaign
+from campaigns.search.strategies import Strategy
 from orchestrator.campaign.campaign_folder import OutputError, TakenError, held, make_folder
 from orchestrator.campaign.manifest import manifest
 from orchestrator.campaign.resumption import resumed_folder, resumed_manifest
@@ -65,10 +66,12 @@ def fly_search(
 
     Raises OutputError, OperatingError, ResumeError, SearchError, MissingExtraError.
     """
+    # First of all: without its package nothing is begun.
+    strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)
     with ExitStack() as stack:
         try:
             folder, ledger = _begin(search, settings, stack)
-            return _Flown(search, engine, folder, ledger, say).fly()
+            return _Flown(search, engine, folder, ledger, say).fly(strategy)
         except (TakenError, OSError) as error:
             raise OutputError(f"{error}; choose another place by --out") from error
 
@@ -111,10 +114,8 @@ class _Flown:
         self._say = say
         self._files: dict[str, str] = {}
 
-    def fly(self) -> SearchOutcome:
+    def fly(self, strategy: Strategy) -> SearchOutcome:
         """Fly until the search wants nothing more, or is stopped."""
-        part, space = self._search.part, self._search.space
-        strategy = make_strategy(part.strategy, space, self._search.campaign.seed)
         search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
         try:
             stopped = self._fly_all(search)

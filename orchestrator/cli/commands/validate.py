@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.search.search_file import has_search, read_search
 from orchestrator.cli.clock_choice import clock_for, external_needs
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.model.clock import Clock
@@ -65,6 +66,8 @@ def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
     campaign = load_campaign(file, Options(sets=sets, is_autonomy_isolated=True))
     for warning in campaign.warnings:
         err(f"warning: {warning}")
+    if has_search(campaign):
+        read_search(campaign)
     chosen = clock_for(campaign, clock)
     outside = ", ".join(dict.fromkeys(one.name for one in external_needs(campaign)))
     because = f"; {chosen} clock, for {outside}" if outside else ""

@@ -1,6 +1,7 @@
 """A search flown by an engine that flies nothing: what is written, resumed, and its exit codes."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,13 @@ import pytest
 from campaigns.expansion.expansion import Options, load_campaign
 from campaigns.search.search_file import load_search
 from orchestrator.campaign.resumption import ResumeError
+from orchestrator.cli import main
 from orchestrator.search.errors import SearchError
 from orchestrator.search.ledger import FILE_NAME as LEDGER
 from orchestrator.search.search_runner import SearchOutcome, SearchSettings, fly_search
 from tests.orchestrator.search.searches import SEARCH, MadeUpEngine, write_search
 
-TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 8")
+TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 4")
 
 
 class KilledError(Exception):
@@ -66,7 +68,7 @@ def test_a_search_killed_at_any_batch_goes_on_as_if_it_had_not_been(tmp_path: Pa
     whole = MadeUpEngine()
     path = write_search(tmp_path, TPE)
     expected = document(flown(path, whole))
-    for at in range(1, 12):
+    for at in range(1, 8):
         folder = tmp_path / f"killed-{at}"
         folder.mkdir()
         path = write_search(folder, TPE)
@@ -131,6 +133,55 @@ def test_a_stopped_search_says_so_and_can_be_resumed(tmp_path: Path, stop: Any, 
     second = MadeUpEngine()
     assert flown(path, second, resume=True).exit_code == 1
     assert not set(first.flown) & set(second.flown)
+
+
+@pytest.mark.parametrize(
+    ("strategy", "package"), [("tpe", "optuna"), ("cma-es", "cmaes"), ("pairwise", "covertable")]
+)
+def test_a_missing_extra_is_refused_with_the_remedy_before_anything_is_written(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    strategy: str,
+    package: str,
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    two = SEARCH.replace(
+        "  objective:", "    fast: {key: limits.speed_m_s, from: 1, to: 3}\n  objective:"
+    )
+    path = write_search(tmp_path, two.replace("strategy: grid", f"strategy: {strategy}"))
+    out = tmp_path / "out"
+    assert main(["search", str(path), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert f"needs the package {package}" in said
+    assert "install wil-campaign[search]" in said
+    assert not out.exists()
+
+
+def test_validate_and_search_refuse_a_wrong_search_alike(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_search(tmp_path, SEARCH.replace("objective: altitude", "objective: landed"))
+    place = f"{path}:13:14: oracle 'landed' judges an event and has no margin"
+    for command in (["validate", str(path)], ["search", str(path), "--out", str(tmp_path / "out")]):
+        assert main(command) == 2
+        assert place in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_to_resume_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_search(tmp_path)
+    assert main(["search", str(path), "--out", str(tmp_path), "--resume"]) == 2
+    assert "nothing to resume" in capsys.readouterr().err
+
+
+def test_an_attached_vehicle_is_not_searched_with(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_search(tmp_path)
+    path.write_text(path.read_text().replace("link: embedded", "link: 'udpin://0.0.0.0:14550'"))
+    assert main(["search", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "a search flies no attached vehicle" in capsys.readouterr().err
 
 
 def test_ctrl_c_between_two_batches_is_an_interrupt(tmp_path: Path) -> None:

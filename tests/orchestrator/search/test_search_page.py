@@ -1,0 +1,56 @@
+"""The page of a search: what was tried, what failed, and nothing of a file acts in it."""
+
+from campaigns.search.coverage import coverage_of
+from campaigns.search.model import Findings, Variant
+from campaigns.search.space import Parameter, Space, Values
+from orchestrator.report.rendering.search_page import SearchPage, render_search
+from tests.campaigns.search.made_up import corner, number, plane, problem, searched
+
+
+def page_of(space: Space, findings: Findings, *, campaign: str = "gate") -> str:
+    page = SearchPage(
+        campaign=campaign,
+        strategy="sobol",
+        objective=("collision",),
+        ended=findings.ended,
+        files={one.variant.name: f"failures/{one.variant.name}.yaml" for one in findings.confirmed},
+        coverage=coverage_of(space, [one.variant.values for one in findings.tried]),
+    )
+    return render_search(page, space, findings, made_utc="2026-11-22T20:00:00Z")
+
+
+def test_the_page_draws_each_pair_of_parameters_with_every_variant_in_it() -> None:
+    def refuse(variant: Variant) -> str:
+        values = {"z": 0.0, **variant.values}
+        return "starts outside" if number(values, "z") < -0.8 else ""
+
+    space = plane(z=1, constraints=("x + y <= 1.8",))
+    given = problem(space, budget={"sim": 60}, refuse=refuse, confirm_most=1, reduce_flights=10)
+    findings, _ = searched(given, corner, strategy="sobol")
+    html = page_of(space, findings)
+    assert html.count("<svg") == 3
+    failed = sum(one.failed("sim") for one in findings.tried)
+    assert failed > 0
+    assert html.count('class="fail"') == 3 * failed
+    assert html.count('class="pass"') == 3 * (len(findings.tried) - failed)
+    assert html.count('class="refused"') == 3 * len(findings.refused) > 0
+    (case,) = findings.confirmed
+    assert html.count('class="confirmed"') == html.count('class="reduced"') == 3
+    assert html.count('class="own"') == 3
+    assert f'href="./failures/{case.variant.name}.yaml"' in html
+    assert f'<td>explore</td><td class="num">{len(findings.tried)}</td>' in html
+
+
+def test_names_from_a_file_are_text() -> None:
+    choices = ("<script>alert(1)</script>", "b")
+    space = Space(parameters=(Parameter(name="form", keys=("form",), choices=choices, own="b"),))
+
+    def bad(values: Values, mode: str, seed: int) -> float:
+        del values, mode, seed
+        return -1.0
+
+    findings, _ = searched(problem(space, reduce_flights=0), bad, strategy="grid")
+    html = page_of(space, findings, campaign="<b>gate</b>")
+    assert "<script" not in html
+    assert "<b>gate" not in html
+    assert "&lt;script&gt;" in html
