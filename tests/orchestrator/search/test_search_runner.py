@@ -88,6 +88,9 @@ def test_a_search_killed_at_any_batch_goes_on_as_if_it_had_not_been(tmp_path: Pa
             outcome = flown(path, rest, resume=True, at_once=7)
             assert document(outcome) == expected
             assert killed.flown + rest.flown == whole.flown
+            nothing = MadeUpEngine()
+            assert document(flown(path, nothing, resume=True)) == expected
+            assert nothing.flown == []
         else:
             assert killed.flown == whole.flown
             break
