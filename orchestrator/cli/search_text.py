@@ -40,7 +40,9 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         f"{outcome.ended}"
     )
     if found.open_failures and not found.confirmed:
-        yield f"{len(found.open_failures)} failures are neither confirmed nor refuted"
+        count = len(found.open_failures)
+        are = "failure is" if count == 1 else "failures are"
+        yield f"{count} {are} neither confirmed nor refuted"
     for gap in found.gaps:
         spread = "" if gap.spread is None else f", spread {gap.spread:.3f}"
         mean = "not measured" if gap.mean is None else f"mean {gap.mean:+.3f}{spread}"

@@ -168,7 +168,7 @@ class _Flown:
             verdict=result.verdict,
             results=result.oracles,
             vehicle=result.subject,
-            cause=result.decided_by or result.bare_reason,
+            cause=(result.decided_by or result.bare_reason) if result.verdict == "FAIL" else "",
             reason=result.reason,
             duration_s=result.duration_s or 0.0,
             wall_s=result.wall_s,

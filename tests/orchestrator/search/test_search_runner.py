@@ -55,7 +55,12 @@ def test_a_search_leaves_what_it_found_and_a_file_that_is_a_campaign(tmp_path: P
     # Half way to the campaign's own 1.2 m, as far as the flights go.
     assert failure["reduced"]["keys"] == {"goal.altitude_m": 1.6}
     assert not failure["reduced"]["is_smallest"]
-    assert [one["values"] for one in found["variants"]] != []
+    flown_in_sim = [one["modes"]["sim"] for one in found["variants"]]
+    assert sorted((*one["verdicts"], *one["causes"]) for one in flown_in_sim) == [
+        ("FAIL", "altitude/twin"),
+        ("FAIL", "altitude/twin"),
+        ("PASS", ""),
+    ]
     campaign = load_campaign(outcome.folder / failure["file"])
     assert [plan.name for plan in campaign.runs] == [
         f"failure-{failure['name']}/sim/{repetition}" for repetition in (1, 2)
