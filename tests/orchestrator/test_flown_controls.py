@@ -10,9 +10,7 @@ from orchestrator.cli import main
 from tests.orchestrator.hover import write_hover
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
-CONTROLS = """\
-repetitions: 1
-controls:
+EACH_KIND = """\
   positions-stop:
     set: {faults.twin.pose_source: {stop: {on: goal, after_s: 0.5}}}
     expect: {verdict: INVALID, cause: pose of twin from mavlink}
@@ -22,28 +20,31 @@ controls:
   obstacle:
     set: {world.objects: {wall: {shape: {box: {size_m: [1, 1, 0.1]}}, pose: {up_m: 0.9}}}}
     expect: {oracle: collision_always}
+"""
+OTHER = """\
   other-autonomy:
     set: {autonomy.with.ticks: 200}
     expect: {oracle: time_limit}
-MORE
-oracles: {landed: {}, time_limit: {limit_s: 5}}
-autonomy: {use: still.py:Still, with: {ticks: 40}}
 """
 LAME = """\
   lame:
     set: {autonomy.with.ticks: 41}
     expect: {oracle: time_limit}
 """
+REST = """\
+oracles: {landed: {}, time_limit: {limit_s: 5}}
+autonomy: {use: still.py:Still, with: {ticks: 40}}
+"""
 
 
-def fly(folder: Path, more: str) -> tuple[int, dict[str, Any]]:
+def fly(folder: Path, controls: str) -> tuple[int, dict[str, Any]]:
     path = write_hover(folder)
     old = ("repetitions: 2\n", "oracles: {landed: {}}\n", "autonomy: still.py:Still\n")
     text = path.read_text()
     for line in old:
         assert text.count(line) == 1
         text = text.replace(line, "")
-    path.write_text(text + CONTROLS.replace("MORE\n", more))
+    path.write_text(f"{text}repetitions: 1\ncontrols:\n{controls}{REST}")
     code = main(["run", str(path), "--out", str(folder / "out"), "--jobs", "1"])
     (summary,) = (folder / "out").rglob("summary.json")
     document: dict[str, Any] = json.loads(summary.read_text("utf-8"))
@@ -54,7 +55,7 @@ def fly(folder: Path, more: str) -> tuple[int, dict[str, Any]]:
 def test_controls_of_each_kind_end_as_they_must(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, summary = fly(tmp_path, "")
+    code, summary = fly(tmp_path, EACH_KIND + OTHER)
     controls = {run["case"]: run for run in summary["controls"]}
     assert {name: run["control"]["met"] for name, run in controls.items()} == {
         "positions-stop": True,
@@ -75,7 +76,7 @@ def test_controls_of_each_kind_end_as_they_must(
 def test_a_campaign_whose_control_passes_is_not_accepted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, summary = fly(tmp_path, LAME)
+    code, summary = fly(tmp_path, OTHER + LAME)
     assert (code, summary["accepted"]) == (1, False)
     assert [run["verdict"] for run in summary["runs"]] == ["PASS"]
     said = "not accepted: this campaign cannot fail: control lame in mode sim passed"

@@ -17,7 +17,7 @@ from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStal
 Fly = Callable[..., tuple[RunResult, Path]]
 
 HZ = 15
-SIZE = (320, 240)
+SIZE = (160, 120)
 
 
 def film(path: Path, seconds: float) -> Path:
@@ -32,11 +32,16 @@ def film(path: Path, seconds: float) -> Path:
 
 
 def source(path: Path | str) -> tuple[str, ...]:
-    return (f"vehicles.real.sensors.camera.source={path}",)
+    pictures = (
+        f"vehicles.{name}.sensors.camera.{key}={size_px}"
+        for name in ("real", "twin")
+        for key, size_px in zip(("width_px", "height_px"), SIZE, strict=True)
+    )
+    return (*pictures, f"vehicles.real.sensors.camera.source={path}")
 
 
 def test_a_film_of_a_wall_and_the_gate_that_is_not_there(fly_run: Fly, tmp_path: Path) -> None:
-    result, folder = fly_run(sets=source(film(tmp_path / "wall.mp4", 90.0)))
+    result, folder = fly_run(sets=source(film(tmp_path / "wall.mp4", 40.0)))
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.outside is not None
     (one,) = result.outside.sources
@@ -54,10 +59,10 @@ def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
     if ending == "is over":
         given, said = film(tmp_path / "short.mp4", 12.0), "the recording is over"
     else:
-        given, said = tmp_path / "images", "160x120 came"
+        given, said = tmp_path / "images", "80x60 came"
         given.mkdir()
         for k in range(12 * HZ):
-            size = SIZE if k < 11 * HZ else (160, 120)
+            size = SIZE if k < 11 * HZ else (80, 60)
             cv2.imwrite(str(given / f"{k}.png"), np.full((size[1], size[0], 3), 90, np.uint8))
     result, folder = fly_run(sets=source(given))
     assert result.verdict == "ERROR"

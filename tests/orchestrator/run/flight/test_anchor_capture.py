@@ -12,6 +12,7 @@ from orchestrator.model.clock import run_virtual
 from orchestrator.model.results import RunResult
 from orchestrator.run.flight.anchor_capture import anchor_by_mocap
 from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.external.rigs import FakeDriver, FakeStation
 from vehicles.driver.vehicle_state import LocalEstimate
 from vehicles.errors import AnchorError
@@ -71,5 +72,5 @@ def test_who_moves_or_is_not_seen_is_not_anchored() -> None:
 
 
 def test_a_flight_that_is_anchored_by_motion_capture(fly_run: Fly) -> None:
-    result, _ = fly_run(sets=("vehicles.real.anchor=mocap",))
+    result, _ = fly_run(sets=(*BRIEF, "vehicles.real.anchor=mocap"))
     assert (result.verdict, result.reason) == ("PASS", "")
