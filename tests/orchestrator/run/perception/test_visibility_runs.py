@@ -17,7 +17,7 @@ from tests.orchestrator.conftest import ROOT, SMALL_CAMERAS
 
 RECIPE = """\
 schema: wil/recipe/1
-sensors: {camera: {type: camera, rate_hz: 15}}
+sensors: {camera: {type: camera, rate_hz: 5}}
 combine:
   - sensor: camera
     transform: [TIMING{resize: {to: real}}, {register: {pose: real, align: interpolate}}]
@@ -106,6 +106,8 @@ def sets(tmp_path: Path) -> tuple[str, ...]:
     (tmp_path / "own.py").write_text(STEPS)
     return (
         *SMALL_CAMERAS,
+        # Mixtures are measured five times a second.
+        *(f"vehicles.{name}.sensors.camera.rate_hz=5" for name in ("real", "twin")),
         f"autonomy={tmp_path}/watch.py:Watch",
         "world.objects.gate.pose.east_m=0",
         "oracles.reached.required=false",
@@ -154,7 +156,7 @@ def recipe(
 
 
 def test_a_faithful_mixture_shows_the_gate_in_its_place(watch: Watching) -> None:
-    flown = watch()
+    flown = watch("", "recipe.sensors.camera.rate_hz=5")
     assert (flown.run["verdict"], flown.run["reason"]) == ("PASS", "")
     gate = flown.gate
     assert gate["frames_in_view"] >= 10
