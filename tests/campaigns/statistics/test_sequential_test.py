@@ -31,6 +31,41 @@ def test_the_sequential_test_errs_as_seldom_as_it_says() -> None:
     assert np.mean([count for _, count in low]) == pytest.approx(23, abs=3)
 
 
+def _exactly(test: SequentialTest, rate: float) -> dict[str, float]:
+    """Return the probability of each decision at a pass rate, of Wald's ratio itself, exactly."""
+    found = {"at least": 0.0, "below": 0.0}
+    bound = (1.0 - test.error) / test.error
+    waiting = {(0, 0): 1.0}
+    for _ in range(test.most):
+        after: dict[tuple[int, int], float] = {}
+        for (passed, failed), weight in waiting.items():
+            for counts, share in (((passed + 1, failed), rate), ((passed, failed + 1), 1.0 - rate)):
+                ratio = (test.at_least / test.against) ** counts[0]
+                ratio *= ((1.0 - test.at_least) / (1.0 - test.against)) ** counts[1]
+                decision = "at least" if ratio >= bound else "below" if ratio <= 1 / bound else ""
+                if decision:
+                    found[decision] += weight * share
+                else:
+                    after[counts] = after.get(counts, 0.0) + weight * share
+        waiting = after
+    return {**found, "undecided": sum(waiting.values())}
+
+
+@pytest.mark.parametrize("rate", [0.95, 0.9, 0.8])
+def test_decisions_come_as_often_as_the_exact_distribution_says(rate: float) -> None:
+    test = SequentialTest(at_least=0.95, against=0.8, most=60)
+    flown = np.random.default_rng(8).random((4000, test.most)) < rate
+    decisions: list[str] = [test.decided_after(passes.tolist())[0] for passes in flown]
+    for decision, probability in _exactly(test, rate).items():
+        assert decisions.count(decision) / 4000 == pytest.approx(probability, abs=0.03)
+
+
+def test_a_cut_off_test_of_the_docs_leaves_so_much_undecided() -> None:
+    found = _exactly(SequentialTest(at_least=0.95, against=0.8, most=60), 0.95)
+    shares = [found[name] for name in ("at least", "below", "undecided")]
+    assert shares == pytest.approx([0.90, 0.03, 0.07], abs=0.005)
+
+
 @pytest.mark.parametrize("bad", [(0.8, 0.9, 5, 0.05), (1.0, 0.8, 5, 0.05), (0.9, 0.8, 0, 0.05)])
 def test_a_sequential_test_that_cannot_be_is_refused(bad: tuple[float, float, int, float]) -> None:
     with pytest.raises(ValueError, match="needs"):
