@@ -20,6 +20,7 @@ from pathlib import Path
 
 import aiomqtt
 
+from bench.connection_storm import storm
 from campaigns.setup.operator_setup import MqttSetup
 from campaigns.values.broker_address import BrokerAddress
 from orchestrator.operator.campaign_records import Place, places
@@ -127,6 +128,15 @@ async def by_socket(folder: Path) -> float:
     await reader.readline()
     writer.close()
     return began_s
+
+
+async def in_storm(folder: Path) -> float:
+    """Abort while a thousand connections a second come to the same socket."""
+    (place,) = places().beneath(folder).guards
+    async with storm(place.socket) as rate_hz:
+        if rate_hz < 900.0:
+            print(f"the storm came to {rate_hz:.0f} connections a second only", flush=True)
+        return await by_socket(folder)
 
 
 async def by_mqtt(folder: Path, port: int) -> float:
@@ -280,10 +290,15 @@ def main() -> None:
             mine = folder()
             return await act_s(mine, lambda _: by_socket(mine))
 
+        async def storm_trial() -> float:
+            mine = folder()
+            return await act_s(mine, lambda _: in_storm(mine))
+
         with load(idle=asked.idle):
             for what, trial, mark_ms in (
                 ("breach to wire, p99", lambda: act_s(folder(), breach), 20.0),
                 ("abort by socket to wire, p99", socket_trial, 10.0),
+                ("the same under 1,000 connections a second, p99", storm_trial, 10.0),
             ):
                 found = trials(trial, asked.trials)
                 more = f", median {1e3 * statistics.median(found):.2g} ms, n {len(found)}"

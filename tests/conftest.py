@@ -57,6 +57,7 @@ FAST = (
 """What flies no run, starts no process and searches not for long; everything else is slow."""
 
 FLIGHTS = (
+    "faults/test_clock_steps.py",
     "faults/test_socket_flights.py",
     "orchestrator/campaign/test_attached_run.py",
     "orchestrator/console/test_console_flight.py",

@@ -1,0 +1,96 @@
+"""The machine's clock steps by a day under a flight on the wall clock, and nobody takes notice.
+
+By libfaketime: the C library itself gives the stepped time, to all processes of the flight.
+"""
+
+import asyncio
+import json
+import sys
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.faults.inspection import all_gone, truth_receiver
+from tests.faults.processes import FaultyProgram
+from tests.orchestrator.wall_runs import END_WITHIN_S, SHORT, stages
+
+_DAY_S = 86400.0
+LIBRARIES = sorted(Path("/usr/lib").glob("**/faketime/libfaketimeMT.so.1"))
+
+
+class SteppedProgram(FaultyProgram):
+    """The program under a C library whose wall clock is off by what stands in a file."""
+
+    @property
+    def environment(self) -> dict[str, str]:
+        return {
+            **super().environment,
+            "LD_PRELOAD": str(LIBRARIES[0]),
+            "FAKETIME_TIMESTAMP_FILE": str(self.step.with_name("faketime")),
+            "FAKETIME_CACHE_DURATION": "1",
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+        }
+
+    def step_to(self, offset: str) -> None:
+        """Step the clock of all processes of the flight; offset: from the true time ("-1d")."""
+        place = self.step.with_name("faketime")
+        part = place.with_name("faketime.part")
+        part.write_text(offset + "\n")
+        part.replace(place)
+
+
+@asynccontextmanager
+async def clock_of(program: SteppedProgram) -> AsyncIterator[Callable[[], Awaitable[float]]]:
+    """Give what tells by how many seconds a process that began as the flight's is off by now."""
+    words = "import sys, time\nfor _ in sys.stdin: print(time.time(), flush=True)"
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", words),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        env={**program.environment, "XDG_RUNTIME_DIR": "/nowhere"},
+    )
+    reads, asks = process.stdout, process.stdin
+    assert reads is not None
+    assert asks is not None
+
+    async def off_s() -> float:
+        asks.write(b"\n")
+        return float(await reads.readline()) - time.time()
+
+    try:
+        yield off_s
+    finally:
+        process.kill()
+        await process.wait()
+
+
+@pytest.mark.skipif(not LIBRARIES, reason="libfaketime is not installed")
+async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(tmp_path: Path) -> None:
+    arguments = ("--mode", "sim", "--json", *SHORT)
+    async with truth_receiver() as (truth, port):
+        step = tmp_path / "clock-step"
+        program = SteppedProgram(tmp_path / "out", *arguments, step=step, truth_port=port)
+        program.step_to("+0")
+        async with program, clock_of(program) as clock:
+            off_s = [await clock()]
+            await program.stage("takeoff", "sim", END_WITHIN_S)
+            program.step_to("+1d")
+            await program.stage("at_height", "sim", END_WITHIN_S)
+            off_s.append(await clock())
+            program.step_to("-1d")
+            landed = await program.end()
+            off_s.append(await clock())
+            left = await all_gone(program.runtime, 60.0)
+            sockets = [path for path in program.runtime.rglob("*") if not path.is_dir()]
+        folder = program.run_folder("sim")
+    assert [round(one / _DAY_S, 1) for one in off_s] == [0.0, 1.0, -1.0]
+    assert (landed.code, landed.err) == (0, ""), landed.why
+    assert (left, sockets) == ({}, [])
+    assert {name: sight.down for name, sight in truth.sights.items()} == {"twin": True}
+    result = json.loads((folder / "result.json").read_text("utf-8"))
+    assert (result["verdict"], result["losses"]) == ("PASS", [])
+    assert 5.0 < result["wall_s"] < 1000.0
+    assert stages(folder)[-2:] == ["landed", "end"]
