@@ -65,8 +65,8 @@ def document_warnings(files: CaseFiles) -> Iterator[Problem]:
             yield from _radians(document, document.data)
 
 
-def _unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
-    """Yield a warning for gates of the goal that no required oracle checks."""
+def _unasked_goals(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    """Yield a warning for a position and gates of the goal that no required oracle checks."""
     asked: set[str] = set()
     for use in setup.oracles:
         if isinstance(use.parameters, ReachedParameters) and use.parameters.required:
@@ -75,11 +75,15 @@ def _unasked_gates(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         if gate not in asked:
             said = f"no required oracle asks whether gate '{gate}' of the goal is flown through"
             yield files.campaign.problem(("goal", "gates", index), said)
+    required = {type(use.parameters) for use in setup.oracles if use.parameters.required}
+    if setup.goal.position_ned_m is not None and ReachedPositionParameters not in required:
+        said = "no required oracle asks whether the goal's position is reached: `reached_position`"
+        yield files.campaign.problem(("goal", "position"), said)
 
 
 def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
     """Yield warnings of a case that each verdict has to be read with as well."""
-    yield from _unasked_gates(files, setup)
+    yield from _unasked_goals(files, setup)
     yield from _unperceived_mixture(files, setup, modes)
     if "wil" in modes:
         yield from wide_registration_limits(files, setup)

@@ -8,7 +8,7 @@ from campaigns.setup.named_objects import named_objects
 from campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from recipes.model.recipe import Combination
 from recipes.visibility.model import SHOWING_KINDS
-from worlds.files.documents import Problem
+from worlds.files.documents import Document, Problem
 from worlds.scene.scene import virtual_only
 
 _WIDE_SHARE = 0.05
@@ -42,12 +42,15 @@ def unmixed_objects(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no combination of the recipe mixes in.
 
     Only where each one isolates others by name: what a colour or a region keeps is seen in flight.
-    `shows` says that it is meant.
+    `shows` says that it is meant, but for what the goal or a required oracle names.
     """
     if setup.recipe is None or files.recipe is None:
         return
     things = virtual_only(setup.world.scene("wil", "W"), setup.world.scene("wil", "Wv"))
     isolating = [one for one in setup.recipe.combinations if one.sensor.kind in SHOWING_KINDS]
+    yield from _named_and_not_shown(
+        files.recipe, isolating, named_objects(setup) & {*things.values()}
+    )
     if not isolating or not all(_leaves_out(one, set(things.values())) for one in isolating):
         return
     mixed = {name for one in isolating for name in one.isolated()}
@@ -58,6 +61,20 @@ def unmixed_objects(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
             said = f"no combination mixes in '{name}', which stands in the virtual world only{why}"
             path = (*isolating[0].path, "filter")
             yield files.recipe.problem(path, f"{said} (`shows` says what is meant)", key=True)
+
+
+def _named_and_not_shown(
+    recipe: Document, combinations: list[Combination], named: set[str]
+) -> Iterator[Problem]:
+    """Yield a warning for objects that goal or oracle names, and `shows` leaves out everywhere."""
+    if not combinations or any(one.shows is None for one in combinations):
+        return
+    shown = {name for one in combinations for name in one.shows or ()}
+    for name in sorted(named - shown):
+        said = f"`shows` leaves out '{name}', which the goal or a required oracle names"
+        yield recipe.problem(
+            (*combinations[0].path, "shows"), f"{said}: nothing checks its pictures"
+        )
 
 
 def _leaves_out(combination: Combination, things: set[str]) -> bool:

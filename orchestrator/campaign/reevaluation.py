@@ -177,7 +177,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         control=control_result(
             plan.control,
             verdict=decision.verdict,
-            reason=reason,
+            reason=decision.reason,
             decided_by=decision.source,
             subject=before.subject,
         ),

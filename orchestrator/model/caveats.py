@@ -21,6 +21,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
     lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
+    lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
     return lines
 
 
@@ -58,6 +59,16 @@ def _unshown(run: RunResult) -> list[str]:
     return sorted(in_view - shown)
 
 
+def unseen_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of objects that a passed run is about, and no mixture had in view."""
+    return _in_runs((name, run) for run in runs for name in _unseen(run))
+
+
+def _unseen(run: RunResult) -> list[str]:
+    """Return what the goal or an oracle of a passed run names, and no mixture had in view."""
+    return [] if run.verdict != "PASS" or run.mixing is None else list(run.mixing.unseen)
+
+
 def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return why the twin of a passed run did not fly to its end, and in which runs."""
     return _in_runs(
@@ -92,6 +103,8 @@ def in_short(summary: Summary) -> list[str]:
         said.append(f"missing in part in run.mcap: {names}")
     if names := _names(name for run in runs for name in _unshown(run)):
         said.append(f"in view, and in no mixture: {names}")
+    if names := _names(name for run in runs for name in _unseen(run)):
+        said.append(f"never in view: {names}")
     if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
         said.append(f"reported only, and failed: {names}")
     return said

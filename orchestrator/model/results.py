@@ -105,7 +105,8 @@ class MixingResult:
 
     The figures are those of the recipe's first combination; `combinations` has all of them.
     registration_error_px: None without an independent reference; registration_bound_px then says
-    what it is within.
+    what it is within. unseen: virtual objects that the goal or a required oracle names and that no
+    measured mixture had in view.
     """
 
     frames: int
@@ -119,6 +120,7 @@ class MixingResult:
     frames_measured: int = 0
     shown: dict[str, ShownResult] = field(default_factory=dict)
     not_measured: str = ""
+    unseen: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,8 @@ _BLIND_S = 2.0
 """How long an object may be in view at first, and not shown, until the flight is ended."""
 _LEAST_SHARE = 0.5
 """In how many of the frames in which it is in view an object has to be shown."""
+_MOST_DISPLACED = 1 / 3
+"""In how many of the frames with an object in view it may be displaced, one at a time."""
 _IN_A_ROW = 2
 """How many measured frames have to be wrong: what crosses the edge of the picture in one of them
 may be taken for displaced or missed."""
@@ -30,12 +32,23 @@ class ObjectCoverage:
     first_in_view_s: float | None = None
     last_in_view_s: float | None = None
     displaced: int = 0
+    ever_displaced: int = 0
     missed: int = 0
 
     @property
     def is_covered(self) -> bool:
         """Return whether enough of the frames with the object in view show it."""
         return self.shown > 0 and self.shown >= _LEAST_SHARE * self.in_view
+
+    @property
+    def is_often_displaced(self) -> bool:
+        """Return whether too many of the frames with the object in view show it elsewhere.
+
+        One by one they are no two in a row: as where every second picture comes late.
+        """
+        return (
+            self.in_view >= _SHARE_FRAMES and self.ever_displaced > _MOST_DISPLACED * self.in_view
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +133,11 @@ class Coverage:
             known.first_in_view_s = t_s
         if one.offset is not None:
             known.offsets.append(one.offset)
+        if one.offset is None:
+            return None
         known.displaced = known.displaced + 1 if one.is_displaced else 0
-        if known.displaced < _IN_A_ROW or one.offset is None:
+        known.ever_displaced += one.is_displaced
+        if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
         off = f"{one.offset:.3g} {one.unit} from its place at {t_s:.3f} s"
         said = f"the mixture shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"

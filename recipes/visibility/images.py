@@ -43,6 +43,9 @@ one may be missing in parts."""
 _AROUND = 3
 _MATCHED = 0.5
 """Least correlation with the expected picture for it to be found."""
+_HIDDEN_OUTLINE = 0.25
+"""How much of an object's outline may lie before other virtual objects for the outline to tell
+where it is: all is changed on both sides of it there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +111,8 @@ def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) ->
             outer = _quantile(to_present[outline & (nearest == object_id)], _OUTER)
             inner = _quantile(to_changed[_outline(own)], _INNER)
             offset = max(outer, inner) * per_sample
+        if offset is not None and _is_before_others(own, ids):
+            is_shown, offset = _seek(pair, object_id, part, offset)
         extent, limit = count / size, _limit_px(own, pair)
         seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
         objects.append(seen)
@@ -115,6 +120,34 @@ def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) ->
     away = int(np.count_nonzero(within & (to_present > reach))) / size
     is_unexpected = away >= IN_VIEW_SHARE and not any(one.in_view for one in objects)
     return FrameVisibility(pair.t_s, tuple(objects), share, away, is_unexpected)
+
+
+def _is_before_others(own: Mask, ids: NDArray[np.uint8]) -> bool:
+    """Return whether changed areas alone cannot show where an object is, for what is behind it."""
+    outline = _outline(own)
+    others = cv2.dilate(((ids != 0) & ~own).astype(np.uint8), np.ones((3, 3), np.uint8)) != 0
+    length = int(np.count_nonzero(outline))
+    return int(np.count_nonzero(outline & others)) > _HIDDEN_OUTLINE * length
+
+
+def _seek(
+    pair: ImagePair, object_id: int, part: tuple[slice, slice], offset: float
+) -> tuple[bool, float | None]:
+    """Return whether a mixed image shows an object as it is drawn, and how far from its place.
+
+    part: of the image, with the object. offset: of its outline. A picture that we did not draw may
+    look different: its outline counts where the expected picture is not found.
+    """
+    own = np.zeros(pair.expected.ids.shape, np.bool_)
+    own[part] = pair.expected.ids[part] == object_id
+    if pair.expected.unknown is not None:
+        own &= ~pair.expected.unknown
+    found = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)
+    if found is None or (found.correlation < _MATCHED and not pair.is_like):
+        return True, offset
+    if found.correlation < _MATCHED or found.contrast < CONTRAST_SHARE:
+        return False, None
+    return True, max(offset, found.samples * pair.expected.px_per_sample)
 
 
 def _has_contrast(

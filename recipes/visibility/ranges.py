@@ -18,6 +18,9 @@ SHOWN_SHARE = 0.5
 LIMIT_M, LIMIT_SHARE = 0.2, 0.05
 """Default limit of a range's error: 20 cm, or 5 % of the range: noise of 1 % (RPLIDAR A2M8), and
 half a degree of attitude at a surface that stands oblique."""
+TELLING_SHARE = 0.5
+"""Of that limit: a real surface nearer than this to a virtual one does not tell one from the other:
+its range would show the virtual object, whatever was mixed in."""
 LEAST_ELEMENTS = 2
 """A thing that fewer beams meet is not in view, where there are several."""
 
@@ -36,28 +39,35 @@ def compare_ranges(
     virtual: Virtual,
     reach_m: tuple[float, float],
     least: float = LEAST_ELEMENTS,
+    nearest_m: float = np.inf,
 ) -> FrameVisibility:
     """Return the visibility of virtual objects in mixed ranges; arrays are (elements,).
 
     real_m: the real ranges as the merge took them: what they show nearer hides what is virtual.
     reach_m: least and greatest range of the sensor. least: how many elements are in view.
+    nearest_m: what geometry puts nearest around the beams, where that is nearer than in them.
     """
     due = np.asarray(expected.ranges_m, np.float64)
     limit = limits_m(due)
     is_clear = (due >= reach_m[0]) & (due <= reach_m[1]) & ~(real_m < due - limit)
-    visible = virtual.mask_of(expected.ids) & is_clear
     with np.errstate(invalid="ignore"):
         error = np.abs(mixed_m - due)
+        tells = ~(np.abs(real_m - due) <= TELLING_SHARE * limit)
+        is_real = np.abs(mixed_m - real_m) < error
         nearer = mixed_m < real_m - limits_m(mixed_m)
-        away = nearer & (mixed_m < due - limit)
-    elements = _Elements(error, nearer, limit)
+        away = nearer & (mixed_m < np.minimum(due, nearest_m) - limit)
+    visible = virtual.mask_of(expected.ids) & is_clear & tells
+    elements = _Elements(error, nearer, (error <= limit) & ~is_real, limit)
     objects = tuple(
         _object(name, visible & (expected.ids == object_id), elements, least)
         for object_id, name in virtual.names.items()
     )
     not_mixed = virtual.not_mixed_in(np.where(is_clear, expected.ids, np.uint8(0)), least=least)
+    # Beside an object in view, beams at its edge may meet it that should not.
     due_any = any(one.in_view for one in objects)
-    unexpected = not due_any and bool(np.count_nonzero(away) >= 2 * least)
+    own = float(np.count_nonzero(visible)) if due_any else 0.0
+    most = max(2.0 * least, 0.5 * own)
+    unexpected = bool(np.count_nonzero(away) >= max(1.0, min(most, away.size)))
     changed = _share(mixed_m != real_m)
     return FrameVisibility(t_s, objects, changed, _share(away), unexpected, not_mixed)
 
@@ -83,7 +93,7 @@ def compare_points(
         distance[due] = nearest_m(expected_m[due], added)
     limit = limits_m(np.linalg.norm(expected_m, axis=1))
     drawn = np.full(len(expected_m), len(added) >= LEAST_ELEMENTS)
-    elements = _Elements(distance, drawn, limit)
+    elements = _Elements(distance, drawn, distance <= limit, limit)
     objects = tuple(
         _object(name, due & (ids == object_id), elements, LEAST_ELEMENTS)
         for object_id, name in virtual.names.items()
@@ -115,20 +125,24 @@ def _share(mask: Mask) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Elements:
-    """The compared ranges. error: of each. nearer: where the mixture is nearer than the real."""
+    """The compared ranges. error: of each. nearer: where the mixture is nearer than the real one.
+
+    right: where it has the virtual object's range, and not the real one.
+    """
 
     error: NDArray[np.float64]
     nearer: Mask
+    right: Mask
     limit: NDArray[np.float64]
 
 
 def _object(name: str, own: Mask, elements: _Elements, least: float) -> ObjectVisibility:
     """Return the visibility of one virtual object in the ranges."""
-    error, nearer, limit = elements.error, elements.nearer, elements.limit
+    error, right, limit = elements.error, elements.right, elements.limit
     count = int(np.count_nonzero(own))
     in_view = count >= max(1.0, least)
-    shown = int(np.count_nonzero(own & (error <= limit))) / count if count else 0.0
-    drawn = own & (nearer | (error <= limit)) & np.isfinite(error)
+    shown = int(np.count_nonzero(own & right)) / count if count else 0.0
+    drawn = own & (elements.nearer | right) & np.isfinite(error)
     is_drawn = in_view and bool(np.count_nonzero(drawn) >= SHOWN_SHARE * count)
     offset = float(np.median(error[drawn])) if is_drawn else None
     allowed = float(np.median(limit[own])) if count else LIMIT_M

@@ -142,6 +142,8 @@ class Battery(LimitOracle):
             limit=self._least,
             nothing="it never reported its battery",
         )
+        self._is_known = False
+        self._lost_s: float | None = None
 
     def on_state(self, sample: StateSample) -> Flags:
         """Take a state; a battery below its limit is a flag."""
@@ -149,8 +151,13 @@ class Battery(LimitOracle):
         if self._in_percent:
             fraction = sample.battery_fraction
             value = None if fraction is None else fraction * 100.0
-        if not self.stages.open or value is None:
+        if not self.stages.open:
             return NO_FLAGS
+        if value is None:
+            if self._is_known and self._lost_s is None:
+                self._lost_s = sample.t_s
+            return NO_FLAGS
+        self._is_known = True
         unit = "%" if self._in_percent else "V"
         return self.take(
             sample.t_s,
@@ -158,6 +165,14 @@ class Battery(LimitOracle):
             value - self._least,
             lambda: f"{self.vehicle}: battery at {value:.3g} {unit}",
         )
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the least charge or voltage; INVALID where it was reported, and then no more."""
+        found = super().result(t_s)
+        if self._lost_s is None or found.verdict != "PASS":
+            return found
+        what = "charge" if self._in_percent else "voltage"
+        return self.invalid(f"its battery's {what} is reported as unknown at {self._lost_s:.2f} s")
 
 
 class Modes(Oracle):

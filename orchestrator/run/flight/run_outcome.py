@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import replace
 
+from campaigns.setup.named_objects import named_objects
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.external.program_runner import ProgramRunner
 from orchestrator.model.control_results import control_result
@@ -75,7 +76,7 @@ def result_of(
         wall_s=wall_s,
         oracles=oracles,
         sync=sync,
-        mixing=_mixing_result(mixings),
+        mixing=_mixing_result(mixings, named=named_objects(setup.campaign)),
         collisions=collisions,
         outside=outside,
         artifacts=artifacts,
@@ -91,7 +92,7 @@ def result_of(
         control=control_result(
             plan.control,
             verdict=decision.verdict,
-            reason=reason,
+            reason=decision.reason,
             decided_by=decision.source,
             subject=setup.subject,
         ),
@@ -167,8 +168,8 @@ def external_result(outside: ExternalIo, perception: Perception | None) -> Exter
     return result if result.anything else None
 
 
-def _mixing_result(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
-    """Return the run's result of mixing; None without mixing."""
+def _mixing_result(mixings: tuple[MixingLoop, ...], *, named: set[str]) -> MixingResult | None:
+    """Return the run's result of mixing; None without mixing. named: by goal or oracles."""
     if not mixings:
         return None
     combinations = tuple(_combination_result(mixing) for mixing in mixings)
@@ -185,7 +186,20 @@ def _mixing_result(mixings: tuple[MixingLoop, ...]) -> MixingResult | None:
         frames_measured=first.frames_measured,
         shown=first.shown,
         not_measured=first.not_measured,
+        unseen=_unseen(combinations, named),
     )
+
+
+def _unseen(combinations: tuple[CombinationResult, ...], named: set[str]) -> tuple[str, ...]:
+    """Return the named virtual objects that were measured for, and in view of no mixture."""
+    sought: set[str] = set()
+    in_view: set[str] = set()
+    for one in combinations:
+        if one.frames_measured:
+            sought.update(one.shown, one.not_mixed)
+        in_view.update(name for name, each in one.shown.items() if each.frames_in_view)
+        in_view.update(name for name, count in one.not_mixed.items() if count)
+    return tuple(sorted((sought & named) - in_view))
 
 
 def _combination_result(mixing: MixingLoop) -> CombinationResult:

@@ -1,5 +1,6 @@
 """Measures in flight what a mixture shows of the virtual objects, and from which pose."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -35,6 +36,8 @@ from worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 PERIOD_S = 0.2
 """How often a mixture is measured; the next one too where one was wrong, to confirm it."""
 _EARLY_S = 1e-6
+_AROUND_RAD = math.radians(2.0)
+"""How far around a rangefinder's cone something virtual may stand that it shows nevertheless."""
 _MOST_BEAMS = 3000
 """Of a 3-D lidar, cast for the comparison."""
 
@@ -211,6 +214,9 @@ class VisibilityProbe:
         half_rad = setup.half_angle_rad if isinstance(setup, RangefinderSetup) else 0.0
         sensor = body.compose(mixed.mount)
         cone = self._measured.views.ranges(sensor, cone_directions(half_rad, 8), t_s)
+        around = self._measured.views.ranges(
+            sensor, cone_directions(half_rad + _AROUND_RAD, 8), t_s
+        )
         nearest = slice(k := int(cone.ranges_m.argmin()), k + 1)
         return compare_ranges(
             t_s=t_s,
@@ -220,6 +226,7 @@ class VisibilityProbe:
             virtual=self._measured.virtual,
             reach_m=(mixed.range_min_m, mixed.range_max_m),
             least=1,
+            nearest_m=float(around.ranges_m.min()),
         )
 
     def _points(

@@ -135,7 +135,8 @@ def sought_objects(
     left out, which is counted.
     """
     if combination.shows is not None:
-        return Virtual({i: name for i, name in things.items() if name in combination.shows})
+        meant = {i: name for i, name in things.items() if name in combination.shows}
+        return Virtual(meant, {i: name for i, name in things.items() if i not in meant})
     kept = combination.isolated()
     if kept:
         kept |= set(named)

@@ -1,6 +1,7 @@
 """A green says what it has to be read with: fences changed in flight, oracles that only report."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -211,3 +212,10 @@ def test_a_virtual_object_in_view_that_no_mixture_showed_is_reported() -> None:
     assert caveat_lines(*runs)[1:3] == [f"{said}: {text}" for text in texts]
     assert caveat_lines(*runs)[-1] == "not accepted; in view, and in no mixture: intruder, pillar"
     assert properties(*runs) == {"mixture_without": ", ".join(texts)}
+
+
+def test_a_named_object_that_no_mixture_had_in_view_is_reported() -> None:
+    unseen = replace(mixed(combination()), unseen=("gate",))
+    runs = [run(mixing=unseen), run(2, verdict="FAIL", mixing=unseen)]
+    assert "virtual object never in view: gate (large wil, 1 run)" in caveat_lines(*runs)
+    assert caveat_lines(*runs)[-1] == "not accepted; never in view: gate"

@@ -212,7 +212,7 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     assert fields(run["sync"]) == "command_skew_s takeoff_skew_s t0_skew_s liftoff_delays_s"
     assert fields(run["mixing"]) == (
         "frames dropped rate_hz skew_ms latency_ms registration_error_px registration_bound_px"
-        " combinations frames_measured shown not_measured"
+        " combinations frames_measured shown not_measured unseen"
     )
     assert list(document["sensors"]) == ["camera", "rear"]
 

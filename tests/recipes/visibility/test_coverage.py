@@ -155,3 +155,16 @@ def test_what_cannot_be_measured_is_reported_and_not_counted() -> None:
 def test_a_flight_without_a_mixture_is_not_measured() -> None:
     assert Coverage().why_not_measured() == "no mixture was made while the goal was flown"
     assert flown([seen(1.0)])[0].why_not_measured() == ""
+
+
+@pytest.mark.parametrize("shown", [True, False], ids=["in its place", "not shown"])
+def test_every_second_mixture_elsewhere_is_a_fault(shown: bool) -> None:
+    frames = [seen(k / 5, offset=80.0) if k % 2 else seen(k / 5, shown=shown) for k in range(20)]
+    _, fault = flown(frames)
+    assert fault is not None
+    assert fault.text.startswith("the mixture shows gate 80 px from its place at ")
+
+
+def test_one_mixture_elsewhere_now_and_then_is_no_fault() -> None:
+    _, fault = flown([seen(k / 5, offset=80.0 if k % 4 == 3 else 2.0) for k in range(40)])
+    assert fault is None

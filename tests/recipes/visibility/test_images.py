@@ -293,3 +293,44 @@ def test_two_objects_are_distinguished(both: bool) -> None:
         "right": (True, True, 0.0),
     }
     assert math.isclose(frame.elsewhere, 0.0)
+
+
+BACK = 3
+
+
+def before_a_wall(x: float | None) -> ObjectVisibility:
+    """Return what a mixture shows of a gate before a virtual wall. x: of the gate, if any."""
+    real, due = room(0), ring()
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    wall = (rows > 10) & (rows < 110) & (columns > 8) & (columns < 152)
+
+    def picture(gate: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> BgrImage:
+        return np.where(wall[:, :, None], drawn(gate), real)
+
+    nowhere = np.zeros_like(due)
+    frame = compare_images(
+        ImagePair(
+            t_s=1.0,
+            real_bgr=real,
+            mixed_bgr=picture(nowhere if x is None else ring(x)),
+            expected=ExpectedImage(
+                np.where(due, GATE, np.where(wall, BACK, 0)).astype(np.uint8),
+                picture(due),
+                None,
+                STEP,
+            ),
+            virtual=Virtual({GATE: "gate", BACK: "wall"}),
+            limit_px=None,
+            is_like=True,
+        )
+    )
+    return next(one for one in frame.objects if one.name == "gate")
+
+
+def test_an_object_before_another_virtual_one_is_sought_as_it_is_drawn() -> None:
+    """All is changed around it: where something was changed does not show where it is."""
+    there, aside, missing = before_a_wall(80.0), before_a_wall(100.0), before_a_wall(None)
+    assert (there.is_shown, there.is_displaced) == (True, False)
+    assert aside.offset == pytest.approx(80.0, abs=STEP)
+    assert aside.is_displaced
+    assert not missing.is_shown

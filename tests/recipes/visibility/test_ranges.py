@@ -1,5 +1,7 @@
 """What mixed ranges show of virtual objects, against what geometry puts before each beam."""
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -144,3 +146,37 @@ def test_an_object_left_out_by_name_is_reported_where_beams_should_meet_it() -> 
     assert left_out(real()) == ("intruder",)
     assert left_out(real(2.0)) == (), "something physical hides it"
     assert left_out(real(), far_m=3.0) == ()
+
+
+@pytest.mark.parametrize(("real_m", "in_view"), [(4.18, True), (4.05, False)])
+def test_a_real_surface_behind_an_object_does_not_show_it(real_m: float, in_view: bool) -> None:
+    """Nothing was mixed in; what is too near to the object tells nothing of it."""
+    truly = np.full(BEAMS, real_m)
+    wall = wall_of(compared(truly.copy(), truly=truly))
+    assert (wall.in_view, wall.is_shown) == (in_view, False)
+    shown = truly.copy()
+    shown[DUE] = 4.02
+    assert wall_of(compared(shown, truly=truly)).is_shown == in_view
+
+
+def test_something_before_many_beams_beside_an_object_in_view_is_unexpected() -> None:
+    mixed = with_wall(4.0)
+    assert not compared(mixed).is_unexpected
+    mixed[DUE.stop :] = 0.5
+    assert compared(mixed).is_unexpected
+
+
+@pytest.mark.parametrize(("nearest_m", "is_unexpected"), [(math.inf, True), (1.1, False)])
+def test_a_single_beam_shows_what_is_not_there(nearest_m: float, is_unexpected: bool) -> None:
+    """But not where an object stands just beside its cone."""
+    frame = compare_ranges(
+        t_s=1.0,
+        real_m=np.array([5.0]),
+        mixed_m=np.array([1.0]),
+        expected=ExpectedRanges(np.array([5.0]), np.array([0], np.uint8)),
+        virtual=VIRTUAL,
+        reach_m=(0.05, 40.0),
+        least=1,
+        nearest_m=nearest_m,
+    )
+    assert frame.is_unexpected == is_unexpected

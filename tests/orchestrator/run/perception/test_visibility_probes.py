@@ -25,8 +25,8 @@ combine:
         ("isolate_objects: [decoy]", "", (), {4}, {2, 3}),
         ("isolate_objects: [decoy]", "", ("intruder", "cage"), {3, 4}, {2}),
         ("isolate_objects: [cage]", "", (), {2, 3, 4}, set()),
-        ("isolate_objects: [decoy]", "[decoy]", ("intruder",), {4}, set()),
-        ("isolate_objects: [decoy]", "[cage]", (), set(), set()),
+        ("isolate_objects: [decoy]", "[decoy]", ("intruder",), {4}, {2, 3}),
+        ("isolate_objects: [decoy]", "[cage]", (), set(), {2, 3, 4}),
     ],
     ids=["by colour", "by name", "named by an oracle", "of both worlds", "said", "none"],
 )
