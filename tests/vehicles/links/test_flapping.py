@@ -23,7 +23,8 @@ from vehicles.links.link_strings import parse_link
 from vehicles.links.reconnection import BackOff, Reconnection
 from vehicles.setpoints import VelocitySetpoint
 
-SPEED = 6.0
+SPEED = 2.5
+"""A machine that is busy may stop a process for half a second: far less than the 3 s of a loss."""
 
 
 class FlappingLink:
