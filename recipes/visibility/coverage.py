@@ -104,7 +104,10 @@ class Coverage:
         """
         if self._unexpected:
             return True
-        return any(one.displaced or 0 < one.missed < _IN_A_ROW for one in self.objects.values())
+        return any(
+            one.missed < _IN_A_ROW and (one.displaced or one.missed)
+            for one in self.objects.values()
+        )
 
     def is_due(self, one: ObjectCoverage) -> bool:
         """Return whether an object of which no frame shows anything has to be shown.

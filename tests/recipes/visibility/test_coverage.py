@@ -168,3 +168,8 @@ def test_every_second_mixture_elsewhere_is_a_fault(shown: bool) -> None:
 def test_one_mixture_elsewhere_now_and_then_is_no_fault() -> None:
     _, fault = flown([seen(k / 5, offset=80.0 if k % 4 == 3 else 2.0) for k in range(40)])
     assert fault is None
+
+
+def test_what_was_elsewhere_and_stays_missed_is_measured_at_the_usual_pace_again() -> None:
+    frames = [seen(0.0), seen(0.2, offset=80.0), seen(0.3, shown=False), seen(0.4, shown=False)]
+    assert [flown(frames[: k + 1])[0].is_suspect() for k in range(4)] == [False, True, True, False]
