@@ -1,6 +1,6 @@
 """What a search flies and what came of it; values only."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -108,6 +108,11 @@ class TriedVariant:
         """Return whether a flight of the mode failed."""
         return any(one.verdict == "FAIL" for one in self.outcomes.get(mode, ()))
 
+    def failed_last(self, modes: Sequence[Mode]) -> bool:
+        """Return whether a flight failed in the last of these modes that proved anything."""
+        proven = [mode for mode in modes if self.value(mode) is not None or self.failed(mode)]
+        return bool(proven) and self.failed(proven[-1])
+
     def cause(self, mode: Mode) -> str:
         """Return what decided the first failure in a mode; "" without one."""
         causes = [one.cause for one in self.outcomes.get(mode, ()) if one.verdict == "FAIL"]
@@ -171,12 +176,16 @@ class Findings:
 
     @property
     def open_failures(self) -> tuple[TriedVariant, ...]:
-        """Return what failed in the dearest mode and was neither confirmed nor refuted."""
+        """Return what failed last, in its dearest proven mode, and is not confirmed or refuted.
+
+        So is what failed in a cheaper mode where the budget, the gap or INVALID flights left
+        the dearer one without an answer.
+        """
         settled = {one.variant.name for one in self.cases if one.standing != "undecided"}
         return tuple(
             one
             for one in self.tried
-            if one.failed(self.modes[-1]) and one.variant.name not in settled
+            if one.variant.name not in settled and one.failed_last(self.modes)
         )
 
     @property

@@ -11,6 +11,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
+from orchestrator.cli.standard_streams import ignore_broken_pipe
 from orchestrator.model.progress import Progress
 from orchestrator.model.results import RunResult
 
@@ -122,6 +123,16 @@ class TerminalDisplay(SilentDisplay):
         for key in sorted(self._flying):
             table.add_row(*_flying_cells(self._flying[key]))
         return Group(table, self._bar)
+
+
+def display_of(*, json: bool, total: int) -> Display:
+    """Return the progress display of a command's output. total: runs to fly."""
+    if json:
+        return SilentDisplay()
+    stream = ignore_broken_pipe()
+    if stream.isatty():
+        return TerminalDisplay(console=Console(file=stream), total=total)
+    return LineDisplay(console=Console(file=stream, highlight=False, soft_wrap=True), total=total)
 
 
 def _flying_cells(progress: Progress) -> Iterable[RenderableType]:

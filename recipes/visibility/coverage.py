@@ -23,7 +23,10 @@ may be taken for displaced or missed."""
 
 @dataclass(slots=True)
 class ObjectCoverage:
-    """The coverage of one object: in view, shown. offsets: of frames that show it, in `unit`."""
+    """The coverage of one object: in view, shown. offsets: of frames that show it, in `unit`.
+
+    displaced, missed: of the last frames in a row. displaced_in_all: of all frames in view.
+    """
 
     unit: Unit = "px"
     in_view: int = 0
@@ -32,7 +35,7 @@ class ObjectCoverage:
     first_in_view_s: float | None = None
     last_in_view_s: float | None = None
     displaced: int = 0
-    ever_displaced: int = 0
+    displaced_in_all: int = 0
     missed: int = 0
 
     @property
@@ -47,7 +50,7 @@ class ObjectCoverage:
         One by one they are no two in a row: as where every second picture comes late.
         """
         return (
-            self.in_view >= _SHARE_FRAMES and self.ever_displaced > _MOST_DISPLACED * self.in_view
+            self.in_view >= _SHARE_FRAMES and self.displaced_in_all > _MOST_DISPLACED * self.in_view
         )
 
 
@@ -134,12 +137,11 @@ class Coverage:
         known.last_in_view_s = t_s
         if known.first_in_view_s is None:
             known.first_in_view_s = t_s
-        if one.offset is not None:
-            known.offsets.append(one.offset)
         if one.offset is None:
             return None
+        known.offsets.append(one.offset)
         known.displaced = known.displaced + 1 if one.is_displaced else 0
-        known.ever_displaced += one.is_displaced
+        known.displaced_in_all += one.is_displaced
         if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
         off = f"{one.offset:.3g} {one.unit} from its place at {t_s:.3f} s"

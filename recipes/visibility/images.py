@@ -112,7 +112,7 @@ def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) ->
             inner = _quantile(to_changed[_outline(own)], _INNER)
             offset = max(outer, inner) * per_sample
         if offset is not None and _is_before_others(own, ids):
-            is_shown, offset = _seek(pair, object_id, part, offset)
+            is_shown, offset = _seek(pair, object_id, offset)
         extent, limit = count / size, _limit_px(own, pair)
         seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
         objects.append(seen)
@@ -130,16 +130,13 @@ def _is_before_others(own: Mask, ids: NDArray[np.uint8]) -> bool:
     return int(np.count_nonzero(outline & others)) > _HIDDEN_OUTLINE * length
 
 
-def _seek(
-    pair: ImagePair, object_id: int, part: tuple[slice, slice], offset: float
-) -> tuple[bool, float | None]:
+def _seek(pair: ImagePair, object_id: int, offset: float) -> tuple[bool, float | None]:
     """Return whether a mixed image shows an object as it is drawn, and how far from its place.
 
-    part: of the image, with the object. offset: of its outline. A picture that we did not draw may
-    look different: its outline counts where the expected picture is not found.
+    offset: of its outline, in pixels. A picture that we did not draw may look different, and one
+    without contrast cannot be sought: the outline counts where the expected picture is not found.
     """
-    own = np.zeros(pair.expected.ids.shape, np.bool_)
-    own[part] = pair.expected.ids[part] == object_id
+    own: Mask = pair.expected.ids == object_id
     if pair.expected.unknown is not None:
         own &= ~pair.expected.unknown
     found = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)

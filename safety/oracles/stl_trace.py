@@ -14,7 +14,7 @@ FIRST_WITHIN_S = 0.5
 class Trace:
     """The recorded STL signals over time: a row whenever one of them has a new value.
 
-    A signal is NaN in the rows before its first value.
+    A signal is NaN in the rows before its first value, and while it is reported as unknown.
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -23,9 +23,8 @@ class Trace:
         self._latest = dict.fromkeys(names, math.nan)
 
     def note(self, name: str, value: float | None) -> None:
-        """Note a signal's value; it counts from the trace's next row on."""
-        if value is not None:
-            self._latest[name] = value
+        """Note a signal's value, None while unknown; it counts from the trace's next row on."""
+        self._latest[name] = math.nan if value is None else value
 
     def add_row(self, t_s: float) -> None:
         """Add a row of known values to the trace; a late sample counts as now."""

@@ -22,7 +22,7 @@ from orchestrator.campaign.resumption import ResumeError
 from orchestrator.campaign.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
 from orchestrator.cli.final_report import write_final_report
-from orchestrator.cli.progress_display import Display, LineDisplay, SilentDisplay, TerminalDisplay
+from orchestrator.cli.progress_display import Display, display_of
 from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
 from orchestrator.cli.study_text import study_text
@@ -155,7 +155,7 @@ def _fly_selected(
     campaign: Campaign, settings: FlyingSettings, *, json: bool, console: str | None
 ) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
-    display = _display(json=json, total=len(planned(campaign, settings)))
+    display = display_of(json=json, total=len(planned(campaign, settings)))
     try:
         with display, _console(console, display, json=json):
             display.say(_announcement(campaign, settings))
@@ -218,13 +218,3 @@ def _print_verdicts(
     if report is not None:
         console.print(f"report: {report.path}", highlight=False, soft_wrap=True)
     console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
-
-
-def _display(*, json: bool, total: int) -> Display:
-    """Return the progress display that `run` uses for its output."""
-    if json:
-        return SilentDisplay()
-    stream = ignore_broken_pipe()
-    if stream.isatty():
-        return TerminalDisplay(console=Console(file=stream), total=total)
-    return LineDisplay(console=Console(file=stream, highlight=False, soft_wrap=True), total=total)

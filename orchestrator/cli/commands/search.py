@@ -16,7 +16,7 @@ from orchestrator.campaign.campaign_folder import OutputError, require_writable
 from orchestrator.campaign.resumption import ResumeError
 from orchestrator.campaign.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
-from orchestrator.cli.progress_display import Display, LineDisplay, SilentDisplay, TerminalDisplay
+from orchestrator.cli.progress_display import display_of
 from orchestrator.cli.search_report import write_search_report
 from orchestrator.cli.search_text import search_text
 from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
@@ -100,7 +100,7 @@ def _fly(
 ) -> SearchOutcome:
     """Fly a search with a progress display."""
     most = most_flights(found.problem(at_once=settings.at_once))
-    display = _display(json=json, total=most)
+    display = display_of(json=json, total=most)
     with display:
         strategy = found.part.strategy
         display.say(
@@ -124,13 +124,3 @@ def _print(found: SearchCampaign, outcome: SearchOutcome, *, json: bool) -> None
     if report is not None:
         console.print(f"report: {report}")
     console.print(f"results: {outcome.folder}")
-
-
-def _display(*, json: bool, total: int) -> Display:
-    """Return the progress display of a search."""
-    if json:
-        return SilentDisplay()
-    stream = ignore_broken_pipe()
-    if stream.isatty():
-        return TerminalDisplay(console=Console(file=stream), total=total)
-    return LineDisplay(console=Console(file=stream, highlight=False, soft_wrap=True), total=total)

@@ -161,6 +161,16 @@ def test_a_gate_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None
     assert files.load().caveats == (text,)
 
 
+def test_a_position_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None:
+    wanted = "reached_position: {tolerance_m: 0.3"
+    files.change("  reached: {}\n", f"  {wanted}, required: false}}\n")
+    files.change("gates: [gate]", "position: {north_m: 2, east_m: 0, up_m: 1.2}")
+    text = "no required oracle asks whether the goal's position is reached: `reached_position`"
+    assert [one.partition(": ")[2] for one in warned(files)] == [text]
+    files.change(", required: false}", "}")
+    assert warned(files) == []
+
+
 def test_a_mixture_that_the_judged_vehicle_does_not_perceive_is_a_caveat(files: Any) -> None:
     both = "    publish: [twin]\n"
     files.append(both, file="recipe.yaml")
@@ -228,6 +238,19 @@ def test_a_recipe_that_mixes_all_or_says_what_it_shows_is_not_warned_of(
     files.append(INTRUDER, file="world.yaml")
     files.change("    color: orange\n", "    color: orange\n" + EXISTS, file="world.yaml")
     files.change(old, new, file="recipe.yaml")
+    assert warned(files) == []
+
+
+def test_an_object_of_the_goal_that_shows_leaves_out_is_warned_of(files: Any) -> None:
+    files.append(INTRUDER, file="world.yaml")
+    files.change("    color: orange\n", "    color: orange\n" + EXISTS, file="world.yaml")
+    files.change("[gate]", "[gate, intruder]", file="recipe.yaml")
+    files.append("    shows: [intruder]\n", file="recipe.yaml")
+    text = "`shows` leaves out 'gate', which the goal or a required oracle names"
+    assert [one.partition(": ")[2] for one in warned(files)] == [
+        f"{text}: nothing checks its pictures"
+    ]
+    files.change("shows: [intruder]", "shows: [gate]", file="recipe.yaml")
     assert warned(files) == []
 
 

@@ -210,6 +210,21 @@ def test_the_dearer_mode_flies_what_fails_in_the_cheaper_one_or_may_by_the_gap()
     assert (cost.flights, cost.flight_s) == (2 * passed(wide), 20.0 * passed(wide))
 
 
+@pytest.mark.parametrize(
+    ("in_wil", "is_open"), [(0.5, False), (None, True)], ids=["all pass there", "all INVALID there"]
+)
+def test_what_failed_in_the_cheaper_mode_is_open_until_the_dearer_one_answers(
+    in_wil: float | None, is_open: bool
+) -> None:
+    """Of four failures in sim the budget of wil takes two: the others are never answered."""
+    given = problem(plane(), budget={"sim": 4, "wil": 2}, reduce_flights=0)
+    found, _ = searched(given, lambda _, mode, __: -0.5 if mode == "sim" else in_wil)
+    open_names = {one.variant.name for one in found.open_failures}
+    answered = {one.variant.name for one in found.tried if "wil" in one.outcomes}
+    assert (len(open_names), len(answered)) == (4 if is_open else 2, 2)
+    assert answered.isdisjoint(open_names) != is_open
+
+
 def test_until_the_gap_is_measured_the_worst_are_passed_on_to_measure_it() -> None:
     values = [("a", 0.9), ("b", -0.1), ("c", 0.2), ("d", 0.5)]
     unmeasured = ModeGap("sim", "wil", (0.1, 0.1))

@@ -192,6 +192,19 @@ def test_battery_by_charge_and_by_voltage() -> None:
     assert (voltage.result(5.0).margin, voltage.result(5.0).unit) == (-0.5, "V")
 
 
+def test_a_charge_that_is_unknown_after_it_was_known_passes_nothing() -> None:
+    judge = build("battery", min_percent=20.0)
+    stage(judge, takeoff=1.0)
+    judge.on_state(state_of(2.0, percent=90.0))
+    assert judge.result(2.0).verdict == "PASS"
+    judge.on_state(state_of(3.0, volts=11.0))
+    found = judge.result(4.0)
+    assert found.verdict == "INVALID"
+    assert found.detail == "its battery's charge is reported as unknown at 3.00 s"
+    judge.on_state(state_of(5.0, percent=10.0))
+    assert judge.result(6.0).verdict == "FAIL"
+
+
 def test_modes_that_are_not_allowed_are_flagged_each_time() -> None:
     judge = build("modes")
     judge.on_state(state_of(0.0, mode=Mode.HOLD))

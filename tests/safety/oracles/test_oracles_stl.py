@@ -211,6 +211,18 @@ def test_a_signal_that_was_never_received_cannot_be_judged() -> None:
     assert decision.reason == f"stl of real cannot be judged: {result.detail}"
 
 
+def test_a_charge_that_is_unknown_after_it_was_known_cannot_be_judged() -> None:
+    """The formula went on with the last value that was known, and was satisfied."""
+    judge = stl("always[0, 5] (battery_percent > 20)")
+    stage(judge, goal=0.0)
+    judge.on_state(StateSample(0.0, "real", True, Mode.GUIDED, battery_fraction=0.9))
+    assert judge.result(6.0).verdict == "PASS"
+    judge.on_state(StateSample(3.0, "real", True, Mode.GUIDED))
+    result = judge.result(6.0)
+    assert (result.verdict, result.at_s) == ("INVALID", 3.0)
+    assert result.detail == "battery_percent has no value at 3.000 s"
+
+
 def test_what_comes_late_hides_nothing_of_what_came_before() -> None:
     """Ten seconds at 9 m were dropped, because the battery was first received after them."""
     judge = stl("always (up_m <= 2 and battery_v > 10)")
