@@ -2,12 +2,11 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 
 from campaigns.expansion.case_reader import gathered
 from campaigns.schema import CampaignPart, Mode
-from campaigns.schema.controls import ControlPart, ControlVerdict
+from campaigns.schema.controls import ControlPart
 from campaigns.setup.case_files import (
     CaseFiles,
     Override,
@@ -16,6 +15,7 @@ from campaigns.setup.case_files import (
     overrides_of_case,
 )
 from campaigns.setup.case_setup import Setup
+from campaigns.values.expectation import Expectation
 from safety.evaluation.judge import ALWAYS_JUDGED
 from worlds.files.documents import Document, Problem, closest
 
@@ -27,20 +27,6 @@ _IN_ANY_REASON = frozenset(
 _WORD = re.compile(r"[^\W\d_]+")
 _SHORTEST = 3
 """Letters of a word that a cause is recognised by."""
-
-
-@dataclass(frozen=True, slots=True)
-class Expectation:
-    """The expected end of a control run. oracle: that must fail; cause: text in the reason."""
-
-    case: str
-    verdict: ControlVerdict
-    oracle: str | None = None
-    cause: str | None = None
-
-    def __str__(self) -> str:
-        by = "" if self.oracle is None else f" by {self.oracle}"
-        return f"{self.verdict}{by}" + ("" if self.cause is None else f" ({self.cause})")
 
 
 def expectation(part: CampaignPart, control: ControlPart) -> Expectation:

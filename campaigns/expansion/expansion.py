@@ -11,7 +11,6 @@ from campaigns.checks.case_warnings import case_warnings, caveats_of
 from campaigns.expansion.case_reader import gathered, read_setup, unique
 from campaigns.expansion.composition import compose, is_composition
 from campaigns.expansion.controls import (
-    Expectation,
     control_problems,
     control_warnings,
     expectation,
@@ -32,6 +31,7 @@ from campaigns.setup.case_setup import Setup
 from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
 from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import DECIDED, Requirement, Share, parse_share
+from campaigns.values.expectation import Expectation
 from campaigns.values.seeds import run_seed
 from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
 

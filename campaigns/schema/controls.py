@@ -4,10 +4,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
 
+from campaigns.values.expectation import ControlVerdict
 from worlds.files.documents import KeyFaultError, Part
 
 FlownMode = Literal["sim", "wil", "real"]
-ControlVerdict = Literal["FAIL", "INVALID", "ERROR"]
 
 
 class ExpectPart(Part):

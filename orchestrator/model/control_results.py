@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from campaigns.expansion.controls import Expectation
+from campaigns.values.expectation import Expectation
 from safety.model.oracle_results import Verdict
 from safety.model.verdict import source_of
 

@@ -3,8 +3,8 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from orchestrator.state.run_setup import RunSetup
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
 from safety.fence.fence_values import fence_of_plain, plain_fence
@@ -12,8 +12,11 @@ from safety.fence.geofence import Fence
 from worlds.files.documents import Data, parse
 from worlds.world_file.world import World
 
+if TYPE_CHECKING:  # what reads a recording does not load what flies
+    from orchestrator.state.run_setup import RunSetup
 
-def facts_of(setup: RunSetup) -> dict[str, str]:
+
+def facts_of(setup: "RunSetup") -> dict[str, str]:
     """Return a run's facts for its recording: its name, files as flown, ids of the twin's objects.
 
     Files are recorded with the overrides of the case and of the command line.

@@ -5,8 +5,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from orchestrator.report.model import Point
-from orchestrator.run.vehicles.vehicle_backends import BODY
 from safety.fence.geofence import Fence
+from vehicles.embedded.physics.contact_world import BODY
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose
 from worlds.scene.scene import Scene

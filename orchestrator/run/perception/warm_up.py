@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from campaigns.values.sensor_setups import LidarPointsSetup
-from orchestrator.run.vehicles.vehicle_backends import BODY
 from orchestrator.state.run_setup import RunSetup
 from recipes.visibility.ranges import nearest_m
+from vehicles.embedded.physics.contact_world import BODY
 from vehicles.perception.hsv import NAMED_COLORS, HsvMask
 from worlds.camera import Intrinsics
 from worlds.clearance.clearance import ClearanceProbe

@@ -11,9 +11,8 @@ from orchestrator.run.vehicles.simulator_launch import start_simulators
 from orchestrator.state.run_setup import RunSetup
 from safety.guard.process.remote_guard import RemoteGuard
 from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
-from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument, body_of
+from vehicles.embedded.physics.contact_world import BODY, SceneContactWorld, as_argument
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.embedded_launch import FeedClient
 from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings, Start
@@ -23,10 +22,7 @@ from vehicles.links.link import Link
 from vehicles.links.memory import memory_pair
 from vehicles.readings import PoseReading
 from vehicles.tasks import start, stop
-from worlds.scene.parts import BoxShape
 
-BODY: BoxShape = body_of(Airframe())
-"""What judging and physical contact take the embedded vehicle for."""
 _LINK_LATENCY_S = 0.003
 """Each way, as measured between processes on one machine's loopback, rounded up."""
 _FIRST_WORD_S = 20.0

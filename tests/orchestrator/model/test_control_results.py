@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.controls import Expectation
 from campaigns.values.acceptance import Requirement, Share
+from campaigns.values.expectation import Expectation
 from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.model.attempts import retry_due
 from orchestrator.model.control_results import control_result

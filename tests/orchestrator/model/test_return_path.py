@@ -23,12 +23,12 @@ from orchestrator.model.return_path import (
     why_not_on,
     why_not_there,
 )
-from orchestrator.run.vehicles.vehicle_backends import BODY
 from orchestrator.state.run_setup import RunOrder
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import Flag
 from tests.orchestrator.conftest import NoCommands
 from tests.orchestrator.flights import all_landed, log_of
+from vehicles.embedded.physics.contact_world import BODY
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.files.documents import parse
 from worlds.frames import Pose

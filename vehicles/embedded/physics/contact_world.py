@@ -22,6 +22,10 @@ def body_of(airframe: Airframe) -> BoxShape:
     return BoxShape((half_m, half_m, airframe.body_height_m / 2.0))
 
 
+BODY: BoxShape = body_of(Airframe())
+"""What judging and physical contact take the embedded vehicle for."""
+
+
 class SceneContactWorld:
     """The contact world of a scene; the ground it stands on is no contact."""
 
