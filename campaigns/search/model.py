@@ -1,5 +1,6 @@
 """What a search flies and what came of it; values only."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -113,6 +114,12 @@ class TriedVariant:
         proven = [mode for mode in modes if self.value(mode) is not None or self.failed(mode)]
         return bool(proven) and self.failed(proven[-1])
 
+    @property
+    def is_proven(self) -> bool:
+        """Return whether a flight in any mode proved something: PASS or FAIL."""
+        found = itertools.chain.from_iterable(self.outcomes.values())
+        return any(one.verdict in {"PASS", "FAIL"} for one in found)
+
     def cause(self, mode: Mode) -> str:
         """Return what decided the first failure in a mode; "" without one."""
         causes = [one.cause for one in self.outcomes.get(mode, ()) if one.verdict == "FAIL"]
@@ -187,6 +194,16 @@ class Findings:
             for one in self.tried
             if one.variant.name not in settled and one.failed_last(self.modes)
         )
+
+    @property
+    def unproven(self) -> tuple[TriedVariant, ...]:
+        """Return the variants of which no flight proved anything: each was INVALID or ERROR."""
+        return tuple(one for one in self.tried if not one.is_proven)
+
+    @property
+    def is_proven(self) -> bool:
+        """Return whether flights of more than half of the variants proved something."""
+        return len(self.unproven) * 2 < len(self.tried)
 
     @property
     def confirmed(self) -> tuple[FailingCase, ...]:

@@ -43,6 +43,8 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         count = len(found.open_failures)
         are = "failure is" if count == 1 else "failures are"
         yield f"{count} {are} neither confirmed nor refuted"
+    if (unproven := len(found.unproven)) > 0:
+        yield f"{unproven} of {len(found.tried)} variants proved nothing: INVALID or ERROR"
     for gap in found.gaps:
         spread = "" if gap.spread is None else f", spread {gap.spread:.3f}"
         mean = "not measured" if gap.mean is None else f"mean {gap.mean:+.3f}{spread}"

@@ -192,7 +192,7 @@ def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -
     """Return the exit code of a search; the first of 130, 4, 3, 1, 5, 0.
 
     1: a failure is confirmed. 3: an exception of ours; or what failed is neither confirmed nor
-    refuted, or no flight proved anything. 5: nothing was flown.
+    refuted, or half of the variants or more proved nothing. 5: nothing was flown.
     """
     if stopped is not None:
         return _CODES[stopped]
@@ -200,11 +200,9 @@ def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -
         return 3
     if findings.confirmed:
         return 1
-    outcomes = [one for tried in findings.tried for each in tried.outcomes.values() for one in each]
-    if not outcomes:
+    if not any(one.outcomes for one in findings.tried):
         return 5
-    is_proven = any(one.verdict in {"PASS", "FAIL"} for one in outcomes)
-    return 3 if findings.open_failures or not is_proven else 0
+    return 3 if findings.open_failures or not findings.is_proven else 0
 
 
 def _run_name(flight: Flight) -> str:

@@ -42,7 +42,7 @@ def search(
     """Look for variants of a campaign that fail, as its `search` says; confirm and reduce them.
 
     Exit code 1: a failure is confirmed, and has a campaign file of its own. 0: none is. 3: what
-    failed is neither confirmed nor refuted, or no flight proved anything.
+    failed is neither confirmed nor refuted, or half of the variants or more proved nothing.
 
     Parameters
     ----------

@@ -11,9 +11,11 @@ from campaigns.expansion.expansion import Options, load_campaign
 from campaigns.search.search_file import load_search
 from orchestrator.campaign.resumption import ResumeError
 from orchestrator.cli import main
+from orchestrator.cli.search_text import search_text
 from orchestrator.search.errors import SearchError
 from orchestrator.search.ledger import FILE_NAME as LEDGER
 from orchestrator.search.search_runner import SearchOutcome, SearchSettings, fly_search
+from safety.model.oracle_results import Verdict
 from tests.orchestrator.search.searches import SEARCH, MadeUpEngine, write_search
 
 TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 4")
@@ -209,6 +211,23 @@ def test_nothing_found_is_0_and_what_proves_nothing_is_3(tmp_path: Path) -> None
     assert not document(passed)["failures"]
     assert flown(path, MadeUpEngine(verdict=lambda _: "INVALID")).exit_code == 3
     assert flown(path, MadeUpEngine(is_broken=True)).exit_code == 3
+
+
+@pytest.mark.parametrize(("passes", "code"), [(1, 3), (2, 3), (3, 0)])
+def test_a_search_that_proved_nothing_of_half_its_variants_is_3(
+    tmp_path: Path, passes: int, code: int
+) -> None:
+    seen: list[float] = []
+
+    def some(margin_m: float) -> Verdict:
+        seen.append(margin_m)
+        return "PASS" if len(seen) <= passes else "INVALID"
+
+    path = write_search(tmp_path, TPE)
+    outcome = flown(path, MadeUpEngine(verdict=some))
+    assert (len(outcome.findings.tried), outcome.exit_code) == (4, code)
+    said = search_text(load_search(path, Options()), outcome)
+    assert f"{4 - passes} of 4 variants proved nothing: INVALID or ERROR" in said
 
 
 def test_a_failure_that_is_neither_confirmed_nor_refuted_is_3(tmp_path: Path) -> None:
