@@ -258,16 +258,16 @@ class _Flight:
         """Return the campaign's outcome: summary and exit code."""
         summary = self.write_summary()
         flown = (*summary.runs, *summary.controls)
-        broken = bool(self._faults.all)
+        stopped, broken = self._controller.stopped, bool(self._faults.all)
         code = exit_code(
             flown,
             self._campaign.requirements,
-            stopped=self._controller.stopped,
+            stopped=stopped,
             broken=broken,
             controls_due=len(self._campaign.controls),
             missing=self._missing(),
         )
-        if not self._settings.arm and self._controller.stopped is None and not broken:
+        if not self._settings.arm and stopped is None and not broken:
             code = rehearsal_code(summary.runs)
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
@@ -392,6 +392,8 @@ class _Flight:
             real_kind=self._settings.real_kind,
             sensors=_sensors(self._campaign),
             left_out=self._campaign.left_out,
+            stopped=self._controller.stopped,
+            broken=bool(self._faults.all),
             controls_due=len(self._campaign.controls),
             missing=self._missing(),
             caveats=self._campaign.caveats,

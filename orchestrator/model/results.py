@@ -300,6 +300,8 @@ def summarize(
     real_kind: VehicleKind,
     sensors: dict[str, SensorKind],
     left_out: tuple[str, ...] = (),
+    stopped: Stop | None = None,
+    broken: bool = False,
     controls_due: int = 0,
     missing: int = 0,
     caveats: tuple[str, ...] = (),
@@ -307,8 +309,8 @@ def summarize(
 ) -> Summary:
     """Return the summary of run results, in the order given.
 
-    controls_due: how many controls there are to fly; those that were flown are among the runs.
-    missing: how many of those never flown are required.
+    stopped, broken, controls_due, missing: as of `exit_code`; controls that were flown are among
+    the runs.
     """
     given = tuple(runs)
     flown = tuple(run for run in given if run.control is None)
@@ -321,7 +323,14 @@ def summarize(
         sensors=dict(sorted(sensors.items())),
         runs=flown,
         totals=totals_of(given),
-        accepted=accepted(given, requirements, controls_due=controls_due, missing=missing),
+        accepted=accepted(
+            given,
+            requirements,
+            stopped=stopped,
+            broken=broken,
+            controls_due=controls_due,
+            missing=missing,
+        ),
         left_out=left_out,
         controls=controls,
         unmet=tuple(control_faults(controls)),
@@ -367,25 +376,32 @@ def accepted(
     runs: Sequence[RunResult],
     requirements: Sequence[Requirement],
     *,
+    stopped: Stop | None = None,
+    broken: bool = False,
     controls_due: int = 0,
     missing: int = 0,
 ) -> bool | None:
     """Return whether results make the campaign accepted; None without a required run.
 
-    A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those flights prove
-    nothing, so they cannot be among the ones that a campaign may lose. Nor may it lose one that
-    was never flown (missing: how many of the required ones). Nor is a campaign accepted
-    with a control that is not flown or did not end as it must: its green would mean nothing.
+    Accepted is what ends with exit code 0, and nothing else; the arguments are those of
+    `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those
+    flights prove nothing, so they cannot be among the ones that a campaign may lose. Nor may it
+    lose one that was never flown. Nor is a campaign accepted with a control that is not flown or
+    did not end as it must: its green would mean nothing.
     """
-    required = [run for run in runs if run.required]
-    controls = [run.control for run in runs if run.control is not None]
-    if not all(control.met for control in controls):
+    if any(run.control is not None and not run.control.met for run in runs):
         return False
-    if not required:
+    if not any(run.required for run in runs):
         return None
-    proven = all(run.verdict in {"PASS", "FAIL"} for run in required)
-    is_whole = not missing and len(controls) >= controls_due
-    return proven and is_whole and not _short(required, requirements)
+    code = exit_code(
+        runs,
+        requirements,
+        stopped=stopped,
+        broken=broken,
+        controls_due=controls_due,
+        missing=missing,
+    )
+    return code == 0
 
 
 def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:

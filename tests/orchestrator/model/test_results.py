@@ -96,6 +96,22 @@ def test_what_is_only_reported_does_not_count() -> None:
     assert exit_code(runs, ALL_OF_THREE) == 0
 
 
+@pytest.mark.parametrize(
+    ("ended", "code"),
+    [({"stopped": "signal"}, 130), ({"stopped": "command"}, 4), ({"broken": True}, 3)],
+)
+def test_what_ends_with_another_code_than_0_is_not_accepted(
+    ended: dict[str, Any], code: int
+) -> None:
+    """All that is required passed, and then the campaign was stopped, or an exception came."""
+    runs = three("PASS", "PASS", "PASS")
+    assert exit_code(runs, ALL_OF_THREE, **ended) == code
+    assert accepted(runs, ALL_OF_THREE, **ended) is False
+    raised = [*runs, replace(result("FAIL", required=False), exceptions=("KeyError",))]
+    aborted = [*runs, result("ABORTED", case="small", required=False)]
+    assert [accepted(one, ALL_OF_THREE) for one in (runs, raised, aborted)] == [True, False, False]
+
+
 def test_precedence_of_what_ended_the_campaign() -> None:
     runs = three("FAIL", "ERROR", "ABORTED")
     assert exit_code(runs, ALL_OF_THREE, stopped="signal", broken=True) == 130
