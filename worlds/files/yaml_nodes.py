@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -21,6 +22,9 @@ Data = Scalar | dict[str, "Data"] | list["Data"]
 
 MAX_DEPTH = 40
 MAX_NODES = 100_000
+_KEPT_TEXTS = 64
+_LARGEST_KEPT = 50_000
+"""Of the texts that are kept parsed: how many, and characters of each."""
 
 _WORDS: dict[str, bool | None] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -108,6 +112,10 @@ def parse_nodes(text: str, source: Source) -> Node | None:
     Raises BadInput with every problem found: syntax, duplicate keys, tags, several documents,
     aliases of themselves or too many of them, nesting deeper than MAX_DEPTH.
     """
+    return (_parse_kept if len(text) <= _LARGEST_KEPT else _parse)(text, source)
+
+
+def _parse(text: str, source: Source) -> Node | None:
     builder = _Builder(text, source)
     try:
         root = builder.document()
@@ -123,6 +131,10 @@ def parse_nodes(text: str, source: Source) -> Node | None:
     if builder.problems:
         raise BadInput(builder.problems)
     return root
+
+
+_parse_kept = lru_cache(maxsize=_KEPT_TEXTS)(_parse)
+"""A campaign names the same world and the same profiles in every case."""
 
 
 def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:

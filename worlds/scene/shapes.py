@@ -8,6 +8,7 @@ feet, a room in the middle of its floor.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,8 @@ from worlds.scene.parts import BoxShape, HullShape, Opening, Part
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1
 SHIRT_RGB: Rgb = (70, 110, 160)
+_KEPT = 8
+"""Shapes of a kind that are kept: each case of a campaign has the same; nobody writes to them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +87,7 @@ def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
     return HullShape(np.ascontiguousarray(corners), faces[whole].astype(np.int32)), pose
 
 
+@lru_cache(maxsize=_KEPT)
 def gate(
     form: Literal["square", "ring"], inner_size_m: float, bar_m: float, color: Rgb = NAMED["orange"]
 ) -> Shape:
@@ -147,6 +151,7 @@ def box(size_m: Vec3, color: Rgb = NAMED["grey"]) -> Shape:
     return Shape("box", meshes.box(size_m, Material(color)), (part,))
 
 
+@lru_cache(maxsize=_KEPT)
 def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
     """Return the shape of a quadrotor in X layout; size is its width over the rotors."""
     body, dark = Material(color), Material((45, 45, 50))
@@ -191,6 +196,7 @@ def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
     return _assemble("quadrotor", pieces)
 
 
+@lru_cache(maxsize=_KEPT)
 def person(color: Rgb = SHIRT_RGB) -> Shape:
     """Return the shape of a standing person of 1.75 m, facing forward; colour of the shirt."""
     skin, hair = Material((214, 168, 140)), Material((70, 48, 35))
@@ -244,6 +250,7 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
     return replace(standing, limbs=tuple(limbs))
 
 
+@lru_cache(maxsize=_KEPT)
 def room(
     size_north_m: float, size_east_m: float, height_m: float, *, ceiling: bool = True, seed: int = 0
 ) -> Shape:

@@ -1,7 +1,9 @@
 """Which parameters the embedded autopilots have, without building one."""
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 import yaml
 
@@ -14,7 +16,13 @@ _FILES: dict[AutopilotName, str] = {
 
 
 @cache
+def parameter_rows(file: Path) -> Mapping[str, tuple[str, float]]:
+    """Return the rows of a parameter file (`NAME: [kind, value]`), which is read once."""
+    rows = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return MappingProxyType({name: (kind, float(value)) for name, (kind, value) in rows.items()})
+
+
+@cache
 def known_parameters(autopilot: AutopilotName) -> frozenset[str]:
     """Return the names of the parameters that an embedded autopilot has."""
-    file = Path(__file__).parent.joinpath(_FILES[autopilot])
-    return frozenset(yaml.safe_load(file.read_text(encoding="utf-8")))
+    return frozenset(parameter_rows(Path(__file__).parent.joinpath(_FILES[autopilot])))

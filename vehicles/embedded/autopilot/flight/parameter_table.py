@@ -5,8 +5,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.known_parameters import parameter_rows
 
 _KINDS = {
     "int8": mavlink.MAV_PARAM_TYPE_INT8,
@@ -102,10 +103,8 @@ def load_parameters(file: Path, *, bytewise: bool, overrides: Mapping[str, float
 
     Raises ValueError for an override that the table does not have.
     """
-    rows: dict[str, tuple[str, float]] = yaml.safe_load(file.read_text(encoding="utf-8"))
-    table = tuple(
-        Parameter(name, _KINDS[kind], float(value)) for name, (kind, value) in rows.items()
-    )
+    rows = parameter_rows(file)
+    table = tuple(Parameter(name, _KINDS[kind], value) for name, (kind, value) in rows.items())
     parameters = Parameters(table, bytewise=bytewise)
     unknown = [name for name in overrides if name not in parameters]
     if unknown:
