@@ -4,8 +4,9 @@ Every request has its Host checked, every one that changes or reads anything its
 session too. Nothing of a request is believed before that.
 """
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import Any
 
 from aiohttp import web
@@ -67,11 +68,7 @@ class ConsoleServer:
         self._time = time
         self._refusals = RateLimit(most=_RECORDED_A_SECOND)
         self._pages: set[web.WebSocketResponse] = set()
-        self._files = {
-            one.name: one.read_bytes()
-            for one in (files("orchestrator.console") / "page").iterdir()
-            if one.name.rpartition(".")[2] in _KINDS
-        }
+        self._files = dict(_page_files(files("orchestrator.console") / "page"))
 
     def application(self) -> web.Application:
         """Return the application to serve."""
@@ -81,7 +78,7 @@ class ConsoleServer:
         application.add_routes(
             [
                 web.get("/", self._index),
-                web.get("/page/{name}", self._file),
+                web.get("/page/{name:.+}", self._file),
                 web.get("/live", self._live),
                 web.post("/session", self._begin_session),
                 web.post("/command", self._command),
@@ -200,6 +197,15 @@ class ConsoleServer:
     async def _close_pages(self, _: web.Application) -> None:
         for socket in tuple(self._pages):
             await socket.close(code=1001, message=b"the console has ended")
+
+
+def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, bytes]]:
+    """Yield the files of the page with their paths, also those in its folders."""
+    for one in folder.iterdir():
+        if one.is_dir():
+            yield from _page_files(one, f"{beneath}{one.name}/")
+        elif one.name.rpartition(".")[2] in _KINDS:
+            yield f"{beneath}{one.name}", one.read_bytes()
 
 
 async def _json_of(request: web.Request) -> dict[str, Any]:

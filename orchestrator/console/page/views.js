@@ -1,14 +1,16 @@
 // @ts-check
-// Three views of the world: from above, from the side, in space. One drawing, three directions.
+// Views of the world from above and from the side, and in space where the browser has no WebGL: one
+// drawing, three directions.
 
+import { Orbit } from "./orbit.js";
 import { axes, Projection, rotate } from "./projection.js";
+import { boxEdges, colours, corners, downs, extent, grid, isPoint, setpointEnd } from "./world.js";
 
 /** @typedef {import("./model.js").Model} Model */
 /** @typedef {import("./model.js").Run} Run */
 /** @typedef {[number, number, number]} Point */
 
 const LIGHT = [-0.35, 0.25, -0.9];
-const PAD_M = 0.7;
 const ARM_M = 0.28;
 const DRAW_MS = 80;
 
@@ -18,43 +20,11 @@ class View {
     this.model = model;
     this.kind = kind;
     this.canvas = /** @type {HTMLCanvasElement} */ (document.getElementById(id));
-    this.azimuth = (205 * Math.PI) / 180;
-    this.elevation = (32 * Math.PI) / 180;
-    this.zoom = 1;
-    /** @type {number[] | null} */
-    this.grabbed = null;
+    this.orbit = kind === "space" ? new Orbit(this.canvas, () => requestAnimationFrame(() => this.draw())) : null;
     /** @type {Projection | null} */
     this.projection = null;
     /** @type {((context: CanvasRenderingContext2D, projection: Projection) => void) | null} */
     this.overlay = null;
-    if (kind === "space") this.listen();
-  }
-
-  listen() {
-    this.canvas.addEventListener("pointerdown", (event) => {
-      this.grabbed = [event.clientX, event.clientY];
-      this.canvas.setPointerCapture(event.pointerId);
-    });
-    this.canvas.addEventListener("pointermove", (event) => {
-      if (!this.grabbed) return;
-      this.azimuth += (event.clientX - this.grabbed[0]) * 0.01;
-      const elevation = this.elevation + (event.clientY - this.grabbed[1]) * 0.01;
-      this.elevation = Math.min(1.55, Math.max(0.02, elevation));
-      this.grabbed = [event.clientX, event.clientY];
-      this.draw();
-    });
-    this.canvas.addEventListener("pointerup", () => (this.grabbed = null));
-    this.canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoom = Math.min(20, Math.max(0.2, this.zoom * Math.exp(-event.deltaY * 0.001)));
-      this.draw();
-    }, { passive: false });
-    this.canvas.addEventListener("dblclick", () => {
-      this.azimuth = (205 * Math.PI) / 180;
-      this.elevation = (32 * Math.PI) / 180;
-      this.zoom = 1;
-      this.draw();
-    });
   }
 
   draw() {
@@ -71,8 +41,9 @@ class View {
     context.clearRect(0, 0, width, height);
     if (!run || !width) return;
     const points = extent(run);
-    const directions = axes(this.kind, points, this.azimuth, this.elevation);
-    const projection = Projection.fitting(directions, points, width, height, this.zoom);
+    const { azimuth, elevation, zoom } = this.orbit ?? { azimuth: 0, elevation: 0, zoom: 1 };
+    const directions = axes(this.kind, points, azimuth, elevation);
+    const projection = Projection.fitting(directions, points, width, height, zoom);
     this.projection = projection;
     new Drawing(context, projection, this.kind, colours()).run(run);
     this.overlay?.(context, projection);
@@ -107,14 +78,9 @@ class Drawing {
       this.line([low, high], this.colours.rule, 1);
       return;
     }
-    const points = extent(run);
-    const [north, east] = [0, 1].map((axis) => points.map((one) => one[axis]));
-    const [n0, n1] = [Math.floor(Math.min(...north)), Math.ceil(Math.max(...north))];
-    const [e0, e1] = [Math.floor(Math.min(...east)), Math.ceil(Math.max(...east))];
-    const step = 10 ** Math.max(0, Math.ceil(Math.log10(Math.max(n1 - n0, e1 - e0) / 30)));
-    for (let n = n0; n <= n1; n += step) this.line([[n, e0, 0], [n, e1, 0]], this.colours.grid, 1);
-    for (let e = e0; e <= e1; e += step) this.line([[n0, e, 0], [n1, e, 0]], this.colours.grid, 1);
-    this.text([n0, e0, 0], `grid ${step} m`, this.colours.dim);
+    const { step, lines } = grid(extent(run));
+    for (const line of lines) this.line(line, this.colours.grid, 1);
+    this.text(lines[0][0], `grid ${step} m`, this.colours.dim);
   }
 
   /** @param {Run} run */
@@ -126,7 +92,7 @@ class Drawing {
       const vertices = thing.vertices_m.map((/** @type {number[]} */ one) => rotate(pose.q_wxyz, one, pose.position_ned_m));
       const edge = thing.is_virtual ? this.colours.virtual : this.colours.physical;
       if (thing.is_room) {
-        this.box(vertices, edge);
+        for (const line of boxEdges(vertices)) this.line(line, edge, 1);
         continue;
       }
       for (const face of thing.faces) faces.push(this.face(face.map((/** @type {number} */ i) => vertices[i]), thing));
@@ -157,30 +123,18 @@ class Drawing {
     return { depth, points: corners, fill: `rgb(${red} ${green} ${blue})`, alpha: thing.is_virtual ? 0.85 : 1 };
   }
 
-  /** @param {number[][]} vertices @param {string} colour */
-  box(vertices, colour) {
-    const low = [0, 1, 2].map((axis) => Math.min(...vertices.map((one) => one[axis])));
-    const high = [0, 1, 2].map((axis) => Math.max(...vertices.map((one) => one[axis])));
-    for (const down of [low[2], high[2]]) {
-      this.line([[low[0], low[1], down], [high[0], low[1], down], [high[0], high[1], down], [low[0], high[1], down], [low[0], low[1], down]], colour, 1);
-    }
-    for (const [n, e] of [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]) {
-      this.line([[n, e, low[2]], [n, e, high[2]]], colour, 1);
-    }
-  }
-
   /** @param {any} fence */
   fence(fence) {
-    const downs = [fence.floor_up_m, fence.ceiling_up_m].map((up) => -(up ?? 0));
+    const heights = downs(fence);
     this.context.setLineDash([6, 4]);
     for (const area of [...fence.inclusions, ...fence.exclusions]) {
-      const corners = area.corners_m ?? circle(area);
-      for (const down of downs) {
-        const points = corners.map((/** @type {number[]} */ one) => [one[0], one[1], down]);
+      const flat = corners(area);
+      for (const down of heights) {
+        const points = flat.map((one) => [one[0], one[1], down]);
         this.line([...points, points[0]], this.colours.fence, 1.8);
       }
-      if (this.kind === "plan" || corners.length > 12) continue;
-      for (const [n, e] of corners) this.line([[n, e, downs[0]], [n, e, downs[1]]], this.colours.fence, 1);
+      if (this.kind === "plan" || flat.length > 12) continue;
+      for (const [n, e] of flat) this.line([[n, e, heights[0]], [n, e, heights[1]]], this.colours.fence, 1);
     }
     this.context.setLineDash([]);
   }
@@ -203,13 +157,12 @@ class Drawing {
 
   /** @param {any} vehicle @param {number[]} place @param {string} colour */
   setpoint(vehicle, place, colour) {
-    if (!isPoint(vehicle.setpoint)) return;
-    const isPosition = vehicle.setpoint_kind === "position";
-    const end = isPosition ? vehicle.setpoint : place.map((one, axis) => one + vehicle.setpoint[axis]);
+    const end = setpointEnd(vehicle);
+    if (!end) return;
     this.context.setLineDash([2, 3]);
     this.line([place, end], colour, 1.2);
     this.context.setLineDash([]);
-    if (isPosition) this.ring(end, colour, 5, 1.5);
+    if (vehicle.setpoint_kind === "position") this.ring(end, colour, 5, 1.5);
     else this.cross(end, colour, 3);
   }
 
@@ -267,11 +220,29 @@ export class Views {
   /** @param {Model} model */
   constructor(model) {
     this.plan = new View(model, "plan", "plan");
-    /** @type {View[]} */
-    this.views = [this.plan, new View(model, "side", "side"), new View(model, "space", "space")];
+    /** @type {{draw: () => void}[]} */
+    this.views = [this.plan, new View(model, "side", "side")];
+    void this.openSpace(model);
     this.isDue = false;
     this.drawnAt = 0;
     new ResizeObserver(() => this.draw()).observe(this.views[0].canvas);
+  }
+
+  /** Add the view in space: the other two, and the commands, wait for no library. @param {Model} model */
+  async openSpace(model) {
+    const canvas = /** @type {HTMLCanvasElement} */ (document.getElementById("space"));
+    const note = /** @type {HTMLElement} */ (document.getElementById("space-note"));
+    const context = canvas.getContext("webgl2", { antialias: true, powerPreference: "low-power" });
+    if (context) {
+      const { SpaceView } = await import("./space_view.js");
+      this.views.push(new SpaceView(model, canvas, context));
+    } else {
+      note.textContent = "no WebGL in this browser: drawn without perspective";
+      this.views.push(new View(model, "space", "space"));
+    }
+    canvas.addEventListener("webglcontextlost", () => (note.textContent = "STOPPED by the browser: its graphics were lost"));
+    canvas.addEventListener("webglcontextrestored", () => (note.textContent = ""));
+    this.draw();
   }
 
   /** Draw at the next frame of the screen. */
@@ -285,44 +256,4 @@ export class Views {
       for (const view of this.views) view.draw();
     }), wait);
   }
-}
-
-/** Where everything of a run is that has to be seen. @param {Run} run @returns {number[][]} */
-function extent(run) {
-  /** @type {number[][]} */
-  const points = [[-PAD_M, -PAD_M, 0], [PAD_M, PAD_M, 0]];
-  for (const thing of run.scene?.objects ?? []) {
-    const pose = run.view?.moving?.[thing.name] ?? thing.pose;
-    const step = Math.max(1, Math.floor(thing.vertices_m.length / 40));
-    thing.vertices_m.forEach((/** @type {number[]} */ one, /** @type {number} */ index) => {
-      if (index % step === 0) points.push(rotate(pose.q_wxyz, one, pose.position_ned_m));
-    });
-  }
-  for (const fence of Object.values(run.view?.fences ?? {})) {
-    const downs = [/** @type {any} */ (fence).floor_up_m ?? 0, /** @type {any} */ (fence).ceiling_up_m ?? 0];
-    for (const area of /** @type {any} */ (fence).inclusions) {
-      for (const [n, e] of area.corners_m ?? circle(area)) for (const up of downs) points.push([n, e, -up]);
-    }
-  }
-  for (const trail of run.trails.values()) if (trail.length) points.push(trail[0], trail[trail.length - 1]);
-  return points;
-}
-
-/** @param {any} area */
-function circle(area) {
-  return Array.from({ length: 36 }, (_, index) => {
-    const turn = (index / 36) * 2 * Math.PI;
-    return [area.centre_m[0] + area.radius_m * Math.cos(turn), area.centre_m[1] + area.radius_m * Math.sin(turn)];
-  });
-}
-
-/** @param {any} point */
-function isPoint(point) {
-  return Array.isArray(point) && point.every((one) => typeof one === "number");
-}
-
-function colours() {
-  const style = getComputedStyle(document.documentElement);
-  const names = ["ink", "dim", "rule", "grid", "real", "twin", "fence", "bad", "virtual", "physical"];
-  return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }

@@ -56,6 +56,7 @@ async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) 
                 await until(page, IS_DRAWN.replace("{name}", name))
             assert await until(page, text_of("stage"), lambda one: one == "goal")
             assert page.value("location.hash") == ""
+            assert "no WebGL" in page.value(text_of("space-note"))
             for name in ("real", "twin"):
                 assert name in page.value(text_of("vehicles"))
             assert "passes setpoints on" in await until(page, text_of("guards"))

@@ -1,0 +1,169 @@
+// @ts-check
+// The world in three dimensions, by WebGL; what it shows is the model's newest run.
+
+import * as THREE from "./vendor/three/three.module.min.js";
+import { Orbit } from "./orbit.js";
+import { axes } from "./projection.js";
+import { Bands, Mark } from "./space_marks.js";
+import { free, Surroundings, VehicleModel } from "./space_scene.js";
+import { colours, extent } from "./world.js";
+
+/** @typedef {import("./model.js").Model} Model */
+/** @typedef {import("./model.js").Run} Run */
+
+const FIELD = (35 * Math.PI) / 180;
+const LIGHT = [-0.35, 0.25, -0.9];
+const FILLS = 0.94;
+const ROUNDS = 3;
+const SLOW_MS = 300;
+const IN_SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
+export class SpaceView {
+  /** @param {Model} model @param {HTMLCanvasElement} canvas @param {WebGL2RenderingContext} context */
+  constructor(model, canvas, context) {
+    this.model = model;
+    this.canvas = canvas;
+    this.renderer = new THREE.WebGLRenderer({ canvas, context, alpha: true, antialias: true });
+    this.renderer.setClearColor(0, 0);
+    /** Without a graphics processor a picture costs a core that the flight may need. */
+    this.pause_ms = IN_SOFTWARE.test(rendererName(context)) ? SLOW_MS : 0;
+    this.drawnAt = -Infinity;
+    this.scene = new THREE.Scene();
+    const sun = new THREE.DirectionalLight("white", 2.2);
+    sun.position.fromArray(LIGHT);
+    this.scene.add(sun, new THREE.AmbientLight("white", 1.5));
+    this.camera = new THREE.PerspectiveCamera((FIELD * 180) / Math.PI);
+    this.camera.up.set(0, 0, -1);
+    /** What the present parts were made of; made anew when it changes. */
+    this.madeOf = "";
+    /** @type {Surroundings | null} */
+    this.surroundings = null;
+    /** @type {Map<string, VehicleModel>} */
+    this.vehicles = new Map();
+    this.contacts = new THREE.Group();
+    this.scene.add(this.contacts);
+    this.box = new THREE.Box3();
+    this.isTurned = false;
+    /** @type {any} */ this.shownScene = null;
+    this.shownRun = "";
+    this.orbit = new Orbit(canvas, () => {
+      if (!this.isTurned) requestAnimationFrame(() => this.draw());
+      this.isTurned = true;
+    });
+  }
+
+  draw() {
+    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
+    const now = performance.now();
+    const isDue = this.isTurned || now - this.drawnAt >= this.pause_ms;
+    if (!width || !isDue || this.renderer.getContext().isContextLost()) return;
+    this.drawnAt = now;
+    this.isTurned = false;
+    const { run } = this.model;
+    if (run) this.show(run);
+    this.renderer.setPixelRatio(this.pause_ms ? 1 : window.devicePixelRatio || 1);
+    this.renderer.setSize(width, height, false);
+    this.aim(width, height);
+    this.renderer.render(this.scene, this.camera);
+  }
+
+  /** @param {Run} run */
+  show(run) {
+    const page = colours();
+    const madeOf = JSON.stringify([run.key, run.view?.fences ?? null, page]);
+    if (madeOf !== this.madeOf || run.scene !== this.shownScene) {
+      if (run.key !== this.shownRun) this.box.makeEmpty();
+      this.madeOf = madeOf;
+      this.shownScene = run.scene;
+      this.shownRun = run.key;
+      this.clear();
+      this.surroundings = new Surroundings(run, page);
+      this.scene.add(this.surroundings);
+    }
+    this.surroundings?.move(run);
+    for (const point of extent(run)) this.box.expandByPoint(new THREE.Vector3(...point));
+    for (const vehicle of run.view?.vehicles ?? []) {
+      let shown = this.vehicles.get(vehicle.name);
+      if (!shown) {
+        shown = new VehicleModel(vehicle.name, page);
+        this.vehicles.set(vehicle.name, shown);
+        this.scene.add(shown);
+      }
+      shown.show(vehicle, run.trails.get(vehicle.name) ?? []);
+    }
+    this.markContacts(run, page);
+  }
+
+  /** @param {Run} run @param {Record<string, string>} page */
+  markContacts(run, page) {
+    if (run.contacts.length < this.contacts.children.length) this.empty(this.contacts);
+    for (const place of run.contacts.slice(this.contacts.children.length)) {
+      const mark = Mark.ring(page.bad, 9);
+      mark.position.fromArray(place);
+      this.contacts.add(mark);
+    }
+  }
+
+  clear() {
+    for (const part of [this.surroundings, ...this.vehicles.values()]) {
+      if (!part) continue;
+      free(part);
+      this.scene.remove(part);
+    }
+    this.vehicles.clear();
+    this.empty(this.contacts);
+  }
+
+  /** @param {THREE.Group} group */
+  empty(group) {
+    free(group);
+    group.clear();
+  }
+
+  /** Look at everything from the orbit's direction. @param {number} width @param {number} height */
+  aim(width, height) {
+    const directions = axes("space", [], this.orbit.azimuth, this.orbit.elevation);
+    const [right, up, near] = [directions.right, directions.up, directions.near].map((one) => new THREE.Vector3(...one));
+    const middle = this.box.isEmpty() ? new THREE.Vector3() : this.box.getCenter(new THREE.Vector3());
+    const half = Math.tan(FIELD / 2);
+    const slopes = [half * FILLS * (width / height), half * FILLS];
+    let away = 1;
+    for (let round = 0; round < ROUNDS; round += 1) {
+      const points = boxCorners(this.box).map((one) => one.sub(middle)).map((one) => [one.dot(right), one.dot(up), one.dot(near)]);
+      away = Math.max(1, ...points.map(([x, y, z]) => z + Math.max(Math.abs(x) / slopes[0], Math.abs(y) / slopes[1])));
+      // What is nearer looks larger: the middle of the picture is not that of the box.
+      const [x, y] = [0, 1].map((axis) => centre(points.map((one) => one[axis] / (away - one[2]))) * away);
+      middle.addScaledVector(right, x).addScaledVector(up, y);
+    }
+    away /= this.orbit.zoom;
+    this.camera.position.copy(middle).addScaledVector(near, away);
+    this.camera.lookAt(middle);
+    this.camera.aspect = width / height;
+    this.camera.near = away / 200;
+    this.camera.far = away * 20;
+    this.camera.updateProjectionMatrix();
+    const eye = { position: this.camera.position, metresPerPx: (2 * half) / height };
+    this.scene.traverse((one) => {
+      if (one instanceof Bands || one instanceof Mark || one instanceof VehicleModel) one.face(eye);
+    });
+  }
+}
+
+/** The middle between the least and the largest value. @param {number[]} values */
+function centre(values) {
+  return values.length ? (Math.min(...values) + Math.max(...values)) / 2 : 0;
+}
+
+/** @param {THREE.Box3} box */
+function boxCorners(box) {
+  if (box.isEmpty()) return [];
+  const { min, max } = box;
+  return [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new THREE.Vector3(x, y, z))));
+}
+
+/** What draws: the name of a graphics processor, or of a program in its place.
+ * @param {WebGL2RenderingContext} context */
+function rendererName(context) {
+  const names = context.getExtension("WEBGL_debug_renderer_info");
+  return String(context.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : context.RENDERER));
+}
