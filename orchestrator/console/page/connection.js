@@ -29,15 +29,15 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(`${scheme}//${location.host}/live`);
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => {
+    socket.addEventListener("open", () => {
       this.heard = performance.now();
       this.wasOpen = true;
       this.takers.opened();
-    };
-    socket.onmessage = (event) => this.take(socket, event.data);
-    socket.onclose = () => {
+    });
+    socket.addEventListener("message", (event) => void this.take(socket, event.data));
+    socket.addEventListener("close", () => {
       if (this.socket === socket) this.socket = null;
-    };
+    });
     this.socket = socket;
   }
 

@@ -11,7 +11,9 @@ export class Orbit {
   /** @param {HTMLCanvasElement} canvas @param {() => void} onChange */
   constructor(canvas, onChange) {
     this.onChange = onChange;
-    this.reset();
+    this.azimuth = AZIMUTH;
+    this.elevation = ELEVATION;
+    this.zoom = 1;
     /** Pointers that are down. @type {Map<number, [number, number]>} */
     this.down = new Map();
     canvas.addEventListener("pointerdown", (event) => {

@@ -185,7 +185,7 @@ export class Panels {
   showMargins() {
     const run = this.model.run;
     const margins = run?.view?.margins ?? [];
-    const sorted = [...margins].sort((one, other) => Number(other.required) - Number(one.required));
+    const sorted = margins.toSorted((/** @type {any} */ one, /** @type {any} */ other) => Number(other.required) - Number(one.required));
     const rows = sorted.map((/** @type {any} */ one) => {
       const history = run?.margins.get(`${one.name} ${one.vehicle}`) ?? [];
       const row = make("tr", "", one.required ? "" : "minor");
@@ -226,7 +226,7 @@ export class Panels {
 
   showEvents() {
     const { events } = this.model;
-    const shown = events.slice(-SHOWN_EVENTS).reverse();
+    const shown = events.slice(-SHOWN_EVENTS).toReversed();
     const lines = shown.map((one) => {
       const isCommand = one.kind === "command";
       const text = isCommand ? `${one.command} by ${one.who}: ${one.texts.join("; ")}` : [one.vehicle, one.word, one.text].filter(Boolean).join(" · ");

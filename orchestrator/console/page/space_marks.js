@@ -10,7 +10,10 @@ import * as THREE from "./vendor/three/three.module.min.js";
 export class Bands extends THREE.Mesh {
   /** @param {string} colour @param {number} width_px */
   constructor(colour, width_px) {
-    super(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ color: colour, side: THREE.DoubleSide }));
+    const geometry = new THREE.BufferGeometry();
+    super(geometry, new THREE.MeshBasicMaterial({ color: colour, side: THREE.DoubleSide }));
+    /** @type {THREE.BufferGeometry} */
+    this.geometry = geometry;
     this.width_px = width_px;
     /** @type {number[][][]} */
     this.lines = [];

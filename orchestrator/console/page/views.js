@@ -52,12 +52,12 @@ class View {
 
 class Drawing {
   /** @param {CanvasRenderingContext2D} context @param {Projection} projection
-   * @param {string} kind @param {Record<string, string>} colours */
-  constructor(context, projection, kind, colours) {
+   * @param {string} kind @param {Record<string, string>} palette */
+  constructor(context, projection, kind, palette) {
     this.context = context;
     this.projection = projection;
     this.kind = kind;
-    this.colours = colours;
+    this.colours = palette;
   }
 
   /** @param {Run} run */
@@ -111,16 +111,16 @@ class Drawing {
     this.context.globalAlpha = 1;
   }
 
-  /** @param {number[][]} corners @param {any} thing */
-  face(corners, thing) {
-    const [a, b, c] = corners;
+  /** @param {number[][]} points @param {any} thing */
+  face(points, thing) {
+    const [a, b, c] = points;
     const [u, v] = [b, c].map((one) => one.map((value, axis) => value - a[axis]));
     const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
     const length = Math.hypot(...normal) || 1;
     const shade = 0.55 + 0.45 * Math.max(0, normal.reduce((sum, value, axis) => sum + value * LIGHT[axis], 0) / length);
     const [red, green, blue] = thing.rgb.map((/** @type {number} */ one) => Math.round(one * shade));
     const depth = (this.projection.depth(a) + this.projection.depth(b) + this.projection.depth(c)) / 3;
-    return { depth, points: corners, fill: `rgb(${red} ${green} ${blue})`, alpha: thing.is_virtual ? 0.85 : 1 };
+    return { depth, points, fill: `rgb(${red} ${green} ${blue})`, alpha: thing.is_virtual ? 0.85 : 1 };
   }
 
   /** @param {any} fence */
@@ -225,7 +225,7 @@ export class Views {
     void this.openSpace(model);
     this.isDue = false;
     this.drawnAt = 0;
-    new ResizeObserver(() => this.draw()).observe(this.views[0].canvas);
+    new ResizeObserver(() => this.draw()).observe(this.plan.canvas);
   }
 
   /** Add the view in space: the other two, and the commands, wait for no library. @param {Model} model */
