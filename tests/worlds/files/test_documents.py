@@ -3,6 +3,7 @@
 import contextlib
 import json
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -11,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
+from worlds.files import yaml_nodes
 from worlds.files.documents import (
     MAX_BYTES,
     BadInput,
@@ -22,7 +24,7 @@ from worlds.files.documents import (
     parse,
     parse_value,
 )
-from worlds.files.yaml_nodes import MAX_DEPTH
+from worlds.files.yaml_nodes import MAX_DEPTH, Node, Source
 
 
 def doc(text: str) -> Document:
@@ -433,6 +435,28 @@ def test_bytes_load_or_are_bad_input(content: bytes) -> None:
 @given(st.text(alphabet="ab: -[]{}&*!|>'\"#%@,?\n\\x0123~.eu<", max_size=60))
 def test_text_that_looks_like_yaml_loads_or_is_bad_input(text: str) -> None:
     judge(outcome(text.encode()))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(alphabet="ab: -[]{}&*!|>'\"#%@,?\n\t\\x0123~.eu<\ufeff", max_size=60))
+@example("a: {b: }")
+@example("a: [{b: , c: 1}]")
+@example("---")
+@example("a:\t1")
+@example("a\ufeff:")
+@example("? a")
+@example("a: {b: 1? }")
+@example("a: &b\nc: *b\nd: {<<: {e: 'f'}}")
+def test_libyaml_reads_values_and_places_as_pyyaml_does(text: str) -> None:
+    assert yaml_nodes._C_LOADER is not None
+
+    def read(parser: Callable[[str, Source], Node | None]) -> Node | str | None:
+        try:
+            return parser(text, Source("x.yaml", tuple(text.splitlines())))
+        except BadInput as error:
+            return str(error)
+
+    assert read(yaml_nodes.parse_nodes) == read(yaml_nodes._parse_in_words)
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
