@@ -16,7 +16,9 @@ from vehicles.autopilots.autopilot import (
     Target,
     command_long,
 )
+from vehicles.autopilots.ground_truth import GroundTruth, read_sim_state
 from vehicles.autopilots.readiness import ReadinessRules
+from vehicles.poses.map_projections import ArduPilotProjection
 
 _ASKED: dict[Mode, int] = {
     # BRAKE stops and stays by itself and obeys neither sticks nor late setpoints. LOITER sinks
@@ -83,6 +85,7 @@ class ArduCopter(Autopilot):
         needs_home=False,
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+    truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_SIM_STATE
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for an ArduCopter HEARTBEAT."""
@@ -98,6 +101,14 @@ class ArduCopter(Autopilot):
             raise ValueError(f"{mode} is not asked of ArduCopter")
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_ASKED[mode]))
+
+    def ground_truth(self, message: Any) -> GroundTruth:
+        """Return the ground truth in a SIM_STATE. Raises GroundTruthError."""
+        return read_sim_state(message)
+
+    def projection(self, latitude_deg: float, longitude_deg: float) -> ArduPilotProjection:
+        """Return ArduPilot's projection round a place."""
+        return ArduPilotProjection(latitude_deg, longitude_deg)
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
         """Return ArduCopter's NAV_TAKEOFF; its height is relative to the ground."""

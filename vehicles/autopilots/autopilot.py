@@ -8,8 +8,10 @@ from typing import Any, ClassVar, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.autopilots.ground_truth import GroundTruth
 from vehicles.autopilots.readiness import Readiness, ReadinessRules
 from vehicles.errors import VehicleError
+from vehicles.poses.map_projections import MapProjection
 from worlds.frames import Vec3
 
 AutopilotName = Literal["px4", "ardupilot"]
@@ -51,6 +53,8 @@ class TelemetryRates:
     home_hz: float = 0.5
     ground_speed_hz: float = 0.0
     """Of its GPS receiver; 0: not requested."""
+    truth_hz: float = 0.0
+    """Of its simulator's ground truth; 0: not requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +116,8 @@ class Autopilot(ABC):
     readiness_rules: ClassVar[ReadinessRules]
     estimator_message_id: ClassVar[int]
     """Of the message that says whether its estimator is ready."""
+    truth_message_id: ClassVar[int]
+    """Of the message in which its simulator says where the vehicle is."""
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
@@ -143,9 +149,18 @@ class Autopilot(ABC):
         yaw_rad, yaw_rate_rad_s: None for what the setpoint does not say; never both given.
         """
 
+    @abstractmethod
+    def ground_truth(self, message: Any) -> GroundTruth:
+        """Return the ground truth in its simulator's message. Raises GroundTruthError."""
+
+    @abstractmethod
+    def projection(self, latitude_deg: float, longitude_deg: float) -> MapProjection:
+        """Return how its simulator turns metres round a place into degrees."""
+
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
         """Return the messages to request from the autopilot, and how often."""
         gps = MessageRate(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, rates.ground_speed_hz, required=False)
+        truth = MessageRate(self.truth_message_id, rates.truth_hz, required=False)
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -157,6 +172,7 @@ class Autopilot(ABC):
             ),
             MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
             *((gps,) if rates.ground_speed_hz > 0.0 else ()),
+            *((truth,) if rates.truth_hz > 0.0 else ()),
         )
 
     def velocity_setpoint(

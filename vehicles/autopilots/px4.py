@@ -17,7 +17,9 @@ from vehicles.autopilots.autopilot import (
     Target,
     command_long,
 )
+from vehicles.autopilots.ground_truth import GroundTruth, read_hil_state
 from vehicles.autopilots.readiness import ReadinessRules
+from vehicles.poses.map_projections import Px4Projection
 
 _AUTO = 4
 _ASKED: dict[Mode, tuple[int, int]] = {
@@ -93,6 +95,7 @@ class Px4(Autopilot):
         estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+    truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for a PX4 HEARTBEAT."""
@@ -109,6 +112,14 @@ class Px4(Autopilot):
         main, sub = _ASKED[mode]
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(main), float(sub))
+
+    def ground_truth(self, message: Any) -> GroundTruth:
+        """Return the ground truth in a HIL_STATE_QUATERNION. Raises GroundTruthError."""
+        return read_hil_state(message)
+
+    def projection(self, latitude_deg: float, longitude_deg: float) -> Px4Projection:
+        """Return PX4's projection round a place."""
+        return Px4Projection(latitude_deg, longitude_deg)
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
         """Return PX4's NAV_TAKEOFF, here and with the present heading."""

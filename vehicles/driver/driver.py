@@ -25,6 +25,7 @@ from vehicles.driver.session.timesync_requests import TimesyncRequester
 from vehicles.driver.setpoint_sender import SetpointSender
 from vehicles.driver.status_tracker import EventListener, StatusTracker
 from vehicles.driver.telemetry_streams import TelemetryStreams
+from vehicles.driver.truth_receiver import TruthListener, TruthReceiver
 from vehicles.driver.vehicle_state import EstimateSample, ReportName, VehicleState
 from vehicles.errors import AnchorError, CommandError, VehicleError
 from vehicles.links.link import Link
@@ -96,6 +97,7 @@ class Driver:
         self._clocking = TimesyncRequester(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
         self._estimates.on_reboot = self._on_reboot
+        self.truth = TruthReceiver(session=self._session, clock=self.clock)
         self._event_listeners: list[EventListener] = []
         self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None
@@ -180,6 +182,11 @@ class Driver:
         self._rates = replace(self._rates, ground_speed_hz=hz)
         self.onboard.satellites.on_ground_speed(listener)
 
+    def on_truth(self, listener: TruthListener) -> None:
+        """Call `listener` with the ground truth of the vehicle's simulator; before `identify`."""
+        self._rates = replace(self._rates, truth_hz=self._rates.position_hz)
+        self.truth.listen(listener)
+
     def on_event(self, listener: EventListener) -> None:
         """Call `listener` with each event of the vehicle."""
         self._event_listeners.append(listener)
@@ -218,6 +225,7 @@ class Driver:
         heard = self._session.heard[target]
         status.heartbeat(heard.heartbeat, heard.t_s)
         plan = autopilot.telemetry_plan(self._rates)
+        self.truth.begin(autopilot)
         self._vehicle = IdentifiedVehicle(
             identity=identity,
             autopilot=autopilot,
@@ -376,6 +384,7 @@ class Driver:
         if not self._anchor_given:
             try:
                 self._estimates.anchor_at(self._start)
+                self.truth.anchor_at(self._start)
             except AnchorError as error:
                 raise AnchorError(f"{self.name}: {error}") from error
 
@@ -394,6 +403,7 @@ class Driver:
         self._presence.watch()
 
     def _on_reboot(self, t_s: float) -> None:
+        self.truth.restart()
         if self._vehicle is not None:
             self._vehicle.status.rebooted(t_s)
             self._begin_listening()

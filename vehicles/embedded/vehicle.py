@@ -193,6 +193,7 @@ class EmbeddedVehicle:
         if body.contact is not None and not self._struck:
             self._struck = True
             self._autopilot.strike(body.contact)
+        self._autopilot.state.truth = body.truth
         self._thrusts = self._autopilot.step(
             estimate,
             (steps - self._boot_step) / PHYSICS_HZ * self._drift,

@@ -7,6 +7,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from vehicles.poses.map_projections import ArduPilotProjection
+from worlds.frames import quat_from_euler
 
 _CAPABILITIES = 64495
 _FLIGHT_VERSION = 0x04070000
@@ -66,6 +68,33 @@ def global_position_int(s: State) -> Any:
     return telemetry.global_position_int(s)
 
 
+def sim_state(s: State) -> Any | None:
+    """Return ArduCopter's SIM_STATE, as SIM::sim_state_send fills it; None without a simulator.
+
+    Its Location holds whole 1e-7 degrees and centimetres.
+    """
+    if s.truth is None:
+        return None
+    north_m, east_m, down_m = s.truth.position_ned_m
+    projection = ArduPilotProjection(s.frame.latitude_deg, s.frame.longitude_deg)
+    latitude_deg, longitude_deg = projection.to_degrees(north_m, east_m)
+    altitude_m = int((s.frame.altitude_m - down_m) * 100.0) / 100.0
+    return mavlink.MAVLink_sim_state_message(
+        *quat_from_euler(*s.truth.euler_rad),
+        *s.truth.euler_rad,
+        *s.truth.specific_force_m_s2,
+        *s.truth.rates_rad_s,
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
+        0.0,
+        0.0,
+        *s.truth.velocity_ned_m_s,
+        int(latitude_deg * 1e7),
+        int(longitude_deg * 1e7),
+    )
+
+
 def timesync(s: State) -> Any:
     """Return ArduCopter's TIMESYNC request; it sends one each 10 s."""
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000 + 1)
@@ -78,6 +107,7 @@ BUILDERS: dict[int, telemetry.Builder] = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
     mavlink.MAVLINK_MSG_ID_RAW_IMU: telemetry.raw_imu,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: timesync,
+    mavlink.MAVLINK_MSG_ID_SIM_STATE: sim_state,
 }
 
 RATES_HZ: dict[int, float] = {

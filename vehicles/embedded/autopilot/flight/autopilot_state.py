@@ -34,6 +34,9 @@ class State:
     unix_offset_us: int | None = None
     """What the time of day is beyond `boot_us`; None as long as nobody said."""
     now: Motion = AT_REST
+    truth: Motion | None = None
+    """The motion in the autopilot's simulator, which it reports and never flies by; None without
+    one."""
     touching: bool = True
     home_ned_m: Vec3 | None = None
     target: Target | None = None

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from vehicles.poses.map_projections import Px4Projection
 from worlds.frames import quat_conjugate, quat_from_euler, rotate
 
 _CAPABILITIES = 59647
@@ -96,6 +97,32 @@ def odometry(s: State) -> Any:
     )
 
 
+def hil_state_quaternion(s: State) -> Any | None:
+    """Return PX4's HIL_STATE_QUATERNION of its ground truth topics; None without a simulator.
+
+    The C++ cuts to whole numbers, and sets neither time nor airspeeds.
+    """
+    if s.truth is None:
+        return None
+    north_m, east_m, down_m = s.truth.position_ned_m
+    projection = Px4Projection(s.frame.latitude_deg, s.frame.longitude_deg)
+    latitude_deg, longitude_deg = projection.to_degrees(north_m, east_m)
+    return mavlink.MAVLink_hil_state_quaternion_message(
+        0,
+        quat_from_euler(*s.truth.euler_rad),
+        *s.truth.rates_rad_s,
+        int(latitude_deg * 1e7),
+        int(longitude_deg * 1e7),
+        int((s.frame.altitude_m - down_m) * 1e3),
+        *(max(-32768, min(32767, int(value * 100.0))) for value in s.truth.velocity_ned_m_s),
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
 def timesync(s: State) -> Any:
     """Return PX4's TIMESYNC request, which it sends ten times a second."""
     return mavlink.MAVLink_timesync_message(0, s.boot_us * 1000)
@@ -141,6 +168,7 @@ BUILDERS: dict[int, telemetry.Builder] = {
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: telemetry.highres_imu,
     mavlink.MAVLINK_MSG_ID_ALTITUDE: telemetry.altitude,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: timesync,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: hil_state_quaternion,
     mavlink.MAVLINK_MSG_ID_PING: ping,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_output_raw,

@@ -1,0 +1,84 @@
+"""Where a simulator has the vehicle: HIL_STATE_QUATERNION of PX4, SIM_STATE of ArduPilot; pure.
+
+Both are sent by simulations alone (SITL, hardware in the loop). What they carry, read in the
+firmwares' sources:
+
+PX4 (src/modules/mavlink/streams/HIL_STATE_QUATERNION.hpp) fills it from its *_groundtruth topics,
+and sends none where no simulator publishes those. Degrees times 1e7, millimetres above sea level,
+cm/s, all cut to whole numbers. time_usec is 0 up to 1.16 (nobody set it), later since boot.
+
+ArduPilot (SIM::sim_state_send, libraries/SITL/SITL.cpp): attitude and velocity as floats; lat and
+lon are 32-bit floats, 0.4 m apart at 47 degrees (versions without lat_int put degrees times 1e7
+there): only lat_int and lon_int are used. Heights are of whole centimetres. It has no time.
+SIMSTATE has neither height nor velocity nor time: it is not used.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from vehicles.errors import VehicleError
+from worlds.frames import Quat, Vec3, quat_normalize
+
+_UNIT_WITHIN = 0.1
+"""By how much the length of a quaternion may differ from 1."""
+
+
+class GroundTruthError(VehicleError):
+    """A simulator's message does not say precisely where the vehicle is; says what it lacks."""
+
+
+class GroundTruth(NamedTuple):
+    """A simulator's place of the vehicle.
+
+    boot_s: seconds on the vehicle's clock; None where the message has no time. altitude_m: above
+    mean sea level. q_wxyz: body (FRD) to north, east, down.
+    """
+
+    boot_s: float | None
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    q_wxyz: Quat
+    velocity_ned_m_s: Vec3
+
+
+def read_hil_state(message: Any) -> GroundTruth:
+    """Return the ground truth in a HIL_STATE_QUATERNION. Raises GroundTruthError."""
+    if not (message.lat or message.lon or message.alt):
+        raise GroundTruthError("HIL_STATE_QUATERNION has no position: the simulator publishes none")
+    return GroundTruth(
+        boot_s=message.time_usec * 1e-6 or None,
+        latitude_deg=message.lat * 1e-7,
+        longitude_deg=message.lon * 1e-7,
+        altitude_m=message.alt * 1e-3,
+        q_wxyz=_unit("HIL_STATE_QUATERNION", tuple(message.attitude_quaternion)),
+        velocity_ned_m_s=(message.vx * 0.01, message.vy * 0.01, message.vz * 0.01),
+    )
+
+
+def read_sim_state(message: Any) -> GroundTruth:
+    """Return the ground truth in a SIM_STATE. Raises GroundTruthError."""
+    if not (message.lat_int or message.lon_int):
+        raise GroundTruthError(
+            "SIM_STATE has no lat_int and lon_int, and its floats are 0.4 m apart: "
+            "use a newer ArduPilot"
+        )
+    numbers = (message.alt, message.vn, message.ve, message.vd)
+    if not all(map(math.isfinite, numbers)):
+        raise GroundTruthError("SIM_STATE has a height or velocity that is not a number")
+    return GroundTruth(
+        boot_s=None,
+        latitude_deg=message.lat_int * 1e-7,
+        longitude_deg=message.lon_int * 1e-7,
+        altitude_m=message.alt,
+        q_wxyz=_unit("SIM_STATE", (message.q1, message.q2, message.q3, message.q4)),
+        velocity_ned_m_s=(message.vn, message.ve, message.vd),
+    )
+
+
+def _unit(name: str, q_wxyz: Quat) -> Quat:
+    """Return a ground truth's quaternion at length 1. Raises GroundTruthError."""
+    length = math.hypot(*q_wxyz)
+    if not abs(length - 1.0) < _UNIT_WITHIN:
+        raise GroundTruthError(f"the attitude in {name} is no rotation: its length is {length:.3g}")
+    return quat_normalize(q_wxyz)

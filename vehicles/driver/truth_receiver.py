@@ -1,0 +1,148 @@
+"""A simulator's ground truth over MAVLink: stamped, anchored at the start pose, told on."""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.autopilots.autopilot import Autopilot
+from vehicles.autopilots.ground_truth import GroundTruth, GroundTruthError
+from vehicles.clocks.timesync import VehicleClock
+from vehicles.driver.session.session import Session
+from vehicles.driver.vehicle_state import EstimateSample
+from vehicles.poses.anchor import Anchor, PoseAverage
+from vehicles.poses.map_projections import MapProjection
+from worlds.frames import Pose
+
+_STILL_M = 0.1
+"""A simulator's vehicle stands to the centimetre."""
+_NEIGHBOUR_S = 0.1
+"""The newest stamp is no neighbour of what comes later than this."""
+_MOST_LATE_S = 1.0
+"""Stamps of the message's own that are off by more have another epoch."""
+_STAMPED = (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
+"""Both begin with time_boot_ms on the wire, and come as often as the truth."""
+
+TruthListener = Callable[[EstimateSample], None]
+
+
+class _Stamp(NamedTuple):
+    """The newest stamp of the vehicle's telemetry, and when it arrived."""
+
+    boot_s: float
+    arrived_s: float
+
+
+class TruthReceiver:
+    """Receives the ground truth of a vehicle's simulator, in the world frame.
+
+    The messages say where on earth the vehicle is. The first one is the origin of a frame of
+    metres, by the autopilot's own projection; `anchor_at` maps it to the start pose, as an
+    estimate is. Neither firmware says when: a message without a time has that of the telemetry
+    that arrived last before it, plus what passed since; so both are late alike, whatever the
+    link does. refused: why the last unusable message was not used; empty when there was none.
+    """
+
+    def __init__(self, *, session: Session, clock: VehicleClock) -> None:
+        self._session = session
+        self._clock = clock
+        self._listeners: list[TruthListener] = []
+        self._read: Callable[[Any], GroundTruth] | None = None
+        self._project: Callable[[float, float], MapProjection] | None = None
+        self._origin: tuple[MapProjection, float] | None = None
+        self._average = PoseAverage(still_within_m=_STILL_M)
+        self._anchor: Anchor | None = None
+        self._stamp: _Stamp | None = None
+        self._last_s = -math.inf
+        self.count = 0
+        self.refused = ""
+
+    @property
+    def wanted(self) -> bool:
+        """Return whether somebody listens."""
+        return bool(self._listeners)
+
+    def listen(self, listener: TruthListener) -> None:
+        """Call a listener with each ground truth once it is anchored; before `begin`."""
+        self._listeners.append(listener)
+
+    def begin(self, autopilot: Autopilot) -> None:
+        """Take the autopilot's ground truth messages from now on, if somebody listens."""
+        if not self.wanted:
+            return
+        self._read, self._project = autopilot.ground_truth, autopilot.projection
+        for message_id in _STAMPED:
+            self._session.on_payload(message_id, self._note_stamp)
+        self._session.on(autopilot.truth_message_id, self._take)
+
+    def anchor_at(self, start: Pose) -> None:
+        """Anchor the last second's mean ground truth at `start`; without one it waits.
+
+        Raises AnchorError when the vehicle moves.
+        """
+        if self.count and self._average.rate_hz > 0.0:
+            self._anchor = Anchor.of_poses(local=self._average.mean(), world=start)
+
+    def restart(self) -> None:
+        """Forget the ground truth before a reboot: a simulator may have begun anew elsewhere."""
+        self._origin = self._anchor = self._stamp = None
+        self._average = PoseAverage(still_within_m=_STILL_M)
+        self._last_s = -math.inf
+
+    def _note_stamp(self, payload: bytes, t_s: float) -> None:
+        self._stamp = _Stamp(int.from_bytes(payload[:4], "little") * 1e-3, t_s)
+
+    def _take(self, message: Any, arrived_s: float) -> None:
+        if self._read is None:
+            return
+        try:
+            truth = self._read(message)
+        except GroundTruthError as error:
+            self.refused = str(error)
+            return
+        self.count += 1
+        t_s = self._time_of(truth, arrived_s)
+        if t_s is None or t_s <= self._last_s:
+            return
+        self._last_s = t_s
+        local = self._local(truth)
+        self._average.add(t_s, local)
+        anchor = self._anchor
+        if anchor is None:
+            return
+        sample = EstimateSample(
+            t_s,
+            arrived_s,
+            self._clock.boot_time(t_s),
+            anchor.pose(local),
+            anchor.velocity(truth.velocity_ned_m_s),
+        )
+        for listener in self._listeners:
+            listener(sample)
+
+    def _time_of(self, truth: GroundTruth, arrived_s: float) -> float | None:
+        """Return when a ground truth was so, run clock; None while nothing says it."""
+        try:
+            if truth.boot_s is not None:
+                own_s = self._clock.run_time(truth.boot_s)
+                if abs(own_s - arrived_s) < _MOST_LATE_S:
+                    return min(own_s, arrived_s)
+            stamp = self._stamp
+            if stamp is None or arrived_s - stamp.arrived_s > _NEIGHBOUR_S:
+                return None
+            since_s = arrived_s - stamp.arrived_s
+            return min(self._clock.run_time(stamp.boot_s) + since_s, arrived_s)
+        except ValueError:
+            return None  # Nothing is known of the vehicle's clock yet.
+
+    def _local(self, truth: GroundTruth) -> Pose:
+        """Return a ground truth's pose in metres from where the first one was."""
+        if self._origin is None:
+            if self._project is None:
+                raise RuntimeError("ground truth before `begin`")
+            first = self._project(truth.latitude_deg, truth.longitude_deg)
+            self._origin = first, truth.altitude_m
+        projection, altitude_m = self._origin
+        north_m, east_m = projection.to_metres(truth.latitude_deg, truth.longitude_deg)
+        return Pose((north_m, east_m, altitude_m - truth.altitude_m), truth.q_wxyz)
