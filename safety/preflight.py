@@ -21,6 +21,7 @@ Check = Literal[
     "position",
     "gps",
     "mocap",
+    "ground_truth",
     "clock",
     "pair",
     "disk",
@@ -29,6 +30,8 @@ Check = Literal[
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
 _NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
+_LEAST_TRUTH = 0.5
+"""Of the rate at which a simulator's ground truth was requested, what has to come."""
 Outcome = Literal["ok", "refused", "overridden"]
 
 
@@ -140,6 +143,22 @@ def gps_items(
         at_least("gps", vehicle, seen, least, unit="", what="satellites visible"),
         at_most("gps", vehicle, hdop, max_hdop, unit="", what="HDOP"),
     )
+
+
+def ground_truth_item(
+    vehicle: str, rate_hz: float | None, *, wanted_hz: float, message: str, refused: str
+) -> Item:
+    """Return the preflight item of a simulator's ground truth: it comes, usable and often.
+
+    message: in which it comes. refused: why its last one was not usable; empty where it was.
+    """
+    least_hz = _LEAST_TRUTH * wanted_hz
+    if rate_hz is None:
+        text = refused or f"its simulator sends no {message}: is it a simulation?"
+        text += "; pose_source: mavlink judges by its estimate"
+        return Item("ground_truth", vehicle, "refused", None, least_hz, "Hz", text)
+    what = f"the rate of its simulator's {message}"
+    return at_least("ground_truth", vehicle, rate_hz, least_hz, unit="Hz", what=what)
 
 
 def unsigned_commands_item() -> Item:

@@ -38,13 +38,16 @@ def fitted(
 ) -> TelemetryRates:
     """Return the wanted telemetry rates fitted to a radio: positions and attitudes less often.
 
+    A simulator's ground truth comes as often as positions do.
+
     radio_bit_s: what the radio carries in a second, both ways together. Raises RadioTooSlowError
     when fewer than 10 positions in a second fit.
     """
     room_bytes_s = SHARE_DOWN * radio_bit_s / 8.0
-    still = replace(wanted, position_hz=0.0, attitude_hz=0.0)
+    truth = 1.0 if wanted.truth_hz > 0.0 else 0.0
+    still = replace(wanted, position_hz=0.0, attitude_hz=0.0, truth_hz=0.0)
     fixed_bytes_s = telemetry_bytes_s(autopilot, still, signed=signed)
-    one_hz = replace(wanted, position_hz=1.0, attitude_hz=1.0)
+    one_hz = replace(wanted, position_hz=1.0, attitude_hz=1.0, truth_hz=truth)
     per_hz = telemetry_bytes_s(autopilot, one_hz, signed=signed) - fixed_bytes_s
     fits_hz = float(max(0, int((room_bytes_s - fixed_bytes_s) / per_hz)))
     if fits_hz < min(LEAST_HZ, wanted.position_hz):
@@ -56,6 +59,7 @@ def fitted(
         wanted,
         position_hz=min(wanted.position_hz, fits_hz),
         attitude_hz=min(wanted.attitude_hz, fits_hz),
+        truth_hz=min(wanted.truth_hz, fits_hz),
     )
 
 

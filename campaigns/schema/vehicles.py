@@ -7,7 +7,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from campaigns.schema.sensors import SensorPart
 from campaigns.schema.sources import MocapPart
-from campaigns.values.external_setups import PoseAccuracy
+from campaigns.values.external_setups import PoseAccuracy, PoseSource
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.command_backends import DriverName
 from vehicles.coupling import Coupling
@@ -174,15 +174,17 @@ class VehiclePart(Part):
     """One vehicle of the pair in a campaign file.
 
     link: embedded (the surrogate), a link such as udpin://0.0.0.0:14550, or what is launched.
-    autopilot: what flies it. profile: vehicle and place of an embedded one: air, motors, battery,
-    estimator, camera. params: parameters that are set before arming, and read back. pose_source:
-    what judging and rendering use. sensors: by the names that the recipe has for them. driver: who
-    speaks to it: frames of our own (mavlink), or mavsdk in a process of its own. system_id: 1 for
-    the real vehicle and 2 for the twin without. anchor: what says where it stands before arming:
-    `start`, or motion capture. mocap: where that comes from; None: the surrogate's. spare_links:
-    more links to the same vehicle, flown by when those before them fall silent. coupling: of the
-    twin, how it is kept with the real vehicle in mode wil. body: as it is judged; without it, that
-    of the embedded vehicle.
+    autopilot: what flies it. profile: vehicle and place of an embedded one: air, motors,
+    battery, estimator, camera. params: parameters that are set before arming, and read back.
+    pose_source: what judging and rendering use: its simulator's ground truth (by default of one
+    that is launched), motion capture, or its own estimate (by default of others). sensors: by
+    the names that the recipe has for them. driver: who speaks to it: frames of our own
+    (mavlink), or mavsdk in a process of its own. system_id: 1 for the real vehicle and 2 for
+    the twin without. anchor: what says where it stands before arming: `start`, or motion
+    capture. mocap: where that comes from; None: the surrogate's. spare_links: more links to the
+    same vehicle, flown by when those before them fall silent. coupling: of the twin, how it is
+    kept with the real vehicle in mode wil. body: as it is judged; without it, that of the
+    embedded vehicle.
     """
 
     link: Annotated[str, AfterValidator(_link)] | LaunchPart
@@ -196,7 +198,7 @@ class VehiclePart(Part):
     params: dict[ParameterName, float] = Field(default_factory=dict)
     start: StartPart = StartPart()
     anchor: Literal["start", "mocap"] = "start"
-    pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    pose_source: PoseSource | None = None
     mocap: MocapPart | None = None
     pose_accuracy: PoseAccuracyPart | None = None
     body: BodyPart | None = None
@@ -208,7 +210,7 @@ class VehiclePart(Part):
         if self.link == "embedded" and self.signing is not None:
             raise KeyFaultError("signing", "the embedded vehicle does not sign")
         if self.mocap is not None and self.pose_source != "mocap":
-            raise KeyFaultError("mocap", f"is not used with pose_source: {self.pose_source}")
+            raise KeyFaultError("mocap", f"is not used with pose_source: {self.poses_from}")
         accuracy = self.pose_accuracy
         if accuracy is not None and accuracy.velocity_m_s and self.pose_source == "mocap":
             said = "is of an estimate; motion capture gives positions alone: remove it"
@@ -232,6 +234,13 @@ class VehiclePart(Part):
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")
         return self
+
+    @property
+    def poses_from(self) -> PoseSource:
+        """Return the vehicle's pose source: as given, else the best that such a vehicle has."""
+        if self.pose_source is not None:
+            return self.pose_source
+        return "mavlink" if isinstance(self.link, str) else "simulator"
 
 
 class VehiclesPart(Part):

@@ -17,7 +17,14 @@ from campaigns.schema.vehicles import (
     VehiclesPart,
 )
 from campaigns.setup.external_reader import sensor_setups
-from campaigns.values.external_setups import CAPTURED, ESTIMATED, MocapSetup, PoseAccuracy
+from campaigns.values.external_setups import (
+    CAPTURED,
+    ESTIMATED,
+    SIMULATED,
+    MocapSetup,
+    PoseAccuracy,
+    PoseSource,
+)
 from campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from vehicles.autopilots.autopilot import AutopilotName, TelemetryRates
 from vehicles.autopilots.registry import autopilot_named
@@ -45,6 +52,11 @@ VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
 _SERIAL_SHARE = 0.8
 """Of ten bits on a serial line, eight are a byte."""
 _SYSTEM_IDS: dict[VehicleName, int] = {"real": 1, "twin": 2}
+_USUAL_ACCURACY: Mapping[PoseSource, PoseAccuracy] = {
+    "simulator": SIMULATED,
+    "mocap": CAPTURED,
+    "mavlink": ESTIMATED,
+}
 EMBEDDED_BODY: BoxShape = body_of(Airframe())
 """What judging takes a vehicle for of which the campaign does not say it: the embedded one."""
 
@@ -69,7 +81,7 @@ class VehicleSetup:
     system_id: int
     driver: DriverName = "mavlink"
     anchor: Literal["start", "mocap"] = "start"
-    pose_source: Literal["mavlink", "mocap"] = "mavlink"
+    pose_source: PoseSource = "mavlink"
     mocap: MocapSetup | None = None
     pose_accuracy: PoseAccuracy = ESTIMATED
     params: Mapping[str, float] = field(default_factory=dict)
@@ -100,6 +112,11 @@ class VehicleSetup:
     def launch(self) -> SitlLaunch | None:
         """Return what launches the vehicle; None where nothing does."""
         return self.link if isinstance(self.link, SitlLaunch) else None
+
+    @property
+    def requests_truth(self) -> bool:
+        """Return whether the vehicle's simulator is asked where it is: to judge, or to compare."""
+        return self.pose_source == "simulator" or self.launch is not None
 
     @property
     def launch_pace(self) -> float | None:
@@ -143,7 +160,7 @@ def _vehicle(
         driver=part.driver,
         system_id=part.system_id or _SYSTEM_IDS[name],
         anchor=part.anchor,
-        pose_source=part.pose_source,
+        pose_source=part.poses_from,
         params=dict(part.params),
         mocap=None if part.mocap is None else part.mocap.setup(name),
         pose_accuracy=_pose_accuracy(part),
@@ -159,7 +176,7 @@ def _vehicle(
 
 def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
     """Return a vehicle's pose accuracy: as given, else the default of its pose source."""
-    usual = CAPTURED if part.pose_source == "mocap" else ESTIMATED
+    usual = _USUAL_ACCURACY[part.poses_from]
     return usual if part.pose_accuracy is None else part.pose_accuracy.setup(usual)
 
 
@@ -198,7 +215,9 @@ def _rates(
 ) -> TelemetryRates:
     """Return the telemetry rates that a vehicle's radio can carry."""
     telemetry = part.telemetry
-    wanted = TelemetryRates(position_hz=telemetry.rate_hz, attitude_hz=telemetry.rate_hz)
+    rate_hz = telemetry.rate_hz
+    truth_hz = rate_hz if part.poses_from == "simulator" else 0.0
+    wanted = TelemetryRates(position_hz=rate_hz, attitude_hz=rate_hz, truth_hz=truth_hz)
     radio_bit_s = _SERIAL_SHARE * (_baud(part) or math.inf)
     path: KeyPath = ("vehicles", name, "link")
     if telemetry.bandwidth_kbit_s is not None:

@@ -40,7 +40,8 @@ class VehicleContext:
     """The context of one vehicle: driver, poses by its source and in truth, setpoints.
 
     poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
-    where it truly is; empty for vehicles that are not embedded. setpoint, note: the newest of its
+    where it truly is, by our own simulation or by the vehicle's simulator over MAVLink; empty where
+    neither says so. setpoint, note: the newest of its
     autonomy; program_setpoints: of which kind a program's newest was. liftoff: when it left the
     ground by the vehicle's own clock, mapped. may_drop_out: from the takeoff on the run goes on
     without it.
@@ -58,7 +59,9 @@ class VehicleContext:
     liftoff: LiftoffDetector = field(default_factory=LiftoffDetector)
     contact: str | None = None
     may_drop_out: bool = False
+    _has_own_truth: bool = False
     _faulty_estimate: FaultySignal[EstimateSample] | None = None
+    _faulty_simulator: FaultySignal[EstimateSample] | None = None
     _faulty_mocap: FaultySignal[PoseReading] | None = None
     _listeners: list[PoseListener] = field(default_factory=list)
     _reference_listeners: list[ReferenceListener] = field(default_factory=list)
@@ -77,6 +80,8 @@ class VehicleContext:
         """Have its pose source stop or freeze where the campaign says so."""
         if self.pose_source == "mocap":
             self._faulty_mocap = faults.signal(self.name, None, restamp_pose)
+        elif self.pose_source == "simulator":
+            self._faulty_simulator = faults.signal(self.name, None, restamp_estimate)
         else:
             self._faulty_estimate = faults.signal(self.name, None, restamp_estimate)
 
@@ -124,6 +129,20 @@ class VehicleContext:
         else:
             self._refer("mavlink", sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
+    def take_simulator(self, sample: EstimateSample) -> None:
+        """Take a ground truth of the vehicle that its simulator sends over MAVLink."""
+        if not self._has_own_truth:
+            self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        if self._faulty_simulator is not None:
+            passed = self._faulty_simulator.passed(sample)
+            if passed is None:
+                return
+            sample = passed
+        if self.pose_source == "simulator":
+            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        else:
+            self._refer("simulator", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+
     def take_mocap(self, reading: PoseReading) -> None:
         """Take a motion capture pose of the vehicle."""
         if self._faulty_mocap is not None:
@@ -142,6 +161,7 @@ class VehicleContext:
 
     def take_truth(self, sample: TruthSample) -> None:
         """Take the vehicle's true pose."""
+        self._has_own_truth = True
         self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
         self._refer("truth", sample.t_s, sample.pose, sample.velocity_ned_m_s)
         if sample.contact is not None and self.contact is None:

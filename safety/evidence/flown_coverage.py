@@ -46,6 +46,10 @@ class FlownCoverage(Coverage):
         was_up, self._landed = self.in_the_air, sample.landed
         self._restart_if_lifted(was_up=was_up)
 
+    def unrounded(self, value: tuple[float, ...], sample: PoseSample) -> tuple[float, ...]:
+        """Return a value that no flying vehicle repeats: with its attitude where it is rounded."""
+        return (*value, *sample.pose.q_wxyz) if self.terms.on_grid else value
+
     def hold_against_last(self, value: tuple[float, ...], t_s: float) -> None:
         """Find a value that stays the same, to the last bit, for longer than a gap may last."""
         before, self._value = self._value, value

@@ -49,7 +49,7 @@ class VelocityCoverage(FlownCoverage):
         if self._way and sample.t_s <= self._way[-1].t_s:
             return
         self.take(sample.t_s)
-        self.hold_against_last(sample.velocity_ned_m_s, sample.t_s)
+        self.hold_against_last(self.unrounded(sample.velocity_ned_m_s, sample), sample.t_s)
         self._integrate(sample)
         self._compare_own()
         while self._waiting and self._waiting[0].t_s <= sample.t_s:

@@ -24,8 +24,10 @@ class SignalTerms:
 
     signal, source: as results name them ("pose", "mocap"). limit_s: the longest gap that is
     accepted. required: whether a required oracle rests on it: else its INVALID is only reported.
-    over_link: it arrives over the vehicle's link, and is silent when that is. accuracy: of a pose,
-    references: other sources of the same, by their names; with both they are compared.
+    over_link: it arrives over the vehicle's link, and is silent when that is. on_grid: its places
+    and velocities are rounded, so that a hovering vehicle's may repeat; its attitudes are not.
+    accuracy: of a pose, references: other sources of the same, by their names; with both they are
+    compared.
     """
 
     signal: str
@@ -34,6 +36,7 @@ class SignalTerms:
     limit_s: float
     required: bool
     over_link: bool = False
+    on_grid: bool = False
     window: Window = FLIGHT
     accuracy: Accuracy | None = None
     references: Mapping[str, Accuracy] = field(default_factory=dict)

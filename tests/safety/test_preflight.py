@@ -12,6 +12,7 @@ from safety.preflight import (
     at_least,
     at_most,
     gps_items,
+    ground_truth_item,
     home_item,
     pair_item,
     refused,
@@ -160,3 +161,21 @@ def test_time_outs_of_a_simulation_are_as_many_times_longer_as_it_is_faster() ->
     (said,) = unsound("px4", values)
     assert said.startswith("COM_DL_LOSS_T is 50: ")
     assert len(list(unsound("px4", {**values, "COM_DL_LOSS_T": 500.0}, pace=5.0))) == 1
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "refused", "said"),
+    [
+        (49.0, "", ""),
+        (25.0, "an old one was not usable", ""),
+        (8.0, "", "the rate of its simulator's SIM_STATE is 8 Hz, and at least 25 Hz is required"),
+        (None, "", "its simulator sends no SIM_STATE: is it a simulation?; pose_source: mavlink"),
+        (None, "SIM_STATE has no lat_int", "SIM_STATE has no lat_int; pose_source: mavlink"),
+    ],
+)
+def test_a_ground_truth_comes_usable_and_often(
+    rate_hz: float | None, refused: str, said: str
+) -> None:
+    item = ground_truth_item("real", rate_hz, wanted_hz=50.0, message="SIM_STATE", refused=refused)
+    assert item.outcome == ("refused" if said else "ok")
+    assert item.text.startswith(said)

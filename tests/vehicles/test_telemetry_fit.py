@@ -47,3 +47,13 @@ def test_what_fits_takes_no_more_than_its_share(
     taken = telemetry_bytes_s(strategy, rates, signed=signed)
     assert taken * 8.0 <= SHARE_DOWN * radio_bit_s
     assert rates.position_hz >= 10.0
+
+
+def test_a_ground_truth_comes_as_often_as_positions_and_takes_its_share() -> None:
+    wanted = TelemetryRates(truth_hz=50.0)
+    rates = fitted(PX4, wanted, radio_bit_s=100_000.0)
+    assert rates.truth_hz == rates.position_hz < 50.0
+    assert rates.position_hz < fitted(PX4, WANTED, radio_bit_s=100_000.0).position_hz
+    taken = telemetry_bytes_s(PX4, rates, signed=False)
+    assert taken * 8.0 <= SHARE_DOWN * 100_000.0
+    assert fitted(PX4, WANTED, radio_bit_s=57_600.0).truth_hz == 0.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import get_args
 
 from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.external_setups import CAPTURED, ESTIMATED, PoseAccuracy
+from campaigns.values.external_setups import CAPTURED, ESTIMATED, SIMULATED, PoseAccuracy
 from orchestrator.state.run_setup import RunSetup
 from safety.evidence.agreement import Accuracy
 from safety.evidence.evidence import POSE
@@ -19,10 +19,13 @@ JUDGED_EVERY_S = 0.018
 """50 poses a second are judged: between two, a vehicle that brakes at 3 m/s^2 leaves the straight
 way that is swept by a dt^2 / 8 = 0.15 mm, less than the tolerance of 1 mm of a clearance."""
 _HEARTBEAT_HZ = 1.0
+_OVER_LINK = frozenset({"mavlink", "simulator"})
+"""Sources of poses that come over the vehicle's link, as often as its positions."""
 _SOURCES: Mapping[str, PoseAccuracy] = {
     "mavlink": ESTIMATED,
     "mocap": CAPTURED,
     "truth": PoseAccuracy(position_m=0.0, attitude_rad=0.0),
+    "simulator": SIMULATED,
 }
 """Who may know where a vehicle is, and how exactly, unless the campaign says it of its source."""
 
@@ -46,10 +49,23 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]
         source=source,
         limit_s=_pose_limit_s(setup, vehicle),
         required=any(_rests_on_pose(one, vehicle.name) for one in judges),
-        over_link=source == "mavlink",
+        over_link=source in _OVER_LINK,
+        on_grid=source == "simulator",
         accuracy=_accuracy(vehicle.pose_accuracy),
-        references={name: _accuracy(one) for name, one in _SOURCES.items() if name != source},
+        references=_references(source),
     )
+
+
+def _references(source: str) -> dict[str, Accuracy]:
+    """Return the other sources of a vehicle's pose, and how exact each is.
+
+    An estimate beside the simulator's ground truth is not held to its velocity: where it steps, as
+    estimators do, what is judged is right, and the estimate's error is only reported.
+    """
+    found = {name: _accuracy(one) for name, one in _SOURCES.items() if name != source}
+    if source == "simulator":
+        found["mavlink"] = replace(found["mavlink"], velocity_m_s=None)
+    return found
 
 
 def _motion_terms(pose: SignalTerms, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
@@ -100,7 +116,7 @@ def _widest(windows: Iterable[Window]) -> Window:
 
 def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
     """Return the longest gap of a vehicle's poses that the evidence accepts."""
-    if vehicle.pose_source == "mavlink":
+    if vehicle.pose_source in _OVER_LINK:
         rate_hz, declared_s = vehicle.rates.position_hz, vehicle.max_gap_s
     elif vehicle.mocap is not None:
         return vehicle.mocap.stall_s

@@ -97,6 +97,8 @@ async def open_pair(
             feeds[vehicle.name] = feed = await backend.start(stack, vehicle)
             await stack.enter_async_context(context.driver)
             _connect(context, feed, guard, truth_hz=truth_hz)
+            if vehicle.requests_truth:
+                context.driver.on_truth(context.take_simulator)
             if not captures.listen(vehicle.name, context.take_mocap):
                 feed.on_mocap(context.take_mocap)
         backend.all_started()

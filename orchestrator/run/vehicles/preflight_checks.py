@@ -16,6 +16,7 @@ from safety.preflight import (
     at_least,
     at_most,
     gps_items,
+    ground_truth_item,
     home_item,
     pair_item,
     refused,
@@ -30,9 +31,11 @@ from vehicles.autopilots.failsafes import (
     return_altitude_m,
     unsound,
 )
+from vehicles.autopilots.registry import autopilot_named
 from vehicles.driver.onboard.parameter_backup import ParameterValue
 from vehicles.driver.onboard.parameters import Parameters
 from vehicles.errors import ParameterError
+from vehicles.mavlink.names import message_name
 from worlds.frames import Vec3, norm, subtract
 
 Note = Callable[..., None]
@@ -102,7 +105,10 @@ class Preflight:
         return items
 
     async def _source(self, context: VehicleContext) -> Iterable[Item]:
-        """Return the preflight items of a vehicle's pose source: GPS, or motion capture."""
+        """Return the preflight items of a vehicle's pose source; of an estimate, GPS.
+
+        A simulated vehicle flies by its estimate, whatever it is judged by.
+        """
         wanted, name = self._setup.campaign.preflight, context.name
         if context.pose_source == "mocap":
             seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
@@ -113,14 +119,29 @@ class Preflight:
                 at_most("mocap", name, seen_s, _FRESH_S, unit="s", what=since),
                 at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=often),
             )
+        truth = () if context.pose_source != "simulator" else (self._truth_item(context),)
         if wanted.gps is None:
-            return ()
+            return truth
         fix = await context.driver.onboard.satellites.fix(_FIX_WITHIN_S)
-        return gps_items(
+        gps = gps_items(
             name,
             None if fix is None else (fix.kind, fix.satellites, fix.hdop),
             min_satellites=wanted.gps.min_satellites,
             max_hdop=wanted.gps.max_hdop,
+        )
+        return (*truth, *gps)
+
+    def _truth_item(self, context: VehicleContext) -> Item:
+        """Return the preflight item of the ground truth that a vehicle is judged by."""
+        seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
+        return ground_truth_item(
+            context.name,
+            context.poses.rate_hz(_RATE_OVER_S) if seen_s <= _FRESH_S else None,
+            wanted_hz=self._setup.vehicle(context.name).rates.position_hz,
+            message=message_name(
+                autopilot_named(context.driver.identity.autopilot).truth_message_id
+            ),
+            refused=context.driver.truth.refused,
         )
 
     async def _failsafes(self, context: VehicleContext, vehicle: VehicleSetup) -> Iterable[Item]:

@@ -14,7 +14,7 @@ ONE_PLACE = [
     ("schema: wil/campaign/1", "schema: @wil/campaign/2", "must be wil/campaign/1, is 'wil/c"),
     ("autopilot: px4", "autopilot: @px5", "must be px4 or ardupilot, is 'px5'; did you mean 'px4'"),
     ("profile: cage", "profile: @caeg", "no profile 'caeg'"),
-    ("pose_source: mocap", "pose_source: @vicon", "must be mavlink or mocap, is 'vicon'"),
+    ("pose_source: mocap", "pose_source: @vicon", "must be simulator, mocap or mavlink, is"),
     (
         "pose_source: mocap",
         "pose_source: mocap\n    coupling: @free",

@@ -289,3 +289,35 @@ def test_a_key_of_preflight_that_is_none(files: Any) -> None:
     files.append("preflight: {fence: {margin: 2}}\n")
     (fault,) = files.faults()
     assert "unknown key 'margin'" in fault
+
+
+@pytest.mark.parametrize(
+    ("said", "source", "requested"),
+    [
+        ((), "simulator", True),
+        (("pose_source: mavlink",), "mavlink", True),
+        (("pose_source: simulator",), "simulator", True),
+    ],
+)
+def test_a_launched_vehicle_is_judged_by_its_simulator_unless_told_otherwise(
+    files: Any, tmp_path: Path, said: tuple[str, ...], source: str, requested: bool
+) -> None:
+    binary = program(tmp_path, "arducopter")
+    outside(files, f"{{launch: ardupilot, binary: {binary}}}", *said, autopilot="ardupilot")
+    vehicle = real(files)
+    assert (vehicle.pose_source, vehicle.requests_truth) == (source, requested)
+    assert vehicle.pose_accuracy.position_m == (0.02 if source == "simulator" else 1.0)
+
+
+@pytest.mark.parametrize("link", ["udpin://0.0.0.0:14540", "embedded"])
+@pytest.mark.parametrize(
+    ("said", "source", "truth_hz"),
+    [((), "mavlink", 0.0), (("pose_source: simulator",), "simulator", 50.0)],
+)
+def test_any_vehicle_may_have_a_simulator_and_none_has_one_unsaid(
+    files: Any, link: str, said: tuple[str, ...], source: str, truth_hz: float
+) -> None:
+    outside(files, link, *said)
+    vehicle = real(files)
+    assert (vehicle.pose_source, vehicle.rates.truth_hz) == (source, truth_hz)
+    assert vehicle.requests_truth is (source == "simulator")

@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import pytest
 
@@ -186,3 +187,29 @@ def test_the_velocity_of_real_ardupilot_moves_it_where_its_positions_do() -> Non
 def test_the_velocity_of_real_px4_was_beside_its_positions() -> None:
     # 0.9 m/s apart while it landed: no speed can be judged by such a velocity.
     assert "by its own positions" in in_flight_of("px4-1.18-offboard").reason
+
+
+def rounded(sample: PoseSample) -> PoseSample:
+    """Return a sample that hovers on a grid: only its attitude still changes."""
+    still = Pose((1.0, 0.0, -1.0), sample.pose.q_wxyz)
+    return sample._replace(pose=still, velocity_ned_m_s=(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("signal", ["pose", "velocity"])
+@pytest.mark.parametrize(
+    ("on_grid", "frozen", "verdict"),
+    [(False, False, "INVALID"), (True, False, "PASS"), (True, True, "INVALID")],
+)
+def test_a_grid_repeats_places_while_it_hovers_but_no_attitude(
+    signal: str, on_grid: bool, frozen: bool, verdict: str
+) -> None:
+    source = replace(terms(signal), on_grid=on_grid, references={}, source="simulator")
+    evidence = Evidence([source])
+    evidence.stage(StageSample(0.0, "takeoff"))
+    evidence.state(StateSample(0.0, "real", True, Mode.GUIDED, landed=False))
+    for sample in flight():
+        hovering = rounded(sample)
+        evidence.pose(turned(None)(hovering) if frozen else hovering)
+    (result,) = evidence.results()
+    assert result.verdict == verdict
+    assert ("it repeats one" in result.reason) is (verdict == "INVALID")

@@ -1,6 +1,6 @@
 """What a run's positions have to show: one that touches something never passes for want of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +15,10 @@ from orchestrator.run.flight.run import Disturb, fly
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import Stage
 from tests.faults.motion_capture import Alter, captured
-from tests.faults.relay import Change, frozen, relay, stopped
+from tests.faults.relay import Change, Position, frozen, relay, stopped
 from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, NoCommands
 from tests.orchestrator.wall import write_wall
+from vehicles.mavlink.framing import Frame
 from vehicles.readings import PoseReading
 from worlds.frames import Pose
 
@@ -146,3 +147,40 @@ def test_a_radio_is_held_to_its_rate_or_to_what_the_campaign_says(
     assert pose.limit_s == pytest.approx(limit_s)
     if DARK in sets:
         assert 0.3 <= pose.largest_gap_s < 0.4
+
+
+def stepped(offset_m: float) -> Change:
+    """Return a change that puts the estimate this far to the north, at once and for good."""
+
+    def change(frame: Frame) -> Iterable[tuple[float, bytes]]:
+        now = Position.of(frame)
+        north_m, *others = now.values
+        yield 0.0, Position(now.boot_ms, (north_m + offset_m, *others)).in_place_of(frame)
+
+    return change
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_vehicle_is_judged_by_its_simulator_whatever_its_estimate_does(
+    tmp_path: Path, autopilot: str
+) -> None:
+    sets = ("vehicles.twin.pose_source=simulator", f"vehicles.twin.autopilot={autopilot}")
+    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    disturb = relay("twin", stepped(1.5), stage="goal", after_s=0.5)
+    result = flown(plan, tmp_path / "run", disturb)
+    assert (result.verdict, result.reason) == ("FAIL", "twin touched wall.box")
+    pose = result.evidence[0]
+    assert (pose.signal, pose.source, pose.verdict) == ("pose", "simulator", "PASS")
+    assert pose.compared_with == ("mocap", "mavlink", "truth")
+    (touched,) = [one for one in result.oracles if one.name == "collision"]
+    assert touched.at_s is not None
+
+
+def test_an_estimate_in_another_place_altogether_is_no_evidence(tmp_path: Path) -> None:
+    sets = ("vehicles.twin.pose_source=simulator",)
+    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    disturb = relay("twin", stepped(9.0), stage="goal", after_s=0.5)
+    result = flown(plan, tmp_path / "run", disturb)
+    assert result.verdict == "INVALID"
+    assert result.reason.startswith("pose of twin from simulator: it is 9.")
+    assert "from where mavlink has the vehicle" in result.reason

@@ -17,6 +17,9 @@ from orchestrator.state.run_state import RunState
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from tests.vehicles.embedded.charge import set_remaining
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.embedded.autopilot.copter import copter_telemetry
 from vehicles.embedded.autopilot.copter.copter_core import CopterCore
 from vehicles.embedded.autopilot.px4 import px4_telemetry
 from vehicles.embedded.autopilot.px4.px4_core import Px4Core
@@ -126,6 +129,14 @@ def test_who_flies_without_gps_may_say_so(fly_run: Fly, monkeypatch: pytest.Monk
     assert not [item for item in result.preflight if item.check == "gps"]
 
 
+def imprecise_sim_state(s: Any) -> Any:
+    """Return the SIM_STATE of an ArduPilot that knows neither lat_int nor lon_int."""
+    message = copter_telemetry.sim_state(s)
+    if message is not None:
+        message.lat_int = message.lon_int = 0
+    return message
+
+
 def slow(vehicle: EmbeddedVehicle) -> None:
     vehicle._mocap._noise = vehicle._mocap._noise.model_copy(update={"rate_hz": 4})
 
@@ -185,3 +196,27 @@ def test_an_override_is_reported_at_the_end(fly_run: Fly) -> None:
     assert result.verdict == "PASS"
     (item,) = [item for item in result.preflight if item.outcome == "overridden"]
     assert (item.check, item.by, item.actual) == ("battery", "J. Doe", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "built", "said"),
+    [
+        ("px4", lambda _: None, "its simulator sends no HIL_STATE_QUATERNION: is it a simul"),
+        ("ardupilot", lambda _: None, "its simulator sends no SIM_STATE: is it a simulation?"),
+        ("ardupilot", imprecise_sim_state, "SIM_STATE has no lat_int and lon_int"),
+    ],
+)
+def test_a_simulator_that_does_not_say_where_its_vehicle_is(
+    fly_run: Fly,
+    monkeypatch: pytest.MonkeyPatch,
+    autopilot: AutopilotName,
+    built: Any,
+    said: str,
+) -> None:
+    core = Px4Core if autopilot == "px4" else CopterCore
+    monkeypatch.setitem(core.builders, autopilot_named(autopilot).truth_message_id, built)
+    sets = (f"vehicles.twin.autopilot={autopilot}", "vehicles.twin.pose_source=simulator")
+    first, *others = refusals(fly_run(mode="sim", sets=sets))
+    assert first.startswith("twin position: its distance from its start pose by simulator is not")
+    assert others[0].startswith(f"twin ground_truth: {said}")
+    assert "pose_source: mavlink judges by its estimate" in others[0]
