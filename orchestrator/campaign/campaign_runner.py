@@ -31,6 +31,7 @@ from orchestrator.campaign.resumption import (
 )
 from orchestrator.campaign.run_order import fly_order
 from orchestrator.campaign.run_output import OUTPUT_FILE, output_tail
+from orchestrator.campaign.sensor_kinds import sensor_kinds
 from orchestrator.campaign.worker_pool import Pool, WorkerLost
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.model.clock import Clock
@@ -42,7 +43,6 @@ from orchestrator.model.progress import News, Progress
 from orchestrator.model.results import (
     NOT_ARMED,
     RunResult,
-    SensorKind,
     Summary,
     SyncResult,
     VehicleKind,
@@ -63,7 +63,6 @@ _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SI
 """What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
 _OUTPUT_LINES = 3
 """How much of what a run printed is shown with a verdict that is no PASS."""
-_REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered")
 
 
 class Watcher(Protocol):
@@ -390,7 +389,7 @@ class _Flight:
             surrogate=self._settings.real_kind == "embedded"
             and any("real" in FLIES[plan.mode] for plan in plans),
             real_kind=self._settings.real_kind,
-            sensors=_sensors(self._campaign),
+            sensors=sensor_kinds(self._campaign),
             left_out=self._campaign.left_out,
             stopped=self._controller.stopped,
             broken=bool(self._faults.all),
@@ -444,15 +443,3 @@ def _with_paths(run: RunResult) -> RunResult:
     """Return a run's result with its files named from the campaign's folder."""
     prefix = f"{run.case}/{run.mode}/{run.rep}"
     return replace(run, artifacts=tuple(f"{prefix}/{name}" for name in run.artifacts))
-
-
-def _sensors(campaign: Campaign) -> dict[str, SensorKind]:
-    """Return the source of each camera in the campaign; of several, the least rendered."""
-    found: dict[str, SensorKind] = {}
-    for setup in campaign.setups.values():
-        for vehicle in setup.vehicles.values():
-            for camera in vehicle.cameras:
-                kind = "rendered" if camera.source is None else camera.source.shown_as
-                before = found.get(camera.name, kind)
-                found[camera.name] = min(before, kind, key=_REAL_FIRST.index)
-    return found

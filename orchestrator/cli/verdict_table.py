@@ -11,7 +11,7 @@ from rich.text import Text
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.cli.external_lines import external_lines
 from orchestrator.cli.progress_display import VERDICT_STYLES
-from orchestrator.model.caveats import caveats, in_short
+from orchestrator.model.caveats import caveats, in_short, synthesised_texts
 from orchestrator.model.results import Percentiles, RunResult, Summary, standings_of
 from safety.evaluation.judge import COLLISION_ALWAYS
 
@@ -78,7 +78,7 @@ def closing_lines(summary: Summary, *, changed_since_flight: Sequence[str] = ())
     changed_since_flight: what judges otherwise than at the flight, where that was before.
     """
     outside = [Text(line, style="dim") for line in external_lines(summary.runs)]
-    lines = [*caveats(summary.runs), *summary.caveats]
+    lines = [*caveats(summary.runs), *synthesised_texts(summary), *summary.caveats]
     if summary.not_flown:
         lines.append(f"never flown: {', '.join(summary.not_flown)}")
     reserved = [Text(line, style="yellow") for line in lines]

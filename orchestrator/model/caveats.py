@@ -25,6 +25,15 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     return lines
 
 
+def synthesised_texts(summary: Summary) -> list[str]:
+    """Return the caveat of readings that the real vehicle did not measure, as lines for people."""
+    names = [name for name, kind in summary.sensors.items() if kind == "synthesised"]
+    if not names:
+        return []
+    made = "computed from the pose of the real vehicle and its world, measured by nobody"
+    return [f"synthesised readings: {', '.join(names)} ({made})"]
+
+
 def loss_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return what recordings lack, by topic, and in which runs."""
     return _in_runs(
@@ -93,6 +102,8 @@ def in_short(summary: Summary) -> list[str]:
     Oracles that are only reported take nothing from a campaign that is not accepted anyway.
     """
     runs, said = summary.runs, []
+    if names := _names(name for name, kind in summary.sensors.items() if kind == "synthesised"):
+        said.append(f"synthesised readings: {names}")
     if names := _names(item.by for run in runs for item in run.preflight if item.by):
         said.append(f"preflight overridden by {names}")
     if names := _names(change.by for run in runs for change in run.fence_changes):

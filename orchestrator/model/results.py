@@ -17,7 +17,9 @@ from safety.preflight import Item
 
 Clock = Literal["virtual", "wall", "scaled"]
 VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
-SensorKind = Literal["live", "rendered", "file"]
+SensorKind = Literal["live", "rendered", "file", "synthesised"]
+"""Where readings come from; synthesised: computed from the pose of a vehicle and its world, for one
+that is not our simulation and may have such a sensor itself."""
 Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
 

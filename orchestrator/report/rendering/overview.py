@@ -7,7 +7,7 @@ from campaigns.schema.campaign import UntilDecidedPart
 from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Share, parse_share
 from orchestrator.analysis.model import CampaignDocuments
-from orchestrator.model.caveats import caveats
+from orchestrator.model.caveats import caveats, synthesised_texts
 from orchestrator.model.control_results import expected_text
 from orchestrator.model.results import RunResult, Summary
 from orchestrator.report.words import NOTHING, number_text
@@ -80,7 +80,12 @@ def cautions(campaign: CampaignDocuments) -> list[str]:
     summary = campaign.summary
     if summary is None:
         return []
-    found = [*caveats(summary.runs), *summary.caveats, *summary.unmet]
+    found = [
+        *caveats(summary.runs),
+        *synthesised_texts(summary),
+        *summary.caveats,
+        *summary.unmet,
+    ]
     if summary.left_out:
         found.append(f"required, and left out: {', '.join(summary.left_out)}")
     if summary.not_flown:

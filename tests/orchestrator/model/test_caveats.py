@@ -219,3 +219,15 @@ def test_a_named_object_that_no_mixture_had_in_view_is_reported() -> None:
     runs = [run(mixing=unseen), run(2, verdict="FAIL", mixing=unseen)]
     assert "virtual object never in view: gate (large wil, 1 run)" in caveat_lines(*runs)
     assert caveat_lines(*runs)[-1] == "not accepted; never in view: gate"
+
+
+def test_readings_that_nobody_measured_are_named_beside_the_verdict() -> None:
+    made = replace(
+        summary(run()), sensors={"camera": "live", "lidar": "synthesised", "gps": "synthesised"}
+    )
+    why = "computed from the pose of the real vehicle and its world, measured by nobody"
+    assert [line.plain for line in conclusions(made)] == [
+        f"synthesised readings: lidar, gps ({why})",
+        "accepted; synthesised readings: gps, lidar",
+    ]
+    assert conclusions(replace(made, sensors={"camera": "rendered"}))[-1].plain == "accepted"

@@ -1,0 +1,36 @@
+"""What results say of a campaign's sensors: who measured, drew or made up their readings."""
+
+from pathlib import Path
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.sensor_kinds import sensor_kinds
+from orchestrator.model.results import SensorKind
+from tests.orchestrator.wall import write_wall
+
+SENSORS = "{lidar: {type: lidar_scan}, gps: {type: gps}, camera: {type: camera}}"
+
+
+def kinds(folder: Path, *vehicles: str) -> dict[str, SensorKind]:
+    """Return the kinds of sensors of a campaign with such vehicles."""
+    path = write_wall(folder)
+    lines = "".join(f"  {line}\n" for line in vehicles)
+    old = "vehicles: {twin: {link: embedded, autopilot: ardupilot}}\n"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, f"vehicles:\n{lines}"))
+    return sensor_kinds(load_campaign(path, Options()))
+
+
+TWIN = "twin: {link: embedded, autopilot: px4}"
+
+
+def test_what_is_computed_for_an_attached_vehicle_is_synthesised(tmp_path: Path) -> None:
+    link = "udpin://0.0.0.0:14540"
+    assert kinds(
+        tmp_path, f"real: {{link: '{link}', autopilot: px4, sensors: {SENSORS}}}", TWIN
+    ) == {"lidar": "synthesised", "gps": "synthesised", "camera": "rendered"}
+
+
+def test_a_simulation_of_ours_has_its_sensors_itself(tmp_path: Path) -> None:
+    seeing = f"link: embedded, autopilot: px4, sensors: {SENSORS}"
+    assert kinds(tmp_path, f"real: {{{seeing}}}", f"twin: {{{seeing}}}") == {"camera": "rendered"}
