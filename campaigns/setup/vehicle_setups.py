@@ -67,10 +67,11 @@ class VehicleSetup:
 
     link: "embedded", the address of one that is attached, or what launches one. params: autopilot
     parameters by name. start: where it stands, world frame. mocap: None: the surrogate's own
-    motion capture. pose_accuracy: of its pose source. signing: where its key is. rates:
-    of telemetry, as its slowest radio carries them. max_gap_s: the longest gap that is accepted
-    between its positions; None: what their rate gives. spares: of an attached one, more links to
-    it. coupling: of the twin, how it is kept with the real vehicle. body: as it is judged.
+    motion capture. pose_accuracy: of its pose source; accuracy_given: by the campaign. signing:
+    where its key is. rates: of telemetry, as its slowest radio carries them. max_gap_s: the
+    longest gap that is accepted between its positions; None: what their rate gives. spares: of an
+    attached one, more links to it. coupling: of the twin, how it is kept with the real vehicle.
+    body: as it is judged.
     """
 
     name: VehicleName
@@ -84,6 +85,7 @@ class VehicleSetup:
     pose_source: PoseSource = "mavlink"
     mocap: MocapSetup | None = None
     pose_accuracy: PoseAccuracy = ESTIMATED
+    accuracy_given: bool = False
     params: Mapping[str, float] = field(default_factory=dict)
     sensors: tuple[SensorSetup, ...] = ()
     signing: KeySource | None = None
@@ -117,6 +119,11 @@ class VehicleSetup:
     def requests_truth(self) -> bool:
         """Return whether the vehicle's simulator is asked where it is: to judge, or to compare."""
         return self.pose_source == "simulator" or self.launch is not None
+
+    @property
+    def reports_accuracy(self) -> bool:
+        """Return whether the vehicle's estimator is to say how exact its poses are."""
+        return self.pose_source == "mavlink" and not self.accuracy_given
 
     @property
     def launch_pace(self) -> float | None:
@@ -164,6 +171,7 @@ def _vehicle(
         params=dict(part.params),
         mocap=None if part.mocap is None else part.mocap.setup(name),
         pose_accuracy=_pose_accuracy(part),
+        accuracy_given=part.pose_accuracy is not None,
         sensors=sensor_setups(campaign, name, part, problems),
         signing=None if part.signing is None else _key_source(folder, part.signing),
         rates=_rates(campaign, name, part, problems),

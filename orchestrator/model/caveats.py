@@ -20,6 +20,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
+    lines += [f"registration error not bounded: {text}" for text in unbounded_texts(runs)]
     lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
     lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
     return lines
@@ -49,6 +50,15 @@ def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
         (f"{one.name}{', in part' if one.frames_measured else ''}: {one.not_measured}", run)
         for run, one in _passed_combinations(runs)
         if one.not_measured
+    )
+
+
+def unbounded_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of passed runs whose registration error nobody knows or bounds."""
+    return _in_runs(
+        (f"{one.name}: {one.not_bounded}", run)
+        for run, one in _passed_combinations(runs)
+        if one.not_bounded
     )
 
 

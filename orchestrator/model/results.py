@@ -77,6 +77,7 @@ class CombinationResult:
     frames_measured: mixtures in which the virtual objects were sought while the goal was flown;
     shown: what came of it, by object. not_mixed: objects that the recipe leaves out by name, and in
     how many of these they were in view. not_measured: why some or all mixtures could not be.
+    not_bounded: why the registration error of some or all has no bound, so that no limit applies.
 
     name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
     publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
@@ -99,6 +100,7 @@ class CombinationResult:
     shown: dict[str, ShownResult] = field(default_factory=dict)
     not_mixed: dict[str, int] = field(default_factory=dict)
     not_measured: str = ""
+    not_bounded: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,6 +85,8 @@ class ArduCopter(Autopilot):
         needs_home=False,
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+    # EKF_STATUS_REPORT calls its test ratios variances: they have no unit.
+    accuracy_message_id: ClassVar[int | None] = None
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_SIM_STATE
 
     def mode_of(self, custom_mode: int) -> Mode:

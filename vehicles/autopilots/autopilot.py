@@ -55,6 +55,8 @@ class TelemetryRates:
     """Of its GPS receiver; 0: not requested."""
     truth_hz: float = 0.0
     """Of its simulator's ground truth; 0: not requested."""
+    accuracy_hz: float = 0.0
+    """Of its estimator's covariance; 0: not requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +118,8 @@ class Autopilot(ABC):
     readiness_rules: ClassVar[ReadinessRules]
     estimator_message_id: ClassVar[int]
     """Of the message that says whether its estimator is ready."""
+    accuracy_message_id: ClassVar[int | None]
+    """Of the message with its estimator's covariance in metres; None where it sends none."""
     truth_message_id: ClassVar[int]
     """Of the message in which its simulator says where the vehicle is."""
 
@@ -161,6 +165,7 @@ class Autopilot(ABC):
         """Return the messages to request from the autopilot, and how often."""
         gps = MessageRate(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, rates.ground_speed_hz, required=False)
         truth = MessageRate(self.truth_message_id, rates.truth_hz, required=False)
+        exact = self.accuracy_message_id
         return (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -173,6 +178,11 @@ class Autopilot(ABC):
             MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
             *((gps,) if rates.ground_speed_hz > 0.0 else ()),
             *((truth,) if rates.truth_hz > 0.0 else ()),
+            *(
+                (MessageRate(exact, rates.accuracy_hz, required=False),)
+                if exact is not None and rates.accuracy_hz > 0.0
+                else ()
+            ),
         )
 
     def velocity_setpoint(

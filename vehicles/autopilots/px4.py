@@ -95,6 +95,7 @@ class Px4(Autopilot):
         estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+    accuracy_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_ODOMETRY
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
 
     def mode_of(self, custom_mode: int) -> Mode:

@@ -11,6 +11,7 @@ from vehicles.autopilots.autopilot import AutopilotName, Mode, Target, Telemetry
 from vehicles.clocks.timesync import VehicleClock
 from vehicles.driver.command_backend import CommandBackend, FailureListener, FrameBackend
 from vehicles.driver.confirmed_command import SEEN_WITHIN_S, ConfirmedCommand
+from vehicles.driver.estimate_accuracy import EstimateAccuracy
 from vehicles.driver.estimates import EstimateListener, Estimates
 from vehicles.driver.identified_vehicle import IdentifiedVehicle
 from vehicles.driver.onboard.gps_receiver import GroundSpeed
@@ -36,6 +37,7 @@ from worlds.geodesy import Geodetic
 
 _ASK_AGAIN_S = 2.0
 _GROUND_SPEED_HZ = 2.0
+_ACCURACY_HZ = 2.0
 _ANSWER_WITHIN_S = 1.0
 """What a vehicle that was heard at the last moment still has to say who it is."""
 
@@ -97,6 +99,7 @@ class Driver:
         self._clocking = TimesyncRequester(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
         self._estimates.on_reboot = self._on_reboot
+        self.accuracy = EstimateAccuracy(session=self._session)
         self.truth = TruthReceiver(session=self._session, clock=self.clock)
         self._event_listeners: list[EventListener] = []
         self._status: StatusTracker | None = None
@@ -181,6 +184,10 @@ class Driver:
         hz = min(_GROUND_SPEED_HZ, self._rates.position_hz)
         self._rates = replace(self._rates, ground_speed_hz=hz)
         self.onboard.satellites.on_ground_speed(listener)
+
+    def request_accuracy(self) -> None:
+        """Request the covariance of the vehicle's estimator (`accuracy`); before `identify`."""
+        self._rates = replace(self._rates, accuracy_hz=_ACCURACY_HZ)
 
     def on_truth(self, listener: TruthListener) -> None:
         """Call `listener` with the ground truth of the vehicle's simulator; before `identify`."""

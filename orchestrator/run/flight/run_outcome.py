@@ -226,6 +226,7 @@ def _combination_result(mixing: MixingLoop) -> CombinationResult:
         shown={} if coverage is None else _shown(coverage),
         not_mixed={} if coverage is None else dict(sorted(coverage.not_mixed.items())),
         not_measured=mixing.unmeasured if coverage is None else coverage.why_not_measured(),
+        not_bounded=statistics.unbounded,
     )
 
 

@@ -42,11 +42,12 @@ class RegistrationError:
     """A mixture's registration error, RMS in pixels; None: nothing virtual in view.
 
     error_px: against an independent reference; None without one. bound_px: without one, what the
-    error is within by what is known of the pose.
+    error is within by what is known of the pose. unbounded: why nothing is known of it, in words.
     """
 
     error_px: float | None = None
     bound_px: float | None = None
+    unbounded: str = ""
 
 
 Registration = Callable[[Reading, float], RegistrationError]
@@ -202,6 +203,7 @@ class MixingLoop:
                 registration_bound_px=found.bound_px,
             )
             mixed = Mixed(mixed.reading, told)
+            self.statistics.unbounded = found.unbounded or self.statistics.unbounded
         self._account(mixed, now_s)
         self._tell(MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility))
 

@@ -30,7 +30,8 @@ class MixingStatistics:
 
     replaced: readings that made way for newer ones before they were mixed. missed: readings that
     were not mixed, for the twin's source gave no image in time; last_miss: why the newest of them
-    was. What the mixer left out it counts itself.
+    was. unbounded: why the registration error of some has no bound; empty where each has one. What
+    the mixer left out it counts itself.
     """
 
     def __init__(self) -> None:
@@ -38,6 +39,7 @@ class MixingStatistics:
         self.replaced = 0
         self.missed = 0
         self.last_miss = ""
+        self.unbounded = ""
         self.skew_ms = Samples()
         self.latency_ms = Samples()
         self.registration_error_px = Samples()

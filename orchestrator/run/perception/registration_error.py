@@ -10,12 +10,17 @@ from campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from orchestrator.run.perception.mixing_loop import Registration, RegistrationError
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.autopilots.autopilot import Autopilot
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.mavlink.names import message_name
 from vehicles.readings import CameraReading, DepthReading, Reading
 from worlds.camera import Intrinsics
 from worlds.frames import Pose, Vec3, norm
 from worlds.scene.scene import SceneObject
 
 Pictured = CameraSetup | DepthSetup
+_REPORTED_S = 3.0
+"""How long a reported accuracy holds; it is requested twice a second."""
 
 
 class Registrar:
@@ -45,7 +50,6 @@ class Registrar:
         truth of a vehicle of ours is no reference for pictures that come from outside.
         """
         twin_camera = _camera_setup(self._setup.vehicle("twin"), camera.name)
-        accuracy = self._setup.vehicle("real").pose_accuracy
         real, shown_as = self._contexts["real"], _image_source_name(camera)
 
         def registered(twin: Reading, exposed_s: float) -> RegistrationError:
@@ -63,6 +67,9 @@ class Registrar:
             )
             if truth is not None or error_px is None:
                 return RegistrationError(error_px)
+            accuracy = self._accuracy(exposed_s)
+            if isinstance(accuracy, str):
+                return RegistrationError(unbounded=accuracy)
             doubt_px = uncertainty_px(
                 corners, intrinsics=camera.intrinsics, camera=here, accuracy=accuracy
             )
@@ -79,6 +86,22 @@ class Registrar:
         body = self._contexts["twin"].poses.at(twin.t_s).pose
         return None if body is None else camera.mount.camera_pose(body)
 
+    def _accuracy(self, t_s: float) -> PoseAccuracy | str:
+        """Return how exact the real vehicle's pose is; in words why nobody knows it.
+
+        What an estimate may be off by depends on satellites and surroundings: only its estimator
+        knows it, or who flies it.
+        """
+        vehicle = self._setup.vehicle("real")
+        if not vehicle.reports_accuracy:
+            return vehicle.pose_accuracy
+        driver = self._contexts["real"].driver
+        reported = driver.accuracy.newest
+        if reported is not None and t_s - reported.arrived_s < _REPORTED_S:
+            return PoseAccuracy(position_m=reported.position_m, attitude_rad=reported.attitude_rad)
+        autopilot = autopilot_named(driver.identity.autopilot)
+        return no_accuracy_text(autopilot)
+
     def _corners(self, t_s: float) -> list[Vec3]:
         return [
             pose.to_parent(corner)
@@ -86,6 +109,15 @@ class Registrar:
             for pose in (thing.pose_at(t_s, self._events),)
             for corner in corners
         ]
+
+
+def no_accuracy_text(autopilot: Autopilot) -> str:
+    """Return why nothing bounds the registration error of an estimate, and the remedy."""
+    remedy = "state pose_accuracy of the real vehicle"
+    if autopilot.accuracy_message_id is None:
+        return f"{autopilot.label} reports no accuracy of its estimate in metres; {remedy}"
+    name = message_name(autopilot.accuracy_message_id)
+    return f"no covariance came in {autopilot.label}'s {name}; {remedy}"
 
 
 def _camera_setup(vehicle: VehicleSetup, name: str) -> Pictured | None:

@@ -97,6 +97,8 @@ async def open_pair(
             feeds[vehicle.name] = feed = await backend.start(stack, vehicle)
             await stack.enter_async_context(context.driver)
             _connect(context, feed, guard, truth_hz=truth_hz)
+            if vehicle.reports_accuracy and vehicle.name == "real":
+                context.driver.request_accuracy()
             if vehicle.requests_truth:
                 context.driver.on_truth(context.take_simulator)
             if not captures.listen(vehicle.name, context.take_mocap):

@@ -7,7 +7,8 @@ from orchestrator.campaign.sensor_kinds import sensor_kinds
 from orchestrator.model.results import SensorKind
 from tests.orchestrator.wall import write_wall
 
-SENSORS = "{lidar: {type: lidar_scan}, gps: {type: gps}, camera: {type: camera}}"
+CAMERA = "{type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
+SENSORS = f"{{lidar: {{type: lidar}}, gps: {{type: gps}}, camera: {CAMERA}}}"
 
 
 def kinds(folder: Path, *vehicles: str) -> dict[str, SensorKind]:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from orchestrator.run.perception.registration_error import (
     uncertainty_px,
 )
 from orchestrator.state.run_setup import RunOrder, RunSetup
+from vehicles.driver.estimate_accuracy import ReportedAccuracy
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import CameraReading
 from worlds.camera import Intrinsics
@@ -194,3 +196,53 @@ def test_a_live_picture_of_the_twin_is_of_the_twins_own_place(scene: Scene) -> N
     for k in range(100):
         scene.twin.poses.add(k / 100, Pose((0.0, k / 100 + 0.3, -0.5)))
     assert 40.0 < within(scene.registration()(picture, 0.5)) - beside < 60.0
+
+
+class Driven:
+    """The part of a driver that says who flies, and how exact its estimator takes itself for."""
+
+    def __init__(self, autopilot: str, newest: ReportedAccuracy | None) -> None:
+        self.identity = SimpleNamespace(autopilot=autopilot)
+        self.accuracy = SimpleNamespace(newest=newest)
+
+
+def by_its_estimate(scene: Scene, autopilot: str, newest: ReportedAccuracy | None) -> None:
+    """Judge the real vehicle by its estimate, whose accuracy the campaign does not state."""
+    real = replace(scene.setup.vehicle("real"), pose_source="mavlink", accuracy_given=False)
+    others = tuple(one for one in scene.setup.vehicles if one.name != "real")
+    scene.setup = replace(scene.setup, vehicles=(real, *others))
+    scene.real.driver = Driven(autopilot, newest)
+
+
+def test_an_estimate_is_bounded_by_the_covariance_that_it_reports(scene: Scene) -> None:
+    exact, vague = ReportedAccuracy(0.1, 0.02, 0.005), ReportedAccuracy(0.1, 0.2, 0.05)
+    by_its_estimate(scene, "px4", exact)
+    few = within(scene.registration()(scene.drawn(0.5), 0.5))
+    by_its_estimate(scene, "px4", vague)
+    assert within(scene.registration()(scene.drawn(0.5), 0.5)) == pytest.approx(10.0 * few)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "newest", "said"),
+    [
+        ("ardupilot", None, "ArduCopter reports no accuracy of its estimate in metres"),
+        ("px4", None, "no covariance came in PX4's ODOMETRY"),
+        ("px4", ReportedAccuracy(-3.0, 0.02, 0.005), "no covariance came in PX4's ODOMETRY"),
+    ],
+)
+def test_without_a_covariance_there_is_no_bound_and_it_is_said(
+    scene: Scene, autopilot: str, newest: ReportedAccuracy | None, said: str
+) -> None:
+    by_its_estimate(scene, autopilot, newest)
+    found = scene.registration()(scene.drawn(0.5), 0.5)
+    assert (found.error_px, found.bound_px) == (None, None)
+    assert found.unbounded.startswith(said)
+    assert "state pose_accuracy" in found.unbounded
+
+
+def test_an_accuracy_that_the_campaign_states_is_used(scene: Scene) -> None:
+    by_its_estimate(scene, "ardupilot", None)
+    real = replace(scene.setup.vehicle("real"), accuracy_given=True)
+    others = tuple(one for one in scene.setup.vehicles if one.name != "real")
+    scene.setup = replace(scene.setup, vehicles=(real, *others))
+    assert within(scene.registration()(scene.drawn(0.5), 0.5)) > 0.0
