@@ -17,8 +17,8 @@ from vehicles.autopilots.autopilot import (
     command_long,
 )
 from vehicles.autopilots.ground_truth import GroundTruth, read_sim_state
+from vehicles.autopilots.map_projections import ArduPilotProjection
 from vehicles.autopilots.readiness import ReadinessRules
-from vehicles.poses.map_projections import ArduPilotProjection
 
 _ASKED: dict[Mode, int] = {
     # BRAKE stops and stays by itself and obeys neither sticks nor late setpoints. LOITER sinks

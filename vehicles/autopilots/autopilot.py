@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.ground_truth import GroundTruth
+from vehicles.autopilots.map_projections import MapProjection
 from vehicles.autopilots.readiness import Readiness, ReadinessRules
 from vehicles.errors import VehicleError
-from vehicles.poses.map_projections import MapProjection
 from worlds.frames import Vec3
 
 AutopilotName = Literal["px4", "ardupilot"]

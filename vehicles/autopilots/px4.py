@@ -18,8 +18,8 @@ from vehicles.autopilots.autopilot import (
     command_long,
 )
 from vehicles.autopilots.ground_truth import GroundTruth, read_hil_state
+from vehicles.autopilots.map_projections import Px4Projection
 from vehicles.autopilots.readiness import ReadinessRules
-from vehicles.poses.map_projections import Px4Projection
 
 _AUTO = 4
 _ASKED: dict[Mode, tuple[int, int]] = {

@@ -8,11 +8,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import Autopilot
 from vehicles.autopilots.ground_truth import GroundTruth, GroundTruthError
+from vehicles.autopilots.map_projections import MapProjection
 from vehicles.clocks.timesync import VehicleClock
 from vehicles.driver.session.session import Session
 from vehicles.driver.vehicle_state import EstimateSample
 from vehicles.poses.anchor import Anchor, PoseAverage
-from vehicles.poses.map_projections import MapProjection
 from worlds.frames import Pose
 
 _STILL_M = 0.1

@@ -4,10 +4,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.autopilots.map_projections import ArduPilotProjection
 from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
-from vehicles.poses.map_projections import ArduPilotProjection
 from worlds.frames import quat_from_euler
 
 _CAPABILITIES = 64495

@@ -5,9 +5,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.autopilots.map_projections import Px4Projection
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
-from vehicles.poses.map_projections import Px4Projection
 from worlds.frames import quat_conjugate, quat_from_euler, rotate
 
 _CAPABILITIES = 59647

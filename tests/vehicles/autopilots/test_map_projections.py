@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.poses.map_projections import ArduPilotProjection, Px4Projection
+from vehicles.autopilots.map_projections import ArduPilotProjection, Px4Projection
 from worlds.geodesy import LocalFrame
 
 ZURICH = (47.397742, 8.545594)
