@@ -299,7 +299,7 @@ def test_a_key_of_preflight_that_is_none(files: Any) -> None:
         (("pose_source: simulator",), "simulator", True),
     ],
 )
-def test_a_launched_vehicle_is_judged_by_its_simulator_unless_told_otherwise(
+def test_a_launched_vehicle_is_judged_by_its_simulator_by_default(
     files: Any, tmp_path: Path, said: tuple[str, ...], source: str, requested: bool
 ) -> None:
     binary = program(tmp_path, "arducopter")

@@ -230,7 +230,7 @@ def test_an_estimate_is_bounded_by_the_covariance_that_it_reports(scene: Scene) 
         ("px4", ReportedAccuracy(-3.0, 0.02, 0.005), "no covariance came in PX4's ODOMETRY"),
     ],
 )
-def test_without_a_covariance_there_is_no_bound_and_it_is_said(
+def test_without_a_covariance_there_is_no_bound_but_a_reason(
     scene: Scene, autopilot: str, newest: ReportedAccuracy | None, said: str
 ) -> None:
     by_its_estimate(scene, autopilot, newest)
