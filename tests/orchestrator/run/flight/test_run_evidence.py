@@ -12,6 +12,7 @@ from orchestrator.campaign.reevaluation import judge_run_again
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
 from orchestrator.run.flight.run import Disturb, fly
+from orchestrator.run.flight.run_evidence import signal_terms
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import Stage
 from tests.faults.motion_capture import Alter, captured
@@ -182,3 +183,16 @@ def test_an_estimate_in_another_place_altogether_is_no_evidence(tmp_path: Path) 
     assert result.verdict == "INVALID"
     assert result.reason.startswith("pose of twin from simulator: it is 8.9")
     assert "from where mavlink has the vehicle" in result.reason
+
+
+@pytest.mark.parametrize(("source", "velocity_m_s"), [("simulator", None), ("mocap", 0.1)])
+def test_an_estimate_beside_a_simulator_is_not_held_to_its_velocity(
+    tmp_path: Path, source: str, velocity_m_s: float | None
+) -> None:
+    sets = (f"vehicles.twin.pose_source={source}",)
+    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
+    pose = next(iter(signal_terms(setup, ())))
+    assert (pose.source, pose.on_grid) == (source, source == "simulator")
+    assert pose.references["mavlink"].position_m == 1.0
+    assert pose.references["mavlink"].velocity_m_s == velocity_m_s
