@@ -1,11 +1,11 @@
 """Flights that must fail, each with a seeded fault: in virtual time, and on sockets.
 
-`python bench/must_fail.py RESULTS [--virtual 1000] [--sockets 60] [--first 0] [--jobs 1]` appends
-one JSON line for each flight to the file RESULTS, leaves out what stands there already, and prints
-the tables of docs/verdicts.md. `--undisturbed` flies each mission without a fault instead, and
-`--mutants` each mutant of the product. Ends with 1 when a flight passed that must not, or a mutant
-was not found. One flight again: `python -m tests.faults.signals SEED 1 FOLDER`, or
-`python -m tests.faults.socket_flights SEED 1 FOLDER`.
+`python bench/must_fail.py RESULTS [--virtual 1000] [--truth 200] [--sockets 60] [--first 0]
+[--jobs 1]` appends one JSON line for each flight to the file RESULTS, leaves out what stands there
+already, and prints the tables of docs/verdicts.md. `--undisturbed` flies each mission without a
+fault instead, and `--mutants` each mutant of the product. Ends with 1 when a flight passed that
+must not, or a mutant was not found. One flight again: `python -m tests.faults.signals SEED 1
+FOLDER`, with `ground_truth` or `socket_flights` in its place.
 """
 
 import argparse
@@ -23,7 +23,12 @@ ROOT = Path(__file__).parents[1]
 SHARE = 100
 """Flights of one process: what it leaves behind in memory goes with it."""
 VERDICTS = ("FAIL", "INVALID", "ERROR", "ABORTED", "PASS")
-MODULES = {"virtual": "signals", "sockets": "socket_flights", "undisturbed": "undisturbed"}
+MODULES = {
+    "virtual": "signals",
+    "truth": "ground_truth",
+    "sockets": "socket_flights",
+    "undisturbed": "undisturbed",
+}
 
 
 def fly(kind: str, first: int, count: int, results: Path) -> None:
@@ -70,7 +75,12 @@ def fly_due(kind: str, first: int, count: int, results: Path, jobs: int) -> None
 
 def tables(flights: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the tables."""
-    for kind, title in (("virtual", "in virtual time"), ("sockets", "on sockets")):
+    titles = {
+        "virtual": "in virtual time",
+        "truth": "judged by a simulator's ground truth",
+        "sockets": "on sockets",
+    }
+    for kind, title in titles.items():
         own = [one for one in flights if one["kind"] == kind]
         if not own:
             continue
@@ -114,6 +124,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
     parser.add_argument("--virtual", type=int, default=1000)
+    parser.add_argument("--truth", type=int, default=200)
     parser.add_argument("--sockets", type=int, default=60)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
@@ -124,9 +135,10 @@ def main() -> int:
         words = [sys.executable, "-m", "tests.faults.mutants"]
         return subprocess.run(words, cwd=ROOT, check=False).returncode  # noqa: S603 - our own
     if asked.undisturbed:
-        fly_due("undisturbed", asked.first, 90, asked.results, asked.jobs)
+        fly_due("undisturbed", asked.first, 135, asked.results, asked.jobs)
     else:
         fly_due("virtual", asked.first, asked.virtual, asked.results, asked.jobs)
+        fly_due("truth", asked.first, asked.truth, asked.results, asked.jobs)
         fly_due("sockets", asked.first, asked.sockets, asked.results, 1)
     flights = read(asked.results)
     print("\n".join(tables(flights)))

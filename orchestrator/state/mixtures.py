@@ -12,7 +12,8 @@ class MixedFrame:
     """A mixture with the readings behind it.
 
     name: of the combination. visibility: what it shows of the virtual objects; None where that
-    was not measured.
+    was not measured. unbounded: why nobody knows how far beside their places virtual objects may be
+    drawn; empty where that is known.
     """
 
     name: str
@@ -21,6 +22,7 @@ class MixedFrame:
     twin: Reading | None
     mixed: Mixed[Reading]
     visibility: FrameVisibility | None = None
+    unbounded: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -230,6 +230,54 @@ class OwnVelocity:
         return Disagreement(t_s, f"{said}; the limit is {MOST_APART_M:.2f} m on each axis")
 
 
+class StandingStill:
+    """Checks that a vehicle does not move by another source while its places on a grid repeat.
+
+    A vehicle that hovers may be found in one place of a grid for seconds. One whose estimate is
+    MOST_APART_M away from where it was then is flown back by it: the longest of SPANS_S later it is
+    no longer there, even where the estimate has only stepped.
+    """
+
+    def __init__(self) -> None:
+        self._place: PoseSample | None = None
+        self._until_s = -math.inf
+        self._then: dict[str, ReferenceSample] = {}
+        self._away_s: dict[str, float] = {}
+
+    def restart(self) -> None:
+        """Forget where the vehicle stood."""
+        self._place, self._until_s = None, -math.inf
+        self._forget()
+
+    def pose(self, sample: PoseSample) -> None:
+        """Add a judged pose."""
+        place = self._place
+        if place is None or place.pose.position_ned_m != sample.pose.position_ned_m:
+            self._place = sample
+            self._forget()
+        self._until_s = max(self._until_s, sample.t_s)
+
+    def reference(self, sample: ReferenceSample) -> Disagreement | None:
+        """Add a position of another source; return that it moved while the judged did not."""
+        place = self._place
+        if place is None or sample.t_s < place.t_s:
+            return None
+        then = self._then.setdefault(sample.source, sample)
+        moved_m = norm(subtract(sample.position_ned_m, then.position_ned_m))
+        if moved_m <= MOST_APART_M:
+            self._away_s.pop(sample.source, None)
+            return None
+        away_s = self._away_s.setdefault(sample.source, sample.t_s)
+        if min(sample.t_s, self._until_s) - away_s < max(SPANS_S):
+            return None
+        said = f"it repeats one place from {place.t_s:.2f} s on, while {sample.source} moved"
+        return Disagreement(sample.t_s, f"{said} {moved_m:.2f} m to {sample.t_s:.2f} s")
+
+    def _forget(self) -> None:
+        self._then.clear()
+        self._away_s.clear()
+
+
 def _on_an_axis(apart_m: Vec3) -> float:
     """Return the largest disagreement on any axis, metres."""
     return max(map(abs, apart_m))

@@ -2,7 +2,7 @@
 
 import math
 
-from safety.evidence.agreement import Agreement, Disagreement, OwnVelocity
+from safety.evidence.agreement import Agreement, Disagreement, OwnVelocity, StandingStill
 from safety.evidence.flown_coverage import FlownCoverage
 from safety.evidence.terms import SignalTerms
 from safety.model.samples import PoseSample, ReferenceSample, StageSample
@@ -22,6 +22,7 @@ class PoseCoverage(FlownCoverage):
         }
         states_velocity = terms.accuracy is not None and terms.accuracy.velocity_m_s is not None
         self._own_velocity = OwnVelocity() if states_velocity else None
+        self._still = StandingStill() if terms.on_grid else None
 
     @property
     def compared_with(self) -> tuple[str, ...]:
@@ -37,6 +38,8 @@ class PoseCoverage(FlownCoverage):
                 agreement.restart()
             if self._own_velocity is not None:
                 self._own_velocity.restart()
+            if self._still is not None:
+                self._still.restart()
 
     def pose(self, sample: PoseSample) -> None:
         """Note a pose of the judged source."""
@@ -49,12 +52,16 @@ class PoseCoverage(FlownCoverage):
         if self._own_velocity is not None:
             self._disagree(self._own_velocity.pose(sample))
         self.hold_against_last(self.unrounded(sample.pose.position_ned_m, sample), sample.t_s)
+        if self._still is not None:
+            self._still.pose(sample)
 
     def reference(self, sample: ReferenceSample) -> None:
         """Compare the poses with another source's position of the vehicle."""
         agreement = self._agreements.get(sample.source)
         if agreement is not None:
             self._disagree(agreement.reference(sample))
+            if self._still is not None and self.in_the_air:
+                self._disagree(self._still.reference(sample))
 
     def _disagree(self, found: Disagreement | None) -> None:
         if found is not None and self.stages.open:

@@ -26,9 +26,13 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 ATTITUDE_QUATERNION: int = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _STAMPED_MS = frozenset({LOCAL_POSITION_NED, ATTITUDE_QUATERNION, 30, 33, 32, 31})
 """Messages that begin with time_boot_ms, a uint32."""
+GROUND_TRUTH: tuple[int, ...] = (
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+    mavlink.MAVLINK_MSG_ID_SIM_STATE,
+)
 _ALL_SOUND = 0x33F
 """Flags of attitude, velocity, position and height."""
-_JUMPS_FRAMES, _JUMPS_READINGS = 25, 50
+JUMPS_FRAMES, _JUMPS_READINGS = 25, 50
 """A jump is there for as many, and then away for as many."""
 
 MESSAGES: Mapping[str, tuple[int, ...]] = {
@@ -44,8 +48,11 @@ MESSAGES: Mapping[str, tuple[int, ...]] = {
     "acknowledgement": (mavlink.MAVLINK_MSG_ID_COMMAND_ACK,),
     "timesync": (mavlink.MAVLINK_MSG_ID_TIMESYNC,),
     "link": (),
+    "ground truth": GROUND_TRUTH,
+    "places": GROUND_TRUTH,
 }
-"""What is altered of a vehicle's own words, and the messages that say it; link: all of them."""
+"""What is altered of a vehicle's own words, and the messages that say it; link: all of them.
+places: those in a simulator's ground truth."""
 _OF_A_STATE: tuple[Kind, ...] = ("stop", "freeze", "delay", "bias", "jump", "duplicate")
 POSSIBLE: Mapping[str, tuple[Kind, ...]] = {
     "position": KINDS,
@@ -100,7 +107,7 @@ def frame_change(alteration: Alteration) -> Change:
                 yield 0.0, then
             case "clock step":
                 yield 0.0, _restamped(frame, alteration.step_s)
-            case "jump" if number % (2 * _JUMPS_FRAMES) >= _JUMPS_FRAMES:
+            case "jump" if number % (2 * JUMPS_FRAMES) >= JUMPS_FRAMES:
                 yield 0.0, frame.raw
             case _:
                 yield 0.0, _value(frame, alteration)
@@ -131,7 +138,7 @@ def velocity_change(alteration: Alteration) -> Change:
                 )
             case "nan":
                 velocity = (math.nan, *velocity[1:])
-            case "jump" if len(given) % (2 * _JUMPS_FRAMES) >= _JUMPS_FRAMES:
+            case "jump" if len(given) % (2 * JUMPS_FRAMES) >= JUMPS_FRAMES:
                 pass
             case _:
                 velocity = add(velocity, alteration.offset_m)

@@ -32,7 +32,7 @@ Cause = Literal[
 CAUSES: tuple[Cause, ...] = get_args(Cause)
 Mode = Literal["sim", "wil"]
 AutopilotKind = Literal["px4", "ardupilot"]
-JudgedBy = Literal["mavlink", "mocap"]
+JudgedBy = Literal["mavlink", "mocap", "simulator"]
 
 LEGS = """\
 from vehicles.autonomy import Command

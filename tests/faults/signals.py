@@ -44,7 +44,8 @@ from tests.faults.missions import (
     write_mission,
 )
 from tests.faults.motion_capture import captured
-from tests.faults.relay import lost_position, relay
+from tests.faults.relay import Change, lost_position, relay
+from tests.faults.truth_changes import truth_change
 
 _STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "land")
 _SIGNALS = (
@@ -71,6 +72,7 @@ LOST_AFTER_S = 2.0
 _BETTER: dict[JudgedBy, frozenset[str]] = {
     "mavlink": frozenset({"mocap", "truth"}),
     "mocap": frozenset({"truth"}),
+    "simulator": frozenset({"mocap", "truth"}),
 }
 """Which sources know better than the one that is judged."""
 
@@ -257,7 +259,7 @@ class _Strike:
                 pair, run_state
             )
         elif fault.signal in MESSAGES:
-            change, ids = signal_change(fault.signal, fault.alteration), MESSAGES[fault.signal]
+            change, ids = _change(fault), MESSAGES[fault.signal]
             relay(
                 fault.vehicle,
                 change,
@@ -280,6 +282,11 @@ class _Strike:
         if self.fault.kind == "freeze":
             step_s = abs(self.fault.alteration.step_s)
             asyncio.get_running_loop().call_later(step_s, _go_on, vehicle)
+
+
+def _change(fault: SignalFault) -> Change:
+    of_truth = fault.signal in {"ground truth", "places"}
+    return (truth_change if of_truth else signal_change)(fault.signal, fault.alteration)
 
 
 def _go_on(vehicle: Any) -> None:
@@ -309,10 +316,11 @@ def _without(
     return take
 
 
-def main(arguments: list[str]) -> None:
+def fly_seeds(drawn: Callable[[int], SignalFault], arguments: list[str]) -> None:
+    """Fly the seeds that the command line names, and print what came of them."""
     first, count, folder = int(arguments[0]), int(arguments[1]), Path(arguments[2])
     for seed in range(first, first + count):
-        outcome = inject(draw(seed), folder / str(seed))
+        outcome = inject(drawn(seed), folder / str(seed))
         if not outcome.wrong:
             shutil.rmtree(folder / str(seed))
         sys.stdout.write(json.dumps(asdict(outcome)) + "\n")
@@ -320,4 +328,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    fly_seeds(draw, sys.argv[1:])

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.alterations import KINDS, POSSIBLE, Alteration
-from tests.faults.missions import CAUSES
+from tests.faults import ground_truth
+from tests.faults.alterations import KINDS, POSSIBLE, Alteration, Kind
+from tests.faults.missions import CAUSES, AutopilotKind
 from tests.faults.signals import (
     draw,
     inject,
@@ -52,6 +53,29 @@ def test_a_velocity_that_its_gps_receiver_contradicts_is_no_evidence(tmp_path: P
     assert re.search(r"^velocity of twin from mavlink: .* by gps 1\.2\d m/s", outcome.reason)
 
 
+@pytest.mark.parametrize(
+    ("signal", "kind", "autopilot", "said"),
+    [
+        ("ground truth", "stop", "px4", "pose of twin from simulator: no sample since "),
+        ("ground truth", "nan", "ardupilot", "pose of twin from simulator: no sample since "),
+        ("ground truth", "freeze", "px4", "pose of twin from simulator: it repeats one position"),
+        ("places", "freeze", "ardupilot", "velocity of twin from simulator: by it the vehicle"),
+        ("places", "jump", "px4", "pose of twin from simulator: it moved 0."),
+    ],
+)
+def test_a_ground_truth_that_is_alone_and_fails_before_a_wall_proves_nothing(
+    tmp_path: Path, signal: str, kind: Kind, autopilot: AutopilotKind, said: str
+) -> None:
+    fault = replace(
+        ground_truth.draw_truth(0), cause="wall", autopilot=autopilot, signal=signal,
+        stage="goal", after_s=0.5, alteration=Alteration(kind, (0.0, 0.7, 0.0), 0.0),
+    )  # fmt: skip
+    assert (fault.mode, fault.judged_by, fault.lone) == ("sim", "simulator", True)
+    outcome = inject(fault, tmp_path / "flight")
+    assert outcome.verdict == "INVALID"
+    assert outcome.reason.startswith(said)
+
+
 def test_the_faults_are_those_of_the_seed_and_cover_all_kinds() -> None:
     assert draw(7) == draw(7)
     drawn = [draw(seed) for seed in range(1000)]
@@ -76,3 +100,14 @@ def test_the_faults_are_those_of_the_seed_and_cover_all_kinds() -> None:
     }  # fmt: skip
     assert all(one.kind not in {"stop", "delay"} for one in exempt)
     assert len(exempt) < len(drawn) / 16
+
+
+def test_the_faults_of_a_ground_truth_cover_all_kinds_and_are_never_exempt() -> None:
+    drawn = [ground_truth.draw_truth(seed) for seed in range(400)]
+    assert {(one.signal, one.kind) for one in drawn} == {
+        (signal, kind) for signal, kinds in ground_truth.POSSIBLE.items() for kind in kinds
+    }
+    assert {one.judged_by for one in drawn} == {"simulator"}
+    assert {one.autopilot for one in drawn} == {"ardupilot", "px4"}
+    assert all(one.lone and one.vehicle == one.subject for one in drawn)
+    assert not any(map(shown_by_none, drawn))

@@ -19,6 +19,9 @@ COMBINATIONS: tuple[tuple[Mode, AutopilotKind, JudgedBy], ...] = (
     ("wil", "px4", "mocap"),
     ("wil", "px4", "mavlink"),
     ("wil", "ardupilot", "mocap"),
+    ("sim", "px4", "simulator"),
+    ("sim", "ardupilot", "simulator"),
+    ("wil", "px4", "simulator"),
 )
 ALL = tuple(product(COMBINATIONS, CAUSES))
 

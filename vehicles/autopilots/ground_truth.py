@@ -5,7 +5,7 @@ firmwares' sources:
 
 PX4 (src/modules/mavlink/streams/HIL_STATE_QUATERNION.hpp) fills it from its *_groundtruth topics,
 and sends none where no simulator publishes those. Degrees times 1e7, millimetres above sea level,
-cm/s, all cut to whole numbers. time_usec is 0 up to 1.16 (nobody set it), later since boot.
+cm/s, all cut to whole numbers. time_usec was 0 in what was seen of it: it is not used.
 
 ArduPilot (SIM::sim_state_send, libraries/SITL/SITL.cpp): attitude and velocity as floats; lat and
 lon are 32-bit floats, 0.4 m apart at 47 degrees (versions without lat_int put degrees times 1e7
@@ -30,11 +30,10 @@ class GroundTruthError(VehicleError):
 class GroundTruth(NamedTuple):
     """A simulator's place of the vehicle.
 
-    boot_s: seconds on the vehicle's clock; None where the message has no time. altitude_m: above
-    mean sea level. q_wxyz: body (FRD) to north, east, down.
+    altitude_m: above mean sea level. q_wxyz: body (FRD) to north, east, down. When it was so, the
+    messages do not say.
     """
 
-    boot_s: float | None
     latitude_deg: float
     longitude_deg: float
     altitude_m: float
@@ -47,7 +46,6 @@ def read_hil_state(message: Any) -> GroundTruth:
     if not (message.lat or message.lon or message.alt):
         raise GroundTruthError("HIL_STATE_QUATERNION has no position: the simulator publishes none")
     return GroundTruth(
-        boot_s=message.time_usec * 1e-6 or None,
         latitude_deg=message.lat * 1e-7,
         longitude_deg=message.lon * 1e-7,
         altitude_m=message.alt * 1e-3,
@@ -67,7 +65,6 @@ def read_sim_state(message: Any) -> GroundTruth:
     if not all(map(math.isfinite, numbers)):
         raise GroundTruthError("SIM_STATE has a height or velocity that is not a number")
     return GroundTruth(
-        boot_s=None,
         latitude_deg=message.lat_int * 1e-7,
         longitude_deg=message.lon_int * 1e-7,
         altitude_m=message.alt,

@@ -19,8 +19,6 @@ _STILL_M = 0.1
 """A simulator's vehicle stands to the centimetre."""
 _NEIGHBOUR_S = 0.1
 """The newest stamp is no neighbour of what comes later than this."""
-_MOST_LATE_S = 1.0
-"""Stamps of the message's own that are off by more have another epoch."""
 _STAMPED = (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
 """Both begin with time_boot_ms on the wire, and come as often as the truth."""
 
@@ -39,9 +37,9 @@ class TruthReceiver:
 
     The messages say where on earth the vehicle is. The first one is the origin of a frame of
     metres, by the autopilot's own projection; `anchor_at` maps it to the start pose, as an
-    estimate is. Neither firmware says when: a message without a time has that of the telemetry
-    that arrived last before it, plus what passed since; so both are late alike, whatever the
-    link does. refused: why the last unusable message was not used; empty when there was none.
+    estimate is. They do not say when: a message is as old as the telemetry that arrived last before
+    it, plus what passed since; so both are late alike, whatever the link does. refused: why the
+    last unusable message was not used; empty when there was none.
     """
 
     def __init__(self, *, session: Session, clock: VehicleClock) -> None:
@@ -102,7 +100,7 @@ class TruthReceiver:
             self.refused = str(error)
             return
         self.count += 1
-        t_s = self._time_of(truth, arrived_s)
+        t_s = self._time_of(arrived_s)
         if t_s is None or t_s <= self._last_s:
             return
         self._last_s = t_s
@@ -121,17 +119,13 @@ class TruthReceiver:
         for listener in self._listeners:
             listener(sample)
 
-    def _time_of(self, truth: GroundTruth, arrived_s: float) -> float | None:
-        """Return when a ground truth was so, run clock; None while nothing says it."""
+    def _time_of(self, arrived_s: float) -> float | None:
+        """Return when a ground truth was so that arrived now, run clock; None while unknown."""
+        stamp = self._stamp
+        if stamp is None or arrived_s - stamp.arrived_s > _NEIGHBOUR_S:
+            return None
+        since_s = arrived_s - stamp.arrived_s
         try:
-            if truth.boot_s is not None:
-                own_s = self._clock.run_time(truth.boot_s)
-                if abs(own_s - arrived_s) < _MOST_LATE_S:
-                    return min(own_s, arrived_s)
-            stamp = self._stamp
-            if stamp is None or arrived_s - stamp.arrived_s > _NEIGHBOUR_S:
-                return None
-            since_s = arrived_s - stamp.arrived_s
             return min(self._clock.run_time(stamp.boot_s) + since_s, arrived_s)
         except ValueError:
             return None  # Nothing is known of the vehicle's clock yet.

@@ -8,7 +8,7 @@ from campaigns.setup.case_setup import VehicleSetup
 from campaigns.values.external_setups import CAPTURED, ESTIMATED, SIMULATED, PoseAccuracy
 from orchestrator.state.run_setup import RunSetup
 from safety.evidence.agreement import Accuracy
-from safety.evidence.evidence import POSE
+from safety.evidence.evidence import POSE, VELOCITY
 from safety.evidence.terms import SignalTerms, position_limit_s, status_limit_s
 from safety.oracles.oracle import MotionName, Oracle
 from safety.oracles.oracle_terms import STAGES, Window
@@ -69,12 +69,18 @@ def _references(source: str) -> dict[str, Accuracy]:
 
 
 def _motion_terms(pose: SignalTerms, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
-    """Yield the evidence terms of a vehicle's velocity and attitude where an oracle judges them."""
+    """Yield the evidence terms of a vehicle's velocity and attitude where an oracle judges them.
+
+    Places and velocities of a simulator's ground truth come from different parts of it, and the
+    velocity is held to the places in any case: it shows where these stand still.
+    """
     using = [one for one in judges if pose.vehicle in one.watches]
     for part in get_args(MotionName):
         windows = [one.terms.window for one in using if part in one.motion]
-        if windows:
-            required = any(one.required and part in one.motion for one in using)
+        required = any(one.required and part in one.motion for one in using)
+        if part == VELOCITY and pose.on_grid:
+            yield replace(pose, signal=part, required=required or pose.required)
+        elif windows:
             yield replace(pose, signal=part, required=required, window=_widest(windows))
 
 

@@ -66,6 +66,11 @@ class MixingBudgetWatch:
         breach = breach_of(budget, provenance)
         if breach is not None:
             self.spoiled(frame.name, str(breach))
+        limit_px = budget.max_registration_error_px
+        if limit_px is not None and frame.unbounded:
+            self.spoiled(
+                frame.name, f"max_registration_error_px: {limit_px:g}, and {frame.unbounded}"
+            )
         self._visibility(watched.loop, frame)
 
     def _visibility(self, loop: MixingLoop, frame: MixedFrame) -> None:

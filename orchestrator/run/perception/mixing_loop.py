@@ -192,6 +192,7 @@ class MixingLoop:
             self.probe.begin()
         mixed: Mixed[Reading] = self.mixer.mix(real, twin, now_s=now_s, alignment=alignment)
         visibility = None if self.probe is None else self.probe.measure(mixed)
+        unbounded = ""
         if self._registration is not None and twin is not None:
             told = mixed.provenance
             # A step may have chosen an older picture of the real camera.
@@ -203,9 +204,11 @@ class MixingLoop:
                 registration_bound_px=found.bound_px,
             )
             mixed = Mixed(mixed.reading, told)
-            self.statistics.unbounded = found.unbounded or self.statistics.unbounded
+            unbounded = found.unbounded
+            self.statistics.unbounded = unbounded or self.statistics.unbounded
         self._account(mixed, now_s)
-        self._tell(MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility))
+        frame = MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility, unbounded)
+        self._tell(frame)
 
     async def _twin_has_come(self) -> None:
         """Wait until twin readings have reached the oldest real one that waits to be mixed.

@@ -47,14 +47,18 @@ class Registrar:
         """Return what measures a twin image's registration error over a real camera's.
 
         It tells nothing of a picture of unknown place, nor where nothing virtual is in sight. The
-        truth of a vehicle of ours is no reference for pictures that come from outside.
+        truth of a vehicle of ours is no reference for pictures that come from outside, and a
+        simulator's ground truth none for pictures that were drawn by it.
         """
         twin_camera = _camera_setup(self._setup.vehicle("twin"), camera.name)
         real, shown_as = self._contexts["real"], _image_source_name(camera)
+        vehicle = self._setup.vehicle("real")
+        independent = vehicle.embedded or vehicle.pose_source != "simulator"
+        has_truth = shown_as == "rendered" and independent
 
         def registered(twin: Reading, exposed_s: float) -> RegistrationError:
             drawn_from = self._drawn_from(twin, twin_camera)
-            truth = real.truth.at(exposed_s).pose if shown_as == "rendered" else None
+            truth = real.truth.at(exposed_s).pose if has_truth else None
             found = real.poses.at(exposed_s).pose if truth is None else truth
             if drawn_from is None or found is None or shown_as == "file":
                 return RegistrationError()

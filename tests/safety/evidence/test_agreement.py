@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safety.evidence.agreement import Accuracy, Agreement, Disagreement, OwnVelocity
+from safety.evidence.agreement import (
+    Accuracy,
+    Agreement,
+    Disagreement,
+    OwnVelocity,
+    StandingStill,
+)
 from safety.model.samples import PoseSample, ReferenceSample
 from worlds.frames import Pose, Vec3
 
@@ -242,3 +248,40 @@ def test_a_step_in_the_flight_of_a_real_firmware_is_found() -> None:
         by_m = 0.6 if sample.t_s > flight[0].t_s + 15.0 else 0.0
         found.append(source.pose(sample._replace(pose=Pose((north_m, east_m + by_m, down_m)))))
     assert any(found)
+
+
+def still_until(
+    moves_s: float, *, estimate: Callable[[float], float], until_s: float = 8.0
+) -> Disagreement | None:
+    """Return what is found of places that repeat until a time, beside an estimate's north."""
+    still = StandingStill()
+    for tick in range(int(until_s * 50)):
+        t_s = tick / 50
+        north_m = 0.011 * tick if t_s >= moves_s else 0.0
+        still.pose(PoseSample(t_s, "real", Pose((north_m, 0.0, -1.0)), (0.0, 0.0, 0.0)))
+        place: Vec3 = (estimate(t_s), 0.0, -1.0)
+        found = still.reference(ReferenceSample(t_s, "real", "mavlink", place, (0.0, 0.0, 0.0)))
+        if found is not None:
+            return found
+    return None
+
+
+def test_a_place_that_repeats_while_the_estimate_goes_away_is_found() -> None:
+    found = still_until(99.0, estimate=lambda t_s: 0.7 * t_s)
+    assert found is not None
+    assert 1.6 < found.at_s < 1.8
+    assert found.text.startswith("it repeats one place from 0.00 s on, while mavlink moved 1.2")
+
+
+def test_a_vehicle_that_hovers_on_a_grid_may_stand_still_for_long() -> None:
+    assert still_until(99.0, estimate=lambda t_s: 0.2 * math.sin(t_s)) is None
+
+
+def test_an_estimate_that_steps_has_moved_its_vehicle_within_a_second() -> None:
+    def stepped(t_s: float) -> float:
+        return 0.8 if t_s >= 4.0 else 0.0
+
+    assert still_until(4.3, estimate=stepped) is None
+    found = still_until(99.0, estimate=stepped)
+    assert found is not None
+    assert found.at_s == pytest.approx(5.0)

@@ -82,7 +82,6 @@ def _over_the_wire(message: Any) -> Any:
 )
 def test_units_and_frames(autopilot: Autopilot, message: Any) -> None:
     truth = autopilot.ground_truth(_over_the_wire(message))
-    assert truth.boot_s is None
     assert (truth.latitude_deg, truth.longitude_deg) == pytest.approx(
         (47.397742, 8.545594), abs=1e-9
     )
@@ -90,10 +89,6 @@ def test_units_and_frames(autopilot: Autopilot, message: Any) -> None:
     assert truth.velocity_ned_m_s == pytest.approx((1.2, -0.3, 0.05), abs=1e-6)
     assert euler_from_quat(truth.q_wxyz) == pytest.approx((0.0, 0.0, math.pi / 2.0), abs=1e-6)
     assert math.hypot(*truth.q_wxyz) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_a_time_that_px4_states_is_since_its_boot() -> None:
-    assert Px4().ground_truth(hil_state(time_usec=12_500_000)).boot_s == 12.5
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_height_is_up_whatever_the_sea_level() -> None:
 
 
 @pytest.mark.parametrize("burst_s", [0.0, 0.08])
-def test_without_a_time_it_is_as_late_as_the_telemetry_before_it(burst_s: float) -> None:
+def test_it_is_as_late_as_the_telemetry_before_it(burst_s: float) -> None:
     simulator = Simulator(ArduCopter())
     simulator.stand(sim_state())
     simulator.receiver.anchor_at(START)
@@ -119,17 +119,15 @@ def test_without_a_time_it_is_as_late_as_the_telemetry_before_it(burst_s: float)
     assert sample.boot_s == pytest.approx(102.005, abs=2e-3)
 
 
-def test_a_time_of_its_own_is_used_unless_it_is_of_another_epoch() -> None:
+def test_a_time_that_the_message_states_makes_it_neither_older_nor_newer() -> None:
     simulator = Simulator(Px4())
     simulator.stand(hil_state())
     simulator.receiver.anchor_at(START)
-    simulator.attitude(2.0)
-    simulator.truth(hil_state(time_usec=101_990_000), 2.0)
-    simulator.attitude(2.5)
-    simulator.truth(hil_state(time_usec=1_790_000_000_000_000), 2.5)
-    assert [sample.boot_s for sample in simulator.samples] == pytest.approx(
-        [101.99, 102.5], abs=1e-3
-    )
+    for t_s, time_usec in ((2.0, 101_300_000), (2.5, 1_790_000_000_000_000), (3.0, 0)):
+        simulator.attitude(t_s)
+        simulator.truth(hil_state(time_usec=time_usec), t_s)
+    stamps = [sample.boot_s for sample in simulator.samples]
+    assert stamps == pytest.approx([102.0, 102.5, 103.0], abs=1e-3)
 
 
 def test_what_came_long_after_any_stamp_is_of_no_known_time() -> None:

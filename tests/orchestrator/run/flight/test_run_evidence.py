@@ -196,3 +196,5 @@ def test_an_estimate_beside_a_simulator_is_not_held_to_its_velocity(
     assert (pose.source, pose.on_grid) == (source, source == "simulator")
     assert pose.references["mavlink"].position_m == 1.0
     assert pose.references["mavlink"].velocity_m_s == velocity_m_s
+    signals = [one.signal for one in signal_terms(setup, ())]
+    assert signals == (["pose", "velocity"] if source == "simulator" else ["pose"])

@@ -463,7 +463,9 @@ class Flight:
         event = self.run_state.decisive[0]
         return event.kind, event.text, event.t_s
 
-    def deliver(self, t_s: float, *, twin_s: float | None = None, late_s: float = 0.0) -> None:
+    def deliver(
+        self, t_s: float, *, twin_s: float | None = None, late_s: float = 0.0, unbounded: str = ""
+    ) -> None:
 
         def mix() -> None:
             now_s = asyncio.get_running_loop().time()
@@ -472,7 +474,7 @@ class Flight:
             twin = replace(beam(1.0), t_s=at_s, arrived_s=now_s)
             mixed: Any = self.rig.loop.mixer.mix(real, twin, now_s=now_s)
             self.rig.loop.statistics.delivered(now_s)
-            self.watch.frame(MixedFrame("s", "s", real, twin, mixed))
+            self.watch.frame(MixedFrame("s", "s", real, twin, mixed, unbounded=unbounded))
 
         asyncio.get_running_loop().call_at(t_s + late_s, mix)
 
@@ -528,6 +530,23 @@ def test_one_reading_beyond_its_budget_makes_the_flight_invalid(
     kind, text, t_s = found
     assert (kind, text) == ("INVALID", f"mixing of s: {said}")
     assert t_s == pytest.approx(3.0 + late_s)
+
+
+@pytest.mark.parametrize("limit_px", [None, 8.0])
+def test_a_limit_that_nothing_shows_to_be_kept_makes_the_flight_invalid(
+    limit_px: float | None,
+) -> None:
+    async def feed(flight: Flight) -> None:
+        mixer: Any = flight.rig.loop.mixer
+        budget = replace(mixer.combination.budget, max_registration_error_px=limit_px)
+        mixer.combination = replace(mixer.combination, budget=budget)
+        for k in range(60):
+            flight.deliver(k * 0.1, unbounded="nobody knows" if k == 30 else "")
+        await goal_at(flight, 1.0, 5.9)
+
+    found = judged(BODY, feed).reason()
+    said = "mixing of s: max_registration_error_px: 8, and nobody knows"
+    assert (found and found[:2]) == (None if limit_px is None else ("INVALID", said))
 
 
 def test_what_happens_before_the_goal_spoils_nothing() -> None:

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.expansion.expansion import Options, load_campaign
-from campaigns.values.external_setups import PoseAccuracy, SourceSetup
+from campaigns.setup.vehicle_setups import VehicleLink
+from campaigns.values.external_setups import PoseAccuracy, PoseSource, SourceSetup
 from campaigns.values.sensor_setups import CameraSetup
 from orchestrator.run.perception.mixing_loop import Registration, RegistrationError
 from orchestrator.run.perception.registration_error import (
@@ -22,6 +23,7 @@ from orchestrator.run.perception.registration_error import (
 )
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from vehicles.driver.estimate_accuracy import ReportedAccuracy
+from vehicles.links.link_strings import parse_link
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import CameraReading
 from worlds.camera import Intrinsics
@@ -32,6 +34,7 @@ CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
 F_PX = CAMERA.fx_px
 GATE: tuple[Vec3, ...] = ((3.0, -0.5, -1.0), (3.0, 0.5, -1.0), (3.0, 0.5, 0.0), (3.0, -0.5, 0.0))
 HERE = Pose((0.0, 0.0, -0.5))
+LINK = parse_link("udpin://0.0.0.0:14540")
 
 
 def error_px(drawn_from: Pose, *, moved_m: float = 0.0, things: tuple[Vec3, ...] = GATE) -> float:
@@ -196,6 +199,30 @@ def test_a_live_picture_of_the_twin_is_of_the_twins_own_place(scene: Scene) -> N
     for k in range(100):
         scene.twin.poses.add(k / 100, Pose((0.0, k / 100 + 0.3, -0.5)))
     assert 40.0 < within(scene.registration()(picture, 0.5)) - beside < 60.0
+
+
+@pytest.mark.parametrize(
+    ("pose_source", "link", "has_reference"),
+    [
+        ("simulator", LINK, False),
+        ("mavlink", LINK, True),
+        ("simulator", "embedded", True),
+    ],
+)
+def test_a_simulators_ground_truth_is_no_reference_for_what_it_has_drawn_itself(
+    scene: Scene, pose_source: PoseSource, link: VehicleLink, has_reference: bool
+) -> None:
+    for k in range(100):
+        scene.real.truth.add(k / 100, Pose((0.0, k / 100, -0.5)))
+    given = scene.setup.vehicle("real")
+    real = replace(given, pose_source=pose_source, link=link, accuracy_given=True)
+    others = tuple(one for one in scene.setup.vehicles if one.name != "real")
+    scene.setup = replace(scene.setup, vehicles=(real, *others))
+    found = scene.registration()(scene.drawn(0.5), 0.5)
+    if has_reference:
+        assert found == RegistrationError(0.0)
+    else:
+        assert within(found) > 10.0
 
 
 class Driven:
