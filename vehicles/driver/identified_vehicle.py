@@ -16,6 +16,10 @@ from vehicles.driver.vehicle_commands import VehicleCommands
 
 _LEAST_RATE = 0.5
 """Of the position rate that was asked for, what must come."""
+_ENDED_IN = frozenset({Mode.GUIDED, Mode.LAND, Mode.RTL})
+"""Modes that our flights end in, and guards'."""
+_OTHERS_MODES = frozenset({Mode.PILOT, Mode.MISSION, Mode.OTHER})
+"""Modes that somebody else chose, and may want."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +41,9 @@ class IdentifiedVehicle:
         autopilot, state = self.autopilot, self.status.state
         if self.status.readiness.prearm_failed:
             yield autopilot.ask_checks(self.target)
-        if state.mode is Mode.GUIDED and not state.armed and autopilot.arming_mode is Mode.HOLD:
-            # A PX4 that landed in OFFBOARD is in it again, and not ready there without setpoints.
+        if self._arms_in_hold and state.mode in _ENDED_IN:
+            # A PX4 that landed in OFFBOARD is in it again, without setpoints; one that was told to
+            # land when it was down already stays in LAND. It is ready in neither.
             yield autopilot.set_mode(self.target, Mode.HOLD)
 
     def reasons(self, position_hz: float) -> tuple[str, ...]:
@@ -49,7 +54,14 @@ class IdentifiedVehicle:
         reasons = list(self.status.readiness.reasons())
         now_s = asyncio.get_running_loop().time()
         reasons += [f"{name} does not come" for name in self.streams.missing(now_s)]
-        if not self.status.state.link_up:
+        state = self.status.state
+        if (
+            self._arms_in_hold
+            and self.status.readiness.prearm_failed
+            and state.mode in _OTHERS_MODES
+        ):
+            reasons.append(f"it is in {state.mode_name}; switch it to Hold")
+        if not state.link_up:
             reasons.append("it is silent")
         if not self.clock.synchronised:
             reasons.append("it does not answer TIMESYNC")
@@ -59,3 +71,8 @@ class IdentifiedVehicle:
         if rate_hz < _LEAST_RATE * position_hz:
             reasons.append(f"positions come at {rate_hz:.0f} Hz instead of {position_hz:.0f} Hz")
         return tuple(reasons)
+
+    @property
+    def _arms_in_hold(self) -> bool:
+        """Return whether it is disarmed, and an autopilot that is not ready in every mode."""
+        return self.autopilot.arming_mode is Mode.HOLD and not self.status.state.armed
