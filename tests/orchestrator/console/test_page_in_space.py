@@ -46,7 +46,9 @@ def space_image(page: Page, path: Path) -> Any:
         "(document.getElementById('space').getBoundingClientRect())"
     )
     x, y, width, height = (round(one) for one in box)
-    return cv2.imread(str(path))[y : y + height, x : x + width]
+    image = cv2.imread(str(path))
+    assert image is not None
+    return image[y : y + height, x : x + width]
 
 
 async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
