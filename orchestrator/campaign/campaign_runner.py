@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,10 +29,11 @@ from orchestrator.campaign.resumption import (
     resumed_folder,
     resumed_manifest,
 )
-from orchestrator.campaign.run_order import fly_order
+from orchestrator.campaign.run_engine import EngineError, LocalRunEngine, RunEngine
 from orchestrator.campaign.run_output import OUTPUT_FILE, output_tail
+from orchestrator.campaign.run_workers import WorkerLost
 from orchestrator.campaign.sensor_kinds import sensor_kinds
-from orchestrator.campaign.worker_pool import Pool, WorkerLost
+from orchestrator.campaign.worker_pool import Pool
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.model.clock import Clock
 from orchestrator.model.control_results import control_result
@@ -95,7 +96,8 @@ class FlyingSettings:
     campaign that was cut off, in its folder: `out` itself, or the newest beneath it. arm: False
     tries each case and mode once, up to arming. real_kind: what plays the real vehicle. hardware:
     in words, what a person has to put back between runs; empty for nothing. folder: the campaign's
-    folder itself, which is made; None: a new one beneath `out`, named by the time.
+    folder itself, which is made; None: a new one beneath `out`, named by the time. engine: where
+    the runs are flown.
     """
 
     out: Path
@@ -107,6 +109,7 @@ class FlyingSettings:
     real_kind: VehicleKind = "embedded"
     hardware: str = ""
     folder: Path | None = None
+    engine: RunEngine = field(default_factory=LocalRunEngine)
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
@@ -114,7 +117,7 @@ def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher)
 
     Every finished run is on the disk, and in summary.json, before this goes on. Ctrl-C and
     SIGTERM land what flies, as ABORTED, and end the campaign. Raises OutputError, OperatingError,
-    ResumeError.
+    ResumeError, EngineError.
     """
     with ExitStack() as stack:
         folder, before = _begin(campaign, settings, watcher, stack)
@@ -199,9 +202,10 @@ class _Flight:
             take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
         )
         self._learning = LiftoffLearning(campaign, settings.clock)
+        self._workers = settings.engine.workers(campaign, folder, watcher.say)
         self._pool = Pool[RunOrder, RunResult](
             jobs=settings.jobs,
-            fly=fly_order,
+            workers=self._workers,
             report=self._report,
             done=self._finish_run,
             ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
@@ -233,15 +237,17 @@ class _Flight:
             loop.add_signal_handler(number, self._controller.signal, _NAMES[number])
         loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
-            fault=self._faults.take, expected=(OutputError, OperatingError, OSError)
+            fault=self._faults.take,
+            expected=(OutputError, OperatingError, EngineError, OSError),
         )
         try:
             with account.of(loop):
                 async with open_operator_channels(self._controller, self._campaign.mqtt):
                     await self._pool.fly(self._orders())
-        except* OutputError as errors:
+        except* (OutputError, EngineError) as errors:
             raise errors.exceptions[0] from None
         finally:
+            await self._workers.close()
             self._repositioning.gone_on()
             for number in heeded:
                 loop.remove_signal_handler(number)

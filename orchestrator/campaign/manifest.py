@@ -80,6 +80,17 @@ def judging_manifest(campaign: Campaign) -> dict[str, Any]:
     }
 
 
+def read_files(campaign: Campaign) -> set[Path]:
+    """Return every file that a run of the campaign reads: those named, and what Python imports."""
+    files = _files(campaign)
+    return files | imported_by({path for path in files if path.suffix == ".py"}).files
+
+
+def flown_versions() -> dict[str, str]:
+    """Return the versions of the packages that may change what a run does."""
+    return _versions(frozenset())
+
+
 def _files(campaign: Campaign) -> set[Path]:
     """Return every file that the campaign reads or names.
 

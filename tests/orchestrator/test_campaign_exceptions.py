@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign import campaign_runner
+from orchestrator.campaign import run_engine
 from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.model.operator_command import Inbox
@@ -53,7 +53,7 @@ def fly(folder: Path, watcher: SilentDisplay | None = None) -> CampaignOutcome:
 def test_what_a_worker_raises_is_an_error_with_its_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fly_order: object, kind: str
 ) -> None:
-    monkeypatch.setattr(campaign_runner, "fly_order", fly_order)
+    monkeypatch.setattr(run_engine, "fly_order", fly_order)
     outcome = fly(tmp_path)
     (run,) = outcome.summary.runs
     assert (run.verdict, outcome.exit_code) == ("ERROR", 3)
@@ -68,7 +68,7 @@ def test_what_a_worker_raises_is_an_error_with_its_traceback(
 def test_a_display_that_raises_is_never_exit_0(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_runner, "fly_order", quick_fly)
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
     outcome = fly(tmp_path, Raising())
     assert [run.verdict for run in outcome.summary.runs] == ["PASS"]
     assert outcome.exit_code == 3
@@ -80,7 +80,7 @@ def test_a_display_that_raises_is_never_exit_0(
 def test_a_worker_that_ends_badly_after_its_last_run_is_never_exit_0(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_runner, "fly_order", end_badly)
+    monkeypatch.setattr(run_engine, "fly_order", end_badly)
     outcome = fly(tmp_path)
     assert outcome.exit_code == 3
     (line,) = log_of(outcome.folder)

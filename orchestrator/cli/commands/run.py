@@ -1,7 +1,7 @@
 """`wil-campaign run`: fly a campaign."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +11,7 @@ from rich.console import Console
 from campaigns.expansion.expansion import Campaign, load_campaign
 from campaigns.schema import VEHICLES
 from orchestrator.analysis.study_tables import has_modes_to_compare
+from orchestrator.campaign.attached_vehicles import attached_vehicles
 from orchestrator.campaign.campaign_folder import OutputError, require_writable
 from orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
@@ -19,8 +20,10 @@ from orchestrator.campaign.campaign_runner import (
     planned,
 )
 from orchestrator.campaign.resumption import ResumeError
+from orchestrator.campaign.run_engine import EngineError
 from orchestrator.campaign.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from orchestrator.cli.clock_choice import shared_of
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, display_of
 from orchestrator.cli.run_selection import ALL, Choice
@@ -29,10 +32,14 @@ from orchestrator.cli.study_text import study_text
 from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.console.console_beside import console_beside
 from orchestrator.console.errors import ConsoleError
+from orchestrator.engines.ray_engine import engine_address, ray_engine
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json
 from orchestrator.operator.errors import OperatingError
 from orchestrator.report.campaign_report import WrittenReport
+
+LOCAL = "local"
+"""The engine of this machine."""
 
 
 @Parameter(name="*")
@@ -63,6 +70,10 @@ class Flights:
     console
         A page in the browser beside the flight, to watch and to stop it: HOST, HOST:PORT or :PORT
         of this machine; auto for a free port of 127.0.0.1. Its links are printed.
+    engine
+        Where runs fly: local, in processes of this machine; ray, by a Ray that is started here for
+        the campaign; ray://HOST:PORT, over the nodes of a Ray cluster that this machine is one of.
+        It needs the extra cluster, and a folder --out that every node sees under the same path.
     """
 
     clock: Clock | None = None
@@ -72,6 +83,7 @@ class Flights:
     no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False
     arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False
     console: str | None = None
+    engine: str = LOCAL
 
 
 _USUAL = Flights()
@@ -110,15 +122,18 @@ def run(
     if flights.no_arm and resume:
         err("--no-arm leaves no results that --resume could continue")
         return 2
-    campaign = load_campaign(file, choice.options(*_sets(flights)))
-    start_run_server()
     try:
+        address = None if flights.engine == LOCAL else engine_address(flights.engine)
+        campaign = load_campaign(file, choice.options(*_sets(flights)))
+        _refuse_attached(campaign, flights)
+        if flights.engine == LOCAL:
+            start_run_server()
         require_writable(out_, junit=junit)
         cleared = _clear_arming(campaign, flights)
     except OutputError as error:
         err(error)
         return 3
-    except RefusedError as error:
+    except (RefusedError, EngineError) as error:
         err(error)
         return error.code
     settings = FlyingSettings(
@@ -131,7 +146,30 @@ def run(
         real_kind=cleared.real_kind,
         hardware=cleared.hardware,
     )
-    return _fly_selected(campaign, settings, json=json_, console=flights.console)
+    if flights.engine == LOCAL:
+        return _fly_selected(campaign, settings, json=json_, console=flights.console)
+    # Over a cluster there is place for more than the cores of this machine.
+    is_open = address is not None and flights.jobs is None and not shared_of(campaign)
+    jobs = None if is_open else min(cleared.jobs, len(planned(campaign, settings)))
+    try:
+        with ray_engine(address, jobs=jobs, cores=1 if cleared.clock == "virtual" else 2) as engine:
+            settings = replace(settings, engine=engine, jobs=len(engine.idle))
+            return _fly_selected(campaign, settings, json=json_, console=flights.console)
+    except EngineError as error:
+        err(error)
+        return error.code
+
+
+def _refuse_attached(campaign: Campaign, flights: Flights) -> None:
+    """Raise RefusedError for attached vehicles on another engine than that of this machine."""
+    attached = attached_vehicles(campaign)
+    if attached and flights.engine != LOCAL:
+        names = " and ".join(f"{one.name} ({one.attached})" for one in attached)
+        raise RefusedError(
+            f"--engine {flights.engine}: {names} is attached to one machine, where consent to arm "
+            "is given; fly there with --engine local",
+            2,
+        )
 
 
 def _clear_arming(campaign: Campaign, flights: Flights) -> Cleared:

@@ -12,7 +12,7 @@ from unittest import mock
 
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.campaign_runner import lost_result
-from orchestrator.campaign.worker_pool import _lost_by
+from orchestrator.campaign.local_workers import _lost_by
 from orchestrator.model import clock
 from orchestrator.model.faults import fault_log
 from orchestrator.model.results import RunResult, exit_code

@@ -18,7 +18,7 @@ import pytest
 
 import orchestrator.cli
 from campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
-from orchestrator.campaign import campaign_runner, resumption
+from orchestrator.campaign import resumption, run_engine
 from orchestrator.campaign.campaign_folder import OutputError, held, newest_folder, set_aside
 from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
 from orchestrator.campaign.resumption import ResumeError, resume_campaign, resumed_folder
@@ -79,7 +79,7 @@ def campaign(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(campaign_runner, "fly_order", quick_fly)
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
 
 
 def run(campaign: Path, *options: str) -> int:

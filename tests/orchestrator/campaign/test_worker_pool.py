@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 
 from orchestrator.campaign.limited_loading import LoadingTimeoutError, limited_loading
-from orchestrator.campaign.worker_pool import PipeInbox, Pool, WorkerLost
+from orchestrator.campaign.local_workers import LocalWorkers, PipeInbox
+from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.campaign.worker_pool import Pool
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import News, Progress, Report
 from safety.guard.core.operator_command import OperatorCommand
@@ -45,7 +47,9 @@ def fly(order: str, report: Report, inbox: Inbox) -> str:
 def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[News]]:
     outcomes: Outcomes = {}
     seen: list[News] = []
-    pool = Pool[str, str](jobs=jobs, fly=fly, report=seen.append, done=outcomes.__setitem__)
+    pool = Pool[str, str](
+        jobs=jobs, workers=LocalWorkers(fly), report=seen.append, done=outcomes.__setitem__
+    )
     asyncio.run(pool.fly(orders))
     return outcomes, seen
 
@@ -77,7 +81,10 @@ def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
     async def main() -> None:
         flying = asyncio.Event()
         pool = Pool[str, str](
-            jobs=1, fly=fly, report=lambda _: flying.set(), done=outcomes.__setitem__
+            jobs=1,
+            workers=LocalWorkers(fly),
+            report=lambda _: flying.set(),
+            done=outcomes.__setitem__,
         )
         async with asyncio.TaskGroup() as group:
             group.create_task(pool.fly(["wait", "never"]))
@@ -103,7 +110,7 @@ def test_while_paused_no_order_is_begun() -> None:
             outcomes[order] = outcome
             ended.set()
 
-        pool = Pool[str, str](jobs=1, fly=fly, report=report, done=done)
+        pool = Pool[str, str](jobs=1, workers=LocalWorkers(fly), report=report, done=done)
         async with asyncio.TaskGroup() as group:
             group.create_task(pool.fly(["wait", "next"]))
             await flying.wait()
@@ -121,7 +128,11 @@ def test_while_paused_no_order_is_begun() -> None:
 def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
     outcomes: Outcomes = {}
     pool = Pool[str, str](
-        jobs=1, fly=fly, report=lambda _: None, done=outcomes.__setitem__, stall_s=0.5
+        jobs=1,
+        workers=LocalWorkers(fly),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+        stall_s=0.5,
     )
     asyncio.run(pool.fly(["stop", "next"]))
     lost = outcomes["stop"]
@@ -157,7 +168,10 @@ def test_a_worker_that_hangs_before_its_first_word_ends_on_the_first_signal(
 
     async def main() -> None:
         pool = Pool[str, str](
-            jobs=1, fly=fly_mute, report=lambda _: None, done=outcomes.__setitem__
+            jobs=1,
+            workers=LocalWorkers(fly_mute),
+            report=lambda _: None,
+            done=outcomes.__setitem__,
         )
         async with asyncio.timeout(60.0), asyncio.TaskGroup() as group:
             group.create_task(pool.fly(["mute", "never"]))
@@ -202,7 +216,10 @@ def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch
     outcomes: Outcomes = {}
     monkeypatch.setenv("ASKED", "as the campaign's process has it")
     pool = Pool[str, str](
-        jobs=1, fly=fly_counting, report=lambda _: None, done=outcomes.__setitem__
+        jobs=1,
+        workers=LocalWorkers(fly_counting),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
     )
     asyncio.run(pool.fly(["one", "two"]))
     for outcome in outcomes.values():
@@ -238,7 +255,10 @@ def test_a_guard_that_still_lands_outlives_a_run_that_failed(tmp_path: Path) -> 
     )
     outcomes: Outcomes = {}
     pool = Pool[str, str](
-        jobs=1, fly=fly_into_error, report=lambda _: None, done=outcomes.__setitem__
+        jobs=1,
+        workers=LocalWorkers(fly_into_error),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
     )
     asyncio.run(pool.fly([str(tmp_path)]))
     lost = outcomes[str(tmp_path)]

@@ -1,0 +1,79 @@
+"""Workers that fly orders, one at a time each, wherever they are, and what they send."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from orchestrator.model.faults import Fault
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from safety.guard.core.operator_command import OperatorCommand
+
+Order = TypeVar("Order")
+Outcome = TypeVar("Outcome")
+OrderT_contra = TypeVar("OrderT_contra", contravariant=True)
+OutcomeT_co = TypeVar("OutcomeT_co", covariant=True)
+Fly = Callable[[Order, Report, Inbox], Outcome]
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerLost:
+    """A worker's order without an outcome: its process died or raised.
+
+    details: the traceback of what it raised; empty where it died. kind: its type's name.
+    """
+
+    reason: str
+    details: str = ""
+    kind: str = ""
+
+    @property
+    def fault(self) -> Fault:
+        """Return the exception that the worker raised."""
+        message = self.reason.removeprefix(f"{self.kind}: ")
+        return Fault(0.0, "the worker process", self.kind, message, self.details)
+
+
+@dataclass(frozen=True, slots=True)
+class OrderDone(Generic[Outcome]):
+    """A worker's message that its order is done, with the outcome."""
+
+    outcome: Outcome | WorkerLost
+
+
+class Worker(Protocol[OrderT_contra, OutcomeT_co]):
+    """A worker that takes one order, reports while it flies, and is ended afterwards (protocol)."""
+
+    async def begin(self, order: OrderT_contra) -> None:
+        """Hand the order over. Raises OSError, EOFError when the worker has ended."""
+
+    async def receive(self) -> object:
+        """Return the worker's next message: News, or OrderDone at the end.
+
+        Raises OSError, EOFError when the worker has ended.
+        """
+
+    def send(self, command: OperatorCommand) -> None:
+        """Pass an operator's command on; waits for nothing, and raises nothing."""
+
+    def kill(self) -> None:
+        """End the worker at once; the guard of its run brings the vehicles down."""
+
+    async def outcome_of_lost(self, reason: str) -> OutcomeT_co | WorkerLost:
+        """Return what came of the order of a worker that ended or was killed.
+
+        reason: why it was killed; "" where it ended by itself.
+        """
+
+    async def end(self) -> str:
+        """End a worker that has done its order; return in words what was wrong with its end."""
+
+
+class Workers(Protocol[OrderT_contra, OutcomeT_co]):
+    """Starts workers (protocol)."""
+
+    async def start(self) -> Worker[OrderT_contra, OutcomeT_co]:
+        """Return a new worker, once it can take its order."""
+
+    async def close(self) -> None:
+        """Give back what the workers shared, when the last one has ended."""

@@ -1,0 +1,1 @@
+"""Engines that fly the runs of a campaign on other machines."""

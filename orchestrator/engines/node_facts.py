@@ -1,0 +1,63 @@
+"""What a node of a cluster is: its programs must be those of the machine that sends it runs."""
+
+import hashlib
+import os
+import platform
+from collections.abc import Mapping
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from orchestrator.campaign.manifest import flown_versions
+
+_PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
+_SUBREAPER = "RAY_kill_child_processes_on_worker_exit_with_raylet_subreaper"
+"""With it Ray kills guards, too, when a worker ends."""
+_ON = frozenset({"1", "true"})
+
+
+def node_facts() -> dict[str, str]:
+    """Return the facts of this machine, each in words: name, versions, digest of our code."""
+    return {
+        "node": platform.node(),
+        "subreaper": os.environ.get(_SUBREAPER, ""),
+        "code": _code_digest(),
+        "python": platform.python_version(),
+        **flown_versions(),
+    }
+
+
+def unfit_text(here: Mapping[str, str], there: Mapping[str, str]) -> str:
+    """Return why a node cannot fly for this machine, and the remedy; "" where it can."""
+    if there.get("subreaper", "").lower() in _ON:
+        return (
+            f"node {there.get('node', '')} is started with {_SUBREAPER}, by which Ray kills the "
+            "guards of vehicles in flight; start it without"
+        )
+    skipped = {"node", "subreaper"}
+    other = [name for name in here if name not in skipped and there.get(name) != here[name]]
+    if not other:
+        return ""
+    said = ", ".join(
+        "the code of wil-campaign is another"
+        if name == "code"
+        else f"{name} is {there.get(name, 'missing')}, here it is {here[name]}"
+        for name in other
+    )
+    return (
+        f"node {there.get('node', '')} would not fly the same: {said}; install the same wheel of "
+        "wil-campaign with the same constraints there"
+    )
+
+
+@cache
+def _code_digest() -> str:
+    """Return a digest of the installed code of ours."""
+    digest = hashlib.sha256()
+    for package in _PACKAGES:
+        spec = find_spec(package)
+        for folder in [] if spec is None else spec.submodule_search_locations or []:
+            for path in sorted(Path(folder).rglob("*.py")):
+                digest.update(f"{package}/{path.relative_to(folder)}\0".encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,203 @@
+"""The engine that flies runs over a Ray cluster: one of this machine, or one that is there."""
+
+import asyncio
+import ipaddress
+import os
+import secrets
+import signal
+import sys
+import sysconfig
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from campaigns.expansion.expansion import Campaign
+from orchestrator.campaign.manifest import read_files
+from orchestrator.campaign.run_engine import EngineError
+from orchestrator.engines.node_messages import CampaignAnswer, CampaignBrought
+from orchestrator.engines.ray_agents import HiredAgent, hire_agents
+from orchestrator.engines.ray_worker import RayWorker
+from orchestrator.engines.run_ledger import RunLedger
+from orchestrator.engines.travelling_files import pack_files
+
+_LOOPBACK = "127.0.0.2"
+"""Ray takes 127.0.0.1 for a name of the machine, and puts another of its addresses there."""
+_STORE_BYTES = 80_000_000
+"""The least that Ray takes for its store; results come by files."""
+
+
+@dataclass(frozen=True, slots=True)
+class RayEngine:
+    """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run."""
+
+    ray: Any
+    cores: int
+    idle: list[HiredAgent] = field(default_factory=list)
+
+    def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
+        """Return the workers of a campaign, whose files travel to their nodes."""
+        session = uuid.uuid4().hex
+        try:
+            ledger = RunLedger(folder.absolute(), session)
+            files = pack_files(read_files(campaign), _search_path())
+        except OSError as error:
+            raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
+        brought = CampaignBrought(str(folder.absolute()), session, files)
+        nodes = ", ".join(sorted({one.node for one in self.idle}))
+        say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files travel")
+        return RayWorkers(engine=self, brought=brought, ledger=ledger)
+
+
+class RayWorkers:
+    """Starts workers on the cluster for one campaign."""
+
+    def __init__(self, *, engine: RayEngine, brought: CampaignBrought, ledger: RunLedger) -> None:
+        self._engine = engine
+        self._brought = brought
+        self._ledger = ledger
+
+    async def start(self) -> RayWorker:
+        """Return a worker whose node has the campaign. Raises EngineError."""
+        idle = self._engine.idle
+        agent = idle.pop() if idle else await self._hire_another()
+        try:
+            if not agent.has_campaign:
+                await self._bring_campaign(agent)
+        except (EOFError, OSError) as error:
+            agent.kill()
+            raise EngineError(f"node {agent.node} is lost: {error}") from error
+        return RayWorker(agent=agent, ledger=self._ledger, give_back=idle.append)
+
+    async def close(self) -> None:
+        """End the agents, and what they have unpacked."""
+        agents = list(self._engine.idle)
+        self._engine.idle.clear()
+        await asyncio.gather(*(agent.close() for agent in agents))
+
+    async def _hire_another(self) -> HiredAgent:
+        loop = asyncio.get_running_loop()
+        engine = self._engine
+        return (
+            await loop.run_in_executor(None, lambda: hire_agents(engine.ray, 1, cores=engine.cores))
+        )[0]
+
+    async def _bring_campaign(self, agent: HiredAgent) -> None:
+        """Send the campaign's files to a node. Raises EngineError, EOFError, OSError."""
+        await agent.send(self._brought)
+        for message in await agent.receive():
+            if isinstance(message, CampaignAnswer) and message.problem:
+                agent.kill()
+                raise EngineError(f"node {agent.node}: {message.problem}", 2)
+        agent.has_campaign = True
+
+
+def engine_address(text: str) -> str | None:
+    """Return the address of `ray://HOST:PORT`; None for `ray`, one of this machine.
+
+    Raises EngineError for another text, and for an address that a token does not protect.
+    """
+    if text == "ray":
+        return None
+    scheme, _, address = text.partition("://")
+    host, colon, port = address.rpartition(":")
+    if scheme != "ray" or not colon or not host or not port.isdecimal():
+        raise EngineError(f"--engine {text}: must be local, ray or ray://HOST:PORT", 2)
+    if not _is_loopback(host) and os.environ.get("RAY_AUTH_MODE") != "token":
+        raise EngineError(
+            f"--engine {text}: a cluster beyond this machine needs a token: start its nodes and "
+            "this program with RAY_AUTH_MODE=token and the same RAY_AUTH_TOKEN",
+            2,
+        )
+    return address
+
+
+@contextmanager
+def ray_engine(address: str | None, *, jobs: int | None, cores: int) -> Iterator[RayEngine]:
+    """Start a Ray of this machine for `jobs` runs, or join the one at an address.
+
+    jobs: None for as many as the cluster has place for. cores: that a run takes. Called in the main
+    thread, with whose end Ray's processes end. Raises EngineError.
+    """
+    if address is None:
+        os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=_own_token())
+        # Ray has its workers yield to everything else, by 15; a flight cannot.
+        os.environ.update(RAY_worker_niceness="0")
+    os.environ.update(RAY_DEDUP_LOGS="0", RAY_USAGE_STATS_ENABLED="0")
+    ray = _import_ray()
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        if address is None:
+            _start(ray, (jobs or 1) * cores)
+        else:
+            _join(ray, address)
+        signal.signal(signal.SIGTERM, before)  # Ray's own would end this program in flight
+        count = jobs or max(1, int(ray.cluster_resources().get("CPU", 0)) // cores)
+        yield RayEngine(ray, cores, hire_agents(ray, count, cores=cores))
+    finally:
+        ray.shutdown()
+        signal.signal(signal.SIGTERM, before)
+
+
+def _start(ray: Any, cpus: int) -> None:
+    """Start a Ray of this machine. Raises EngineError."""
+    try:
+        ray.init(
+            address="local",
+            num_cpus=cpus,
+            num_gpus=0,
+            include_dashboard=False,
+            object_store_memory=_STORE_BYTES,
+            _node_ip_address=_LOOPBACK,
+            log_to_driver=False,
+            logging_level="ERROR",
+        )
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        raise EngineError(f"Ray cannot be started on this machine: {error}") from error
+
+
+def _join(ray: Any, address: str) -> None:
+    """Join a cluster by the node of it that this machine is. Raises EngineError."""
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level="ERROR")
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        raise EngineError(
+            f"cannot join the Ray cluster at {address}: {error}; this machine must be a node of "
+            f"it: ray start --address={address}, with the same versions of Ray and Python"
+        ) from error
+
+
+def _import_ray() -> Any:
+    """Return the module ray. Raises EngineError where the extra is not installed."""
+    try:
+        import ray  # noqa: PLC0415  # of an extra
+        import ray.exceptions  # noqa: PLC0415
+    except ImportError as error:
+        raise EngineError(
+            "--engine ray needs the extra cluster: pip install 'wil-campaign[cluster]'", 2
+        ) from error
+    return ray
+
+
+@cache
+def _own_token() -> str:
+    """Return the token of the Rays that this process starts; Ray reads it once in a process."""
+    return secrets.token_hex(32)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _search_path() -> list[str]:
+    """Return the folders from which this process imports, without those of installed packages."""
+    installed = {
+        sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")
+    }
+    return [entry for entry in sys.path if entry not in installed]

@@ -1,0 +1,212 @@
+"""The engine over a cluster without Ray: real node processes, real flights, real deaths."""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.campaign.run_engine import EngineError
+from orchestrator.cli import main
+from orchestrator.cli.progress_display import SilentDisplay
+from orchestrator.engines import node_agent
+from orchestrator.engines.node_facts import node_facts, unfit_text
+from orchestrator.engines.ray_agents import hire_agents
+from orchestrator.engines.ray_engine import RayEngine, engine_address
+from orchestrator.model.progress import Progress
+from tests.orchestrator.engines.fake_ray import FakeRay
+from tests.orchestrator.hover import write_hover
+
+NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
+
+
+class MortalAgent(node_agent.NodeAgent):
+    """An agent whose death takes the node's process along, as Ray has it."""
+
+    def die(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+class Acting(SilentDisplay):
+    """Does something at the first sign of a flight."""
+
+    def __init__(self, act: Callable[[], object]) -> None:
+        super().__init__()
+        self._act: Callable[[], object] | None = act
+
+    def progress(self, progress: Progress) -> None:
+        act, self._act = self._act, None
+        if act is not None:
+            act()
+
+
+def fly(
+    campaign: Campaign,
+    out: Path,
+    *,
+    act: Callable[[FakeRay], object] = lambda _: None,
+    workers: int = 1,
+    resume: bool = False,
+) -> CampaignOutcome:
+    ray = FakeRay(MortalAgent)
+    engine = RayEngine(ray, 1, hire_agents(ray, workers, cores=1))
+    settings = FlyingSettings(out=out, clock="virtual", jobs=1, engine=engine, resume=resume)
+    try:
+        return fly_campaign(campaign, settings, Acting(lambda: act(ray)))
+    finally:
+        assert ray.options["max_restarts"] == ray.options["max_task_retries"] == 0
+        for actor in ray.actors:
+            actor.die()
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """Return what a campaign's folder says, without what each start has of its own."""
+    found: dict[str, object] = {}
+    for path in sorted(folder.glob("default/**/*")):
+        if path.name == "result.json":
+            found[str(path.relative_to(folder))] = {**json.loads(path.read_text()), "wall_s": 0}
+        elif path.suffix in {".csv", ".jsonl", ".tlog"}:
+            found[str(path.relative_to(folder))] = path.read_bytes()
+    return found
+
+
+def events(folder: Path) -> list[str]:
+    return [
+        json.loads(line)["event"] for line in (folder / "ledger.jsonl").read_text().splitlines()
+    ]
+
+
+PRINTS = "import os\n\nprint([one for one in os.environ if one.startswith('RAY_')])\n"
+
+
+def test_a_cluster_flies_the_same_to_the_byte_from_files_that_travel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, source = write_hover(tmp_path), tmp_path / "still.py"
+    source.write_text(PRINTS + source.read_text())
+    campaign = load_campaign(path, Options(repetitions=1))
+    local = fly_campaign(
+        campaign,
+        FlyingSettings(out=tmp_path / "local", clock="virtual", jobs=1),
+        SilentDisplay(),
+    )
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "secret")
+    flown = fly(campaign, tmp_path / "cluster")
+    assert flown.exit_code == local.exit_code == 0
+    assert contents(flown.folder) == contents(local.folder)
+    assert len(contents(flown.folder)) > 2
+    assert events(flown.folder) == ["begun", "ordered", "ended"]
+    output = (flown.folder / "default/sim/1/output.txt").read_text()
+    assert output == "[]\n"  # no token of the cluster in the environment of a run
+    result = flown.folder / "default/sim/1/result.json"
+    written = result.stat().st_mtime_ns
+    assert fly(campaign, tmp_path / "cluster", workers=0, resume=True).folder == flown.folder
+    assert result.stat().st_mtime_ns == written
+    assert events(flown.folder) == ["begun", "ordered", "ended", "begun"]
+
+
+def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(
+    tmp_path: Path,
+) -> None:
+    path = write_hover(tmp_path)
+    path.write_text(path.read_text().replace("autonomy: still.py:Still", NEAR_ENDLESS))
+    campaign = load_campaign(path, Options(repetitions=1))
+    flown = fly(campaign, tmp_path / "out", act=lambda ray: ray.actors[0].die())
+    (run,) = flown.summary.runs
+    assert (run.verdict, flown.exit_code) == ("ERROR", 3)
+    assert "has lost the worker" in run.reason
+    assert events(flown.folder) == ["begun", "ordered", "lost"]
+    # What flew on its own has landed, and flies no more: its folder is free.
+    assert (flown.folder / "default/sim/1/log.jsonl").is_file()
+
+
+def test_an_operator_reaches_the_run_on_its_node(tmp_path: Path) -> None:
+    path = write_hover(tmp_path)
+    path.write_text(path.read_text().replace("autonomy: still.py:Still", NEAR_ENDLESS))
+    campaign = load_campaign(path)
+    flown = fly(campaign, tmp_path / "out", act=lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    assert [run.verdict for run in flown.summary.runs] == ["ABORTED"]
+    assert flown.exit_code == 130
+
+
+def test_a_node_with_other_programs_is_refused_by_name_and_remedy() -> None:
+    here = node_facts()
+    assert unfit_text(here, here) == ""
+    assert unfit_text(here, {**here, "node": "another"}) == ""
+    said = unfit_text(here, {**here, "node": "hall", "numpy": "1.0", "code": "0"})
+    assert "node hall" in said
+    assert "numpy is 1.0" in said
+    assert "code of wil-campaign is another" in said
+    assert "install the same wheel" in said
+    assert "guards" in unfit_text(here, {**here, "subreaper": "1"})
+
+
+def test_an_unfit_node_flies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ray = FakeRay(MortalAgent)
+    monkeypatch.setattr(
+        "orchestrator.engines.ray_agents.node_facts", lambda: {**node_facts(), "python": "2.7"}
+    )
+    with pytest.raises(EngineError, match=r"here it is 2\.7") as raised:
+        hire_agents(ray, 1, cores=1)
+    assert raised.value.code == 2
+    deadline_s = time.monotonic() + 10
+    while ray.actors[0].made._process.poll() is None and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert ray.actors[0].made._process.poll() is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("rai", "must be local, ray or ray://HOST:PORT"),
+        ("ray://", "must be local"),
+        ("ray://host", "must be local"),
+        ("http://host:1", "must be local"),
+        ("ray://10.0.0.1:6379", "needs a token"),
+    ],
+)
+def test_an_engine_that_there_is_not_is_exit_2(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    text: str,
+    said: str,
+) -> None:
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    campaign = str(write_hover(tmp_path))
+    out = tmp_path / "out"
+    assert main(["run", campaign, "--engine", text, "--out", str(out)]) == 2
+    assert said in capsys.readouterr().err.replace("\n", " ")
+    assert not out.exists()
+
+
+def test_addresses_of_clusters(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert engine_address("ray") is None
+    assert engine_address("ray://127.0.0.1:6379") == "127.0.0.1:6379"
+    monkeypatch.setenv("RAY_AUTH_MODE", "token")
+    assert engine_address("ray://10.0.0.1:6379") == "10.0.0.1:6379"
+
+
+def test_a_missing_extra_is_named_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "ray", None)
+    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_DEDUP_LOGS", "RAY_worker_niceness"):
+        monkeypatch.setenv(name, "")
+    assert main(["run", str(write_hover(tmp_path)), "--engine", "ray", "--out", str(tmp_path)]) == 2
+    assert "pip install 'wil-campaign[cluster]'" in capsys.readouterr().err
+
+
+def test_an_attached_vehicle_is_not_flown_over_a_cluster(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_hover(tmp_path)
+    path.write_text(path.read_text().replace("link: embedded", "link: udpin://127.0.0.1:14999"))
+    assert main(["run", str(path), "--engine", "ray", "--out", str(tmp_path)]) == 2
+    assert "consent to arm" in capsys.readouterr().err
