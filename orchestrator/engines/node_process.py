@@ -85,11 +85,10 @@ class NodeRuns:
         if refused is not None:
             return refused
         worker = await self._workers.start()
-        try:
-            await worker.begin(relocate_order(order, self._home))
-            outcome = await self._follow(worker)
-        except (EOFError, OSError):
-            outcome = await worker.outcome_of_lost("")
+        async with asyncio.TaskGroup() as group:
+            passing = group.create_task(self._pass_commands(worker), name="commands to the run")
+            outcome = await self._follow(worker, relocate_order(order, self._home))
+            passing.cancel()
         ended = await worker.end()
         return RunEnded(outcome, _digest(order.folder / _RESULT), ended)
 
@@ -108,20 +107,20 @@ class NodeRuns:
             return RunEnded(WorkerLost(f"its folder is there already, without a result: {error}"))
         return RunEnded(result, _digest(order.folder / _RESULT))
 
-    async def _follow(self, worker: LocalWorker[RunOrder, RunResult]) -> RunResult | WorkerLost:
-        """Pass messages on both ways until the run is done. Raises EOFError, OSError."""
-        passing = asyncio.create_task(self._pass_commands(worker), name="commands to the run")
+    async def _follow(
+        self, worker: LocalWorker[RunOrder, RunResult], order: RunOrder
+    ) -> RunResult | WorkerLost:
+        """Have a worker fly an order, and pass its messages on until the run is done."""
         try:
+            await worker.begin(order)
             while True:
                 message = await worker.receive()
                 if isinstance(message, OrderDone):
                     outcome: RunResult | WorkerLost = message.outcome
                     return outcome
                 self._send(message)
-        finally:
-            passing.cancel()
-            with suppress(asyncio.CancelledError):
-                await passing
+        except (EOFError, OSError):
+            return await worker.outcome_of_lost("")
 
     async def _pass_commands(self, worker: LocalWorker[RunOrder, RunResult]) -> None:
         """Pass commands on to the run; their end is an abort."""
