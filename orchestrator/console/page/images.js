@@ -58,6 +58,7 @@ export class Images {
   refresh() {
     if (this.run !== this.model.chosen) this.forget(this.model.chosen);
     const now = performance.now();
+    let isOverlayStale = false;
     for (const name of NAMES) {
       const figure = /** @type {HTMLElement} */ (document.querySelector(`.picture[data-age=${name}]`));
       const one = this.shown.get(name);
@@ -73,7 +74,9 @@ export class Images {
       rate.textContent = `${hz.toFixed(0)} Hz${one.head.rendered ? ", rendered" : ""}`;
       age.textContent = `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
       figure.classList.toggle("stale", old > STALE_S);
+      isOverlayStale ||= name !== "twin" && old > STALE_S;
     }
+    canvas("image-overlay").closest("figure")?.classList.toggle("stale", isOverlayStale);
   }
 }
 

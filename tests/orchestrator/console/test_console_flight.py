@@ -2,10 +2,12 @@
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import aiohttp
 import pytest
 
 from tests.orchestrator.report.browser import Page, browser, chromium
@@ -41,43 +43,61 @@ def text_of(name: str) -> str:
     return f"document.getElementById('{name}').textContent"
 
 
+@asynccontextmanager
+async def viewer_that_never_reads(link: str) -> AsyncIterator[None]:
+    """Have a viewer on the console that takes nothing from its socket, as one that is stopped."""
+    base, _, token = link.partition("/#")
+    jar = aiohttp.CookieJar(unsafe=True)
+    async with aiohttp.ClientSession(cookie_jar=jar, headers={"Origin": base}) as session:
+        joined = await session.post(f"{base}/session", json={"token": token, "name": "eve"})
+        joined.raise_for_status()
+        async with session.ws_connect(f"{base}/live", autoping=False):
+            yield
+
+
+async def look_and_abort(program: Program, link: str) -> None:
+    """Look at a flight, hold it, change its fence, abort it, and see the console end with it."""
+    with browser() as page:
+        page.resize(1440, 1000)
+        page.open(link)
+        page.value(JOIN)
+        await program.stage("goal")
+        for name in ("real", "twin", "mixed", "overlay"):
+            await until(page, IS_DRAWN.replace("{name}", name))
+        assert await until(page, text_of("stage"), lambda one: one == "goal")
+        assert page.value("location.hash") == ""
+        assert "no WebGL" in page.value(text_of("space-note"))
+        for name in ("real", "twin"):
+            assert name in page.value(text_of("vehicles"))
+        assert "passes setpoints on" in await until(page, text_of("guards"))
+        assert "collision of real" in page.value(text_of("margins"))
+        page.value("document.getElementById('hold').click()")
+        await until(page, text_of("state"), lambda one: one.startswith("HELD"))
+        page.value("document.getElementById('fence-edit').click()")
+        page.value(CEILING)
+        await until(page, text_of("reply"), lambda one: "changed the fence" in one)
+        page.press("Escape")
+        await until(page, text_of("reply"), lambda one: "are being landed" in one)
+        # Who holds after the goal was given has flown nothing that could be judged.
+        assert await until(page, text_of("verdict"), lambda one: one == "INVALID")
+        assert "held by console:anna" in page.value(text_of("reason"))
+        assert page.errors == []
+        assert [one for one in page.requests if not one.startswith(link.partition("#")[0])] == []
+        landed = await program.end()
+        assert landed.code == 4, landed.why
+        await until(page, "!document.getElementById('lost').hidden")
+
+
 async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:
     given = ("--mode", "wil", "--console", "auto", *STAYING)
     async with Program(tmp_path / "out", *given) as program:
         assert program.process.stdout is not None
         line = (await program.process.stdout.readline()).decode()
         link = line.removeprefix("operator: ").strip()
-        with browser() as page:
-            page.resize(1440, 1000)
-            page.open(link)
-            page.value(JOIN)
-            await program.stage("goal")
-            for name in ("real", "twin", "mixed", "overlay"):
-                await until(page, IS_DRAWN.replace("{name}", name))
-            assert await until(page, text_of("stage"), lambda one: one == "goal")
-            assert page.value("location.hash") == ""
-            assert "no WebGL" in page.value(text_of("space-note"))
-            for name in ("real", "twin"):
-                assert name in page.value(text_of("vehicles"))
-            assert "passes setpoints on" in await until(page, text_of("guards"))
-            assert "collision of real" in page.value(text_of("margins"))
-            page.value("document.getElementById('hold').click()")
-            await until(page, text_of("state"), lambda one: one.startswith("HELD"))
-            page.value("document.getElementById('fence-edit').click()")
-            page.value(CEILING)
-            await until(page, text_of("reply"), lambda one: "changed the fence" in one)
-            page.press("Escape")
-            await until(page, text_of("reply"), lambda one: "are being landed" in one)
-            # Who holds after the goal was given has flown nothing that could be judged.
-            assert await until(page, text_of("verdict"), lambda one: one == "INVALID")
-            assert "held by console:anna" in page.value(text_of("reason"))
-            assert page.errors == []
-            assert [
-                one for one in page.requests if not one.startswith(link.partition("#")[0])
-            ] == []
-            landed = await program.end()
-            assert landed.code == 4, landed.why
-            await until(page, "!document.getElementById('lost').hidden")
+        line = (await program.process.stdout.readline()).decode()
+        never_reads = viewer_that_never_reads(line.removeprefix("viewer: ").strip())
+        async with never_reads:
+            await look_and_abort(program, link)
         assert list((program.runtime / "wil-campaign").iterdir()) == []
     assert stages(program.run_folder())[-2:] == ["landed", "end"]
     result = json.loads((program.run_folder() / "result.json").read_text())

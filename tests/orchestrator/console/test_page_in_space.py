@@ -24,6 +24,7 @@ from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 
 PATIENCE_S = 60.0
+ARE_OLD = "document.querySelectorAll('.picture.stale').length === 4"
 JOIN = "document.querySelector('#join-form button').click()"
 NOTE = "document.getElementById('space-note').textContent"
 LOSE = "document.getElementById('space').getContext('webgl2').getExtension('WEBGL_lose_context')"
@@ -108,6 +109,8 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(tmp_pat
             wait_until(page, is_drawn)
             assert page.value(NOTE) == ""
             before = seen(space_image(page, shot), ORANGE)
+            # Between two rounds of the run nothing comes: all images are old, the overlay too.
+            wait_until(page, lambda: page.value(ARE_OLD))
             page.value("document.getElementById('space').focus()")
             for _ in range(8):
                 page.press("ArrowRight")
