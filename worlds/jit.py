@@ -3,13 +3,15 @@
 Without fast-math and without contraction, so that every CPU computes the same bits.
 
 Numba keeps a kernel until its own file changes, not until a file does whose kernels it calls;
-so the kept ones lie in a folder named after the digest of all kernels' sources. It is in
+so the kept ones lie in a folder named after the digest of the sources that they may call: this
+package's kernels, and all files beside the kernel's own. It is in
 NUMBA_CACHE_DIR, else beside the package, else, where that cannot be written, in the user's cache.
 """
 
 import hashlib
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,11 +39,11 @@ def sources_digest(files: list[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_folder() -> Path | None:
-    """Return the cache folder of JIT-compiled kernels; None when none is writable."""
-    name = "kernels-" + sources_digest(
-        [*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")]
-    )
+@cache
+def cache_folder(package: Path = _HERE / "render") -> Path | None:
+    """Return the cache folder of a package's JIT-compiled kernels; None when none is writable."""
+    sources = {*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")}
+    name = "kernels-" + sources_digest(sorted(sources | set(package.glob("*.py"))))
     asked = os.environ.get("NUMBA_CACHE_DIR")
     home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
     parents = [Path(asked)] if asked else [_HERE / "__pycache__", Path(home) / "wil-campaign"]
@@ -56,15 +58,13 @@ def cache_folder() -> Path | None:
     return None
 
 
-_FOLDER = cache_folder()
-
-
 def compiled(function: Function) -> Function:
     """Return the function JIT-compiled at its first call (arguments give the types)."""
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_FOLDER or "")
+    folder = cache_folder(Path(function.__code__.co_filename).parent)
+    numba.config.CACHE_DIR = str(folder or "")
     try:
-        kernel: Function = numba.njit(nogil=True, cache=_FOLDER is not None, error_model="numpy")(
+        kernel: Function = numba.njit(nogil=True, cache=folder is not None, error_model="numpy")(
             function
         )
     finally:
