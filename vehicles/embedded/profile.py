@@ -96,6 +96,21 @@ class VehicleClock(Part):
     drift_ppm: Annotated[float, Field(ge=-500.0, le=500.0)]
 
 
+class AirframeNumbers(Part):
+    """A profile's airframe, where it is not the paper's drone; fields as in `Airframe`."""
+
+    mass_kg: Positive
+    inertia_xx_kg_m2: Positive
+    inertia_yy_kg_m2: Positive
+    inertia_zz_kg_m2: Positive
+    arm_m: Positive
+    torque_per_thrust_m: Positive
+    max_thrust_n: Positive
+    drag_area_m2: tuple[Nonnegative, Nonnegative, Nonnegative]
+    linear_drag_n_s_m: Nonnegative
+    angular_damping_n_m_s: Nonnegative
+
+
 class Profile(Part):
     """A profile of an embedded vehicle and its place.
 
@@ -105,6 +120,7 @@ class Profile(Part):
 
     schema_: Literal["wil/profile/1"] = Field(alias="schema")
     description: str
+    airframe: AirframeNumbers | None = None
     air: AirMovement
     motors: Motors
     battery: Battery

@@ -12,6 +12,7 @@ import numpy as np
 from campaigns.values.sensor_setups import LidarPointsSetup
 from orchestrator.state.run_setup import RunSetup
 from recipes.visibility.ranges import nearest_m
+from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.physics.contact_world import BODY
 from vehicles.perception.hsv import NAMED_COLORS, HsvMask
 from worlds.camera import Intrinsics
@@ -24,10 +25,12 @@ _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
 
 
 def warm_up(setup: RunSetup) -> None:
-    """Warm up perception before the flight: compile clearance, rendering, search for colours.
+    """Warm up before the flight: compile control laws, clearance, rendering, search for colours.
 
     Where there are clouds of points, the search for the nearest point is imported.
     """
+    if any(vehicle.embedded for vehicle in setup.vehicles):
+        load_kernels()
     probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
     probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
     if any(vehicle.cameras for vehicle in setup.vehicles):

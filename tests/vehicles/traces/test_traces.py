@@ -16,6 +16,7 @@ import pytest
 
 from orchestrator.model.clock import run_virtual
 from vehicles.embedded.physics.config import EmbeddedConfig
+from vehicles.embedded.profile import load_profile
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.memory import memory_pair
 
@@ -87,7 +88,8 @@ PHASE_DEPENDENT = {"STATUSTEXT", "COMMAND_ACK", "GPS_GLOBAL_ORIGIN", "POSITION_T
 
 async def flown(autopilot: str) -> Any:
     near, far = memory_pair(latency_s=0.003)
-    config = EmbeddedConfig(autopilot=autopilot, full_streams=True)  # type: ignore[arg-type]  # a literal
+    profile = load_profile("px4-sih" if autopilot == "px4" else "ardupilot-sitl")
+    config = EmbeddedConfig(autopilot=autopilot, profile=profile, full_streams=True)  # type: ignore[arg-type]  # a literal
     fly = SCRIPT.fly_px4 if autopilot == "px4" else SCRIPT.fly_copter
     async with EmbeddedVehicle(config=config, link=near, seed=1):
         return await fly(far)

@@ -34,8 +34,9 @@ from vehicles.embedded.autopilot.services.parameter_service import ParameterServ
 from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
-from vehicles.embedded.physics.states import Motion, Thrusts
+from vehicles.embedded.physics.states import Thrusts
 from vehicles.mavlink.fence_areas import FenceItemError
+from worlds.jit import F64
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
@@ -70,7 +71,7 @@ class EmulatedAutopilot(ABC):
         self.identity = identity
         self.parameters = parameters
         self.state = State(frame=identity.origin, charge=charge, max_thrust_n=airframe.max_thrust_n)
-        self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s)
+        self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s, parameters=parameters)
         self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
         self.fence = EmulatedFence()
@@ -91,6 +92,7 @@ class EmulatedAutopilot(ABC):
         self.refusal: str | None = None
         """Faults for tests: it never becomes ready, it refuses to arm for this reason."""
         self.reboot_asked = False
+        self._configured = parameters.changes
         self._arrived_s = 0.0
         self._parameter_server = ParameterService(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
@@ -163,22 +165,25 @@ class EmulatedAutopilot(ABC):
             self.outbox.release()
 
     def step(
-        self, now: Motion, clock_s: float, *, touching: bool, charge: Charge, turn: bool
+        self, estimate: F64, clock_s: float, *, touching: bool, charge: Charge, turn: bool
     ) -> Thrusts:
-        """Return the thrusts for this estimate; `turn` marks every 20 ms, for slow work."""
+        """Return the thrusts for this estimate (a motion array); `turn` marks every 20 ms."""
         state = self.state
-        state.now = now
+        state.take(estimate)
         state.clock_s = clock_s
         state.touching = touching
         state.charge = charge
         if turn:
+            if self.parameters.changes != self._configured:
+                self._configured = self.parameters.changes
+                self.flight.law.configure(self.parameters)
             self.supervise()
             self.missions.turn(clock_s)
-            self.logs.turn(clock_s, armed=self.flight.armed, now=now)
+            self.logs.turn(clock_s, armed=self.flight.armed, now=state.now)
             for message in self._parameter_server.due():
                 self.outbox.send(message)
             self.outbox.turn(texts_heard=self._hears_texts())
-        thrusts = state.thrusts = self.flight.step(now, clock_s, touching=touching)
+        thrusts = state.thrusts = self.flight.step(state, touching=touching)
         state.target = self.flight.target
         if clock_s >= self.streams.next_due_s:
             for message_id in self.streams.due(clock_s):

@@ -1,1 +1,1 @@
-"""The body of the embedded vehicle: physics, battery, estimator, controller; no MAVLink."""
+"""The body of the embedded vehicle: physics, battery, estimator; no MAVLink."""

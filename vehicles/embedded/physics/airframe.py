@@ -13,6 +13,7 @@ from pathlib import Path
 _POUNDS_PER_NEWTON = 0.22480894387096
 _FOOT_POUNDS_PER_NEWTON_METRE = 0.737562149
 _SQUARE_FEET_PER_SQUARE_METRE = 10.7639
+_METRES_PER_FOOT = 0.3048
 MOTORS = 4
 
 
@@ -33,12 +34,15 @@ class Airframe:
     arm_m: float = 0.175
     """Hub to motor."""
     torque_per_thrust_m: float = 0.0245
+    motor_lag_s: float = 0.05
     max_thrust_n: float = 2.7
     """Of each motor: a thrust-to-weight ratio of 2.2, usual for camera drones."""
     drag_area_m2: tuple[float, float, float] = (0.010, 0.010, 0.020)
     """Drag coefficient times area along body x, y, z."""
     min_drag_speed_m_s: float = 2.0
     """Drag grows linearly up to this speed (rotor drag), with its square above."""
+    linear_drag_n_s_m: float = 0.0
+    """Beside it: drag per speed, in every direction and at every speed."""
     angular_damping_n_m_s: float = 0.0006
     leg_offset_m: float = 0.10
     leg_height_m: float = 0.06
@@ -188,9 +192,19 @@ def _drags(a: Airframe) -> str:
    <value>{-0.5 * area * _SQUARE_FEET_PER_SQUARE_METRE}</value>
    <property>atmosphere/rho-slugs_ft3</property><property>velocities/{speed}-aero-fps</property>
    <max><property>velocities/vt-fps</property><value>{slow_fps}</value></max>
-  </product></function></axis>"""
+  </product></function>{_linear_drag(a, axis, speed)}</axis>"""
         for axis, speed, area in axes
     )
+
+
+def _linear_drag(a: Airframe, axis: str, speed: str) -> str:
+    """Return the drag per speed in the airframe's JSBSim XML; nothing without."""
+    if a.linear_drag_n_s_m == 0.0:
+        return ""
+    pounds_per_fps = a.linear_drag_n_s_m * _POUNDS_PER_NEWTON * _METRES_PER_FOOT
+    return f"""
+  <function name="aero/{axis}rotor"><product><value>{-pounds_per_fps}</value>
+   <property>velocities/{speed}-aero-fps</property></product></function>"""
 
 
 def _dampings(a: Airframe) -> str:

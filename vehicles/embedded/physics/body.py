@@ -7,19 +7,16 @@ import numpy as np
 from vehicles.embedded.physics.battery import Battery
 from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from vehicles.embedded.physics.estimator import Estimator
+from vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED
 from vehicles.embedded.physics.noise import GaussMarkov
 from vehicles.embedded.physics.plant import Plant
-from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, TruthSample
+from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, TruthSample, motion_of
 from worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
+from worlds.jit import F64
 
 PHYSICS_HZ = 250
 _AIR_HZ = 25
 _CONTACT_HZ = 50
-_NEAR_M = 0.5
-"""Above this height over the start no leg can touch the flat ground, even upside down."""
-_WRECK_HEIGHT_M = 0.15
-"""Half the body's width: tilted far over below this height, a propeller strikes the ground."""
-_WRECK_COSINE = 0.5
 _STILL = 2e-3
 """m/s and rad/s below which a disarmed vehicle on its legs counts as resting."""
 
@@ -63,15 +60,24 @@ class Body:
         self._steps = 0
         self._resting_steps = 0
         self._wrecked = False
-        self.truth = self._plant.motion()
-        """The true motion, relative to the start, in the earth's north."""
+        self._motion = np.zeros(NUMBERS)
+        self._plant.read(self._motion)
+        self._truth: Motion | None = None
         self._pose: Pose | None = None
         self.touching = True
         self.contact: str | None = None
         self.motors_stopped = True
 
-    def step(self, thrusts: Thrusts, t_s: float) -> Motion:
-        """Advance the body one step with these commands; return the new estimate."""
+    @property
+    def truth(self) -> Motion:
+        """Return the true motion, relative to the start, in the earth's north."""
+        truth = self._truth
+        if truth is None:
+            truth = self._truth = motion_of(self._motion)
+        return truth
+
+    def step(self, thrusts: Thrusts, t_s: float) -> F64:
+        """Advance the body one step with these commands; return the new estimate's array."""
         if self.contact is not None:
             thrusts = STOPPED
         self.motors_stopped = thrusts == STOPPED
@@ -85,15 +91,14 @@ class Body:
             factor, plant = self.battery.thrust_factor, self._plant
             a, b, c, d = thrusts
             plant.step((a * factor, b * factor, c * factor, d * factor))
-            self.truth = truth = plant.motion()
-            self._pose = None
-            height_m = -truth.position_ned_m[2]
-            self.touching = height_m < _NEAR_M and plant.on_ground()
-            if height_m < _WRECK_HEIGHT_M and _is_tilted(truth):
+            bits = plant.read(self._motion)
+            self._pose = self._truth = None
+            self.touching = bool(bits & NEAR_GROUND) and plant.on_ground()
+            if bits & WRECKED:
                 self._wreck()
         if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
             self._look_around(t_s)
-        return self._estimator.estimate(self.truth)
+        return self._estimator.estimate(self._motion)
 
     def pose(self) -> Pose:
         """Return the body's true pose in the world's local frame."""
@@ -133,13 +138,13 @@ class Body:
 
         The physics of a vehicle that stands and waits is skipped; readiness may take 40 s.
         """
-        truth = self.truth
         if self._wrecked:
             return True
         if not (self.motors_stopped and self.touching):
             self._resting_steps = 0
             return False
         if self._resting_steps < PHYSICS_HZ:
+            truth = self.truth
             fastest = max(map(math.fabs, truth.velocity_ned_m_s + truth.rates_rad_s))
             self._resting_steps = self._resting_steps + 1 if fastest < _STILL else 0
             return False
@@ -152,8 +157,8 @@ class Body:
         """
         self._wrecked = self.touching = self.motors_stopped = True
         self.contact = self.contact or "ground"
-        still = (0.0, 0.0, 0.0)
-        self.truth = self.truth._replace(velocity_ned_m_s=still, rates_rad_s=still)
+        self._motion[3:6] = self._motion[9:12] = 0.0
+        self._truth = None
 
     def _look_around(self, t_s: float) -> None:
         if self._surroundings is None or self.contact is not None:
@@ -164,9 +169,3 @@ class Body:
             before, t_before_s = self._checked
             self.contact = self._surroundings.contact(before, t_before_s, pose, t_s)
         self._checked = (pose, t_s)
-
-
-def _is_tilted(motion: Motion) -> bool:
-    """Return whether a body is tilted too far to stand on its legs."""
-    roll, pitch, _ = motion.euler_rad
-    return math.cos(roll) * math.cos(pitch) < _WRECK_COSINE

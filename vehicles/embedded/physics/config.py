@@ -47,7 +47,6 @@ class EmbeddedConfig:
     latitude_deg: float = 47.397742
     longitude_deg: float = 8.545594
     altitude_m: float = 488.0
-    airframe: Airframe = field(default_factory=Airframe)
     parameters: Mapping[str, float] = field(default_factory=dict)
     full_streams: bool = False
     uid: int | None = None
@@ -58,6 +57,12 @@ class EmbeddedConfig:
     """A fault: the autopilot's checks never pass."""
     refuse_arm: str | None = None
     """A fault: arming is refused with this reason."""
+
+    @property
+    def airframe(self) -> Airframe:
+        """Return the profile's airframe; without one, the paper's drone."""
+        numbers, lag_s = self.profile.airframe, self.profile.motors.lag_s
+        return Airframe(**({} if numbers is None else numbers.model_dump()), motor_lag_s=lag_s)
 
     def __post_init__(self) -> None:
         if not 1 <= self.system_id <= 255:

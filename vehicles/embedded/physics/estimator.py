@@ -1,13 +1,11 @@
 """The vehicle's own estimate: the truth, late and with errors that walk, as the profile says."""
 
-from collections import deque
-
 import numpy as np
 
+from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate
 from vehicles.embedded.physics.noise import GaussMarkov
-from vehicles.embedded.physics.states import Motion
 from vehicles.embedded.profile import EstimatorNoise
-from worlds.frames import Vec3, wrap_pi
+from worlds.jit import F64
 
 _RADIANS_PER_DEGREE = 0.017453292519943295
 _WALKS_HZ = 25
@@ -49,28 +47,21 @@ class Estimator:
             rng=rng,
         )
         self._origin = self._position.value
-        self._late: deque[tuple[Vec3, Vec3]] = deque(maxlen=1 + round(noise.delay_s * rate_hz))
+        self._late = np.zeros((1 + round(noise.delay_s * rate_hz), 6))
         self._every = rate_hz // _WALKS_HZ
         self._steps = 0
+        self._errors, self._estimate = np.zeros(9), np.zeros(NUMBERS)
 
-    def estimate(self, truth: Motion) -> Motion:
-        """Return the estimate after one more step of true motion."""
+    def estimate(self, truth: F64) -> F64:
+        """Return the estimate after one more step of true motion: motion arrays both.
+
+        The array is the same one at each step.
+        """
         if self._steps % self._every == 0:
-            self._position.advance()
-            self._velocity.advance()
-            self._angles.advance()
+            (n, e, d), (on, oe, od) = self._position.advance(), self._origin
+            self._errors[:] = (
+                n - on, e - oe, d - od, *self._velocity.advance(), *self._angles.advance()
+            )  # fmt: skip
+        estimate(truth, self._errors, self._late, self._steps, self._estimate)
         self._steps += 1
-        position, velocity, (roll, pitch, yaw), rates, force = truth
-        self._late.append((position, velocity))
-        (n, e, d), (vn, ve, vd) = self._late[0]
-        bn, be, bd = self._position.value
-        on, oe, od = self._origin
-        wn, we, wd = self._velocity.value
-        a, b, c = self._angles.value
-        return Motion(
-            (n + bn - on, e + be - oe, d + bd - od),
-            (vn + wn, ve + we, vd + wd),
-            (roll + a, pitch + b, wrap_pi(yaw + c)),
-            rates,
-            force,
-        )
+        return self._estimate

@@ -5,9 +5,13 @@ import os
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from vehicles.embedded.physics.airframe import MOTORS, Airframe, aircraft_root
-from vehicles.embedded.physics.states import Motion, Thrusts
-from worlds.frames import Vec3, wrap_pi
+from vehicles.embedded.physics.motion_kernel import NUMBERS, read
+from vehicles.embedded.physics.states import Motion, Thrusts, motion_of
+from worlds.frames import Vec3
+from worlds.jit import F64
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")
 
@@ -15,6 +19,11 @@ import jsbsim  # it reads JSBSIM_DEBUG when imported
 
 _METRES_PER_FOOT = 0.3048
 _TURBULENCE_NONE = 0.0
+_NEAR_M = 0.5
+"""Above this height over the start no leg can touch the flat ground, even upside down."""
+_WRECK_HEIGHT_M = 0.15
+"""Half the body's width: tilted far over below this height, a propeller strikes the ground."""
+_WRECK_COSINE = 0.5
 
 
 class PlantError(Exception):
@@ -69,7 +78,7 @@ class Plant:
         self._dt_s = 1.0 / rate_hz
         self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
         self._bind()
-        self._zero: Vec3 = (0.0, 0.0, 0.0)
+        self._raw, self._zero = np.zeros(NUMBERS), np.zeros(3)
         self._settle()
 
     def step(self, thrusts: Thrusts) -> None:
@@ -84,24 +93,25 @@ class Plant:
 
     def motion(self) -> Motion:
         """Return the plant's true motion. Raises PlantError when a number is not finite."""
-        n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, x, y, z = [get() for get in self._moves]
-        if not math.isfinite(n + e + u + vn + ve + vd + roll + pitch + yaw + p + q + r):
+        motion = np.zeros(NUMBERS)
+        self.read(motion)
+        return motion_of(motion)
+
+    def read(self, out: F64) -> int:
+        """Set a motion array to the plant's true motion; return the bits of what holds.
+
+        Raises PlantError when a number is not finite.
+        """
+        raw = self._raw
+        raw[:] = [get() for get in self._moves]
+        bits: int = read(raw, self._zero, _NEAR_M, _WRECK_HEIGHT_M, _WRECK_COSINE, out)
+        if not bits:
+            n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, *_ = raw.tolist()
             raise PlantError(
                 f"the physics left the finite numbers: position {(n, e, u)} ft, "
                 f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
             )
-        zero = self._zero
-        return Motion(
-            (
-                n * _METRES_PER_FOOT - zero[0],
-                e * _METRES_PER_FOOT - zero[1],
-                -u * _METRES_PER_FOOT - zero[2],
-            ),
-            (vn * _METRES_PER_FOOT, ve * _METRES_PER_FOOT, vd * _METRES_PER_FOOT),
-            (roll, pitch, wrap_pi(yaw)),
-            (p, q, r),
-            (x * _METRES_PER_FOOT, y * _METRES_PER_FOOT, z * _METRES_PER_FOOT),
-        )
+        return bits
 
     def thrusts(self) -> Thrusts:
         """Return each motor's thrust in the plant, newtons: lagging its command."""
@@ -171,4 +181,4 @@ class Plant:
         """Let the plant's legs settle, then count positions from there."""
         for _ in range(round(0.5 / self._dt_s)):
             self.step((0.0, 0.0, 0.0, 0.0))
-        self._zero = self.motion().position_ned_m
+        self._zero[:] = self.motion().position_ned_m

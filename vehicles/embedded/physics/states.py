@@ -7,6 +7,7 @@ dataclass costs three times as much to build.
 from typing import NamedTuple
 
 from worlds.frames import Pose, Vec3
+from worlds.jit import F64
 
 Thrusts = tuple[float, float, float, float]
 """Newtons per motor, PX4's quad X order."""
@@ -25,6 +26,12 @@ class Motion(NamedTuple):
     euler_rad: Vec3
     rates_rad_s: Vec3
     specific_force_m_s2: Vec3
+
+
+def motion_of(array: F64) -> Motion:
+    """Return the motion in a motion array (see motion_kernel)."""
+    n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, x, y, z = array.tolist()
+    return Motion((n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r), (x, y, z))
 
 
 AT_REST = Motion(

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.clocks.sim_clock_controller import Segment
+from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.physics.config import ContactWorld
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
@@ -143,6 +144,7 @@ def run_process(settings: ProcessSettings) -> int:
     try:
         if settings.end_with_parent:
             die_with_parent(signal.SIGTERM)
+        load_kernels()
         with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
             runner.run(_await_stop(settings))
     except (LinkError, BadInput, ValueError, UnsupportedSystemError) as error:

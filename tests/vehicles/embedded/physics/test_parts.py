@@ -7,21 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicles.embedded.charge import set_remaining
 from vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
 from vehicles.embedded.physics.battery import Battery
-from vehicles.embedded.physics.controller import Controller, Gains, Target
 from vehicles.embedded.physics.estimator import Estimator
 from vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
 from vehicles.embedded.physics.noise import GaussMarkov
 from vehicles.embedded.physics.plant import Plant, PlantError
-from vehicles.embedded.physics.states import AT_REST, STOPPED, TruthSample
+from vehicles.embedded.physics.states import AT_REST, STOPPED, Motion, TruthSample, motion_of
 from vehicles.embedded.profile import ProfileError, list_profiles, load_profile
 from worlds.files.documents import BadInput
 from worlds.frames import Pose, angle_between
+from worlds.jit import F64
 
 AIRFRAME = Airframe()
 NOMINAL, CAGE = load_profile("nominal"), load_profile("cage")
@@ -64,6 +63,11 @@ def test_equal_aircraft_share_a_folder_and_a_spoilt_one_is_mended() -> None:
     file.write_text("half a fi", encoding="utf-8")
     aircraft_root(AIRFRAME, motor_lag_s=0.0512)
     assert file.read_text(encoding="utf-8") == aircraft_xml(AIRFRAME, motor_lag_s=0.0512)
+
+
+def array_of(motion: Motion) -> F64:
+    """Return the motion array of a motion."""
+    return np.array([number for vector in motion for number in vector])
 
 
 def scaled(factor: float) -> tuple[float, float, float, float]:
@@ -139,41 +143,11 @@ def test_numbers_that_are_none_are_an_error() -> None:
         p.motion()
 
 
-# Controller.
-
-
-@given(
-    target=st.tuples(finite, finite, finite),
-    velocity=st.tuples(finite, finite, finite),
-    yaw=st.floats(-3.0, 3.0),
-)
-def test_thrusts_stay_within_the_motors(
-    target: tuple[float, float, float], velocity: tuple[float, float, float], yaw: float
-) -> None:
-    controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
-    now = AT_REST._replace(velocity_ned_m_s=velocity)
-    for _ in range(20):
-        thrusts = controller.run(now, Target(target, yaw_rad=yaw))
-        assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts)
-
-
-@given(velocity=st.tuples(finite, finite, finite))
-def test_velocity_setpoints_stay_within_the_limits(velocity: tuple[float, float, float]) -> None:
-    controller = Controller(airframe=AIRFRAME, gains=Gains(), dt_s=0.004)
-    controller.run(AT_REST, Target((None, None, None), velocity, 0.0, speed_m_s=(2.0, 1.0, 0.5)))
-    north, east, down = controller._velocity_setpoint
-    assert math.hypot(north, east) <= 2.0 + 1e-9
-    assert -1.0 <= down <= 0.5
-    # Cut short, not turned aside.
-    assert east * velocity[0] - north * velocity[1] == pytest.approx(0.0, abs=1e-6)
-    assert north * velocity[0] + east * velocity[1] >= 0.0
-
-
 # Profiles and noise.
 
 
-def test_both_profiles_are_there_and_say_why() -> None:
-    assert list_profiles() == ("cage", "nominal")
+def test_all_profiles_are_there_and_say_why() -> None:
+    assert list_profiles() == ("ardupilot-sitl", "cage", "nominal", "px4-sih")
     assert not any(NOMINAL.air.sigma_m_s)
     assert any(CAGE.air.sigma_m_s)
     folder = Path(load_profile.__code__.co_filename).parent / "profiles"
@@ -185,7 +159,7 @@ def test_both_profiles_are_there_and_say_why() -> None:
 
 
 def test_a_wrong_profile_is_reported_at_the_place_of_each_fault(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="there are cage, nominal") as unknown:
+    with pytest.raises(ProfileError, match="there are ardupilot-sitl, cage, nominal") as unknown:
         load_profile("caeg")
     assert unknown.value.suggestion == "cage"
     file = tmp_path / "mine.yaml"
@@ -233,16 +207,18 @@ def test_the_estimate_is_late_and_starts_at_its_origin() -> None:
     )
     estimator = Estimator(noise=noise, rate_hz=250, rng=np.random.default_rng(1))
     for step in range(100):
-        estimate = estimator.estimate(AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0)))
+        truth = AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0))
+        estimate = motion_of(estimator.estimate(array_of(truth)))
     # Five steps late.
     assert estimate.position_ned_m[0] == pytest.approx((99 - 5) * 0.004)
     noisy = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1))
-    assert noisy.estimate(AT_REST).position_ned_m == pytest.approx((0, 0, 0), abs=0.02)
+    assert noisy.estimate(array_of(AT_REST))[:3] == pytest.approx((0, 0, 0), abs=0.02)
 
 
 def test_the_estimate_wanders_as_the_profile_says() -> None:
     estimator = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3))
-    velocities = [estimator.estimate(AT_REST).velocity_ned_m_s for _ in range(250 * 400)]
+    truth = array_of(AT_REST)
+    velocities = [estimator.estimate(truth)[3:6].tolist() for _ in range(250 * 400)]
     across, down = CAGE.estimator.velocity_sigma_m_s
     spread = np.array(velocities[::10]).std(axis=0)
     assert spread == pytest.approx([across, across, down], rel=0.25)

@@ -111,7 +111,7 @@ class ArduCopter(CopterCore):
         if wanted is None or not flight.armed or flight.landed or self.taking_off:
             return
         self.velocity_at_s = self.t_s if wanted.has_velocity else None
-        self.follow.set(wanted, keep_yaw_rad=flight.controller.yaw_setpoint_rad)
+        self.follow.set(wanted, keep_yaw_rad=flight.law.yaw_setpoint_rad)
         if flight.behaviour is not self.follow:
             flight.fly(self.follow)
 

@@ -31,21 +31,9 @@ from vehicles.embedded.autopilot.services.command_registry import (
 )
 from vehicles.embedded.autopilot.services.discovery import ModeEntry
 from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
+from vehicles.embedded.control.law import COPTER
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
-from vehicles.embedded.physics.controller import Gains
-
-_GAINS = Gains(
-    # PSC_NE_POS_P, PSC_D_POS_P; PSC_NE_VEL_P, PSC_D_VEL_P; PSC_NE_VEL_I; WP_ACC, WP_ACC_Z;
-    # ATC_ANG_YAW_P; ATC_ANGLE_MAX. Roll and pitch stiffer than ATC_ANG_RLL_P of 4.5, for the
-    # rate feed-forward that ArduCopter has and this controller has not.
-    position=(1.0, 1.0),
-    velocity=(2.0, 5.0),
-    integral=(1.0, 2.0),
-    acceleration_m_s2=(2.5, 1.0),
-    attitude=(7.0, 4.5),
-    max_tilt_rad=math.radians(30.0),
-)
 
 
 class CopterCore(MissionAutopilot[CopterMode]):
@@ -60,7 +48,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
     standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(
-        gains=_GAINS, spool_s=2.0, lift_s=1.15, noticed_s=1.15, touch_s=1.65
+        law=COPTER, spool_s=2.0, lift_s=1.15, noticed_s=1.15, touch_s=1.65
     )
     manoeuvres: CopterManoeuvres
 

@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.battery import Charge
-from vehicles.embedded.physics.controller import Target
-from vehicles.embedded.physics.states import AT_REST, STOPPED, Motion, Thrusts
+from vehicles.embedded.physics.motion_kernel import NUMBERS
+from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, motion_of
 from worlds.frames import Vec3
 from worlds.geodesy import LocalFrame
+from worlds.jit import F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +37,10 @@ class State:
     """What the clock on the wire shows beyond the time since the autopilot's start."""
     unix_offset_us: int | None = None
     """What the time of day is beyond `boot_us`; None as long as nobody said."""
-    now: Motion = AT_REST
+    estimate: F64 = field(default_factory=lambda: np.zeros(NUMBERS))
+    """The estimate's motion array (see motion_kernel)."""
+    known: Motion | None = None
+    """The estimate as `now`; None until it is looked at."""
     truth: Motion | None = None
     """The motion in the autopilot's simulator, which it reports and never flies by; None without
     one."""
@@ -44,6 +51,18 @@ class State:
     max_thrust_n: float = 1.0
     mission_seq: int = 0
     mission_total: int = 0
+
+    def take(self, estimate: F64) -> None:
+        """Take the estimate of this step."""
+        self.estimate, self.known = estimate, None
+
+    @property
+    def now(self) -> Motion:
+        """Return the present estimate."""
+        known = self.known
+        if known is None:
+            known = self.known = motion_of(self.estimate)
+        return known
 
     @property
     def boot_ms(self) -> int:

@@ -3,9 +3,11 @@
 import math
 from dataclasses import dataclass
 
+from vehicles.embedded.autopilot.flight.autopilot_state import State
 from vehicles.embedded.autopilot.flight.guidance import Behaviour
+from vehicles.embedded.control.law import ControlLaw, Gains, LawKind
+from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.controller import Controller, Gains, Target
 from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts
 
 _IDLE_SHARE = 0.08
@@ -22,7 +24,7 @@ class FlightStyle:
     is felt until it counts as landed.
     """
 
-    gains: Gains
+    law: LawKind
     spool_s: float
     lift_s: float
     noticed_s: float
@@ -32,11 +34,13 @@ class FlightStyle:
 class Flight:
     """The flight of one armed or disarmed vehicle: motors and motion."""
 
-    def __init__(self, *, style: FlightStyle, airframe: Airframe, dt_s: float) -> None:
+    def __init__(
+        self, *, style: FlightStyle, airframe: Airframe, dt_s: float, parameters: Gains
+    ) -> None:
         self._style = style
         self._hover_n = airframe.hover_thrust_n
         self._top_n = airframe.max_thrust_n
-        self.controller = Controller(airframe=airframe, gains=style.gains, dt_s=dt_s)
+        self.law = ControlLaw(kind=style.law, airframe=airframe, dt_s=dt_s, parameters=parameters)
         self.behaviour: Behaviour | None = None
         self.armed = False
         self.landed = True
@@ -74,8 +78,9 @@ class Flight:
         """Fly a behaviour from now on."""
         self.behaviour = behaviour
 
-    def step(self, now: Motion, t_s: float, *, touching: bool) -> Thrusts:
-        """Return the thrusts of this flight step."""
+    def step(self, state: State, *, touching: bool) -> Thrusts:
+        """Return the thrusts of this flight step, by the state's estimate and clock."""
+        t_s = state.clock_s
         if not self.armed or self.motors_cut or self.behaviour is None:
             self._commanded = STOPPED
             self.target = None
@@ -84,10 +89,12 @@ class Flight:
             return STOPPED
         if self.landed:
             self.target = None
-            thrusts = self._on_ground(self.behaviour, now, t_s)
+            thrusts = self._on_ground(self.behaviour, state.now, t_s)
         else:
-            self.target = target = self.behaviour.update(now, t_s)
-            thrusts = self.controller.run(now, target)
+            target = self.target
+            if target is None or self.law.takes_target:
+                self.target = target = self.behaviour.update(state.now, t_s)
+            thrusts = self.law.run(state.estimate, target)
             self._feel_ground(self.behaviour, t_s, touching=touching)
         self._commanded = thrusts
         return thrusts
@@ -115,7 +122,7 @@ class Flight:
         self.lifting = True
         self._lift_began_s = None
         self._touch_began_s = None
-        self.controller.reset(yaw_rad=now.euler_rad[2])
+        self.law.reset(yaw_rad=now.euler_rad[2])
 
     def _feel_ground(self, behaviour: Behaviour, t_s: float, *, touching: bool) -> None:
         if not (touching and behaviour.descends):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
-from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3
 
@@ -118,13 +118,20 @@ class Follow(Behaviour):
     """
 
     def __init__(
-        self, *, speeds: Speeds, yaw_rad: float, may_lift: bool, limit: Limit | None = None
+        self,
+        *,
+        speeds: Speeds,
+        yaw_rad: float,
+        may_lift: bool,
+        limit: Limit | None = None,
+        direct: bool = False,
     ) -> None:
         super().__init__()
+        self._direct = direct
         self._limit = limit
         self._speeds = speeds
         self._may_lift = may_lift
-        self._still = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds)
+        self._still = Target((None, None, None), yaw_rad=yaw_rad, speed_m_s=speeds, direct=direct)
         self._target = self._still
         self._lifts = self._descends = False
 
@@ -149,6 +156,7 @@ class Follow(Behaviour):
             yaw_rad,
             wanted.yaw_rate_rad_s,
             self._speeds,
+            self._direct,
         )
         climb, down = wanted.velocity_ned_m_s[2], wanted.position_ned_m[2]
         self._lifts = self._may_lift and (climb < -0.1 or (down or 0.0) < -0.3)

@@ -11,7 +11,7 @@ from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from vehicles.embedded.autopilot.flight.mission_items import Item
 from vehicles.embedded.autopilot.flight.places import whole
 from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
-from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.states import Motion
 from worlds.frames import Vec3
 

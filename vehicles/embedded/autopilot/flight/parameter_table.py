@@ -43,6 +43,8 @@ class Parameters:
         self._entries = {entry.name: entry for entry in sorted(table)}
         self._names = tuple(self._entries)
         self._bytewise = bytewise
+        self.changes = 0
+        """How often a parameter was set."""
 
     def __getitem__(self, name: str) -> float:
         return self._entries[name].value
@@ -83,6 +85,7 @@ class Parameters:
         if bits is not None:
             value = float(int(max(-(2.0 ** (bits - 1)), min(2.0 ** (bits - 1) - 1.0, value))))
         self._entries[name] = entry._replace(value=value)
+        self.changes += 1
 
     def to_wire(self, name: str) -> float:
         """Return a parameter's value as transmitted in a float field."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, Speeds
-from vehicles.embedded.physics.controller import Target
+from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.states import Motion
 
 _CENTRED = 0.05

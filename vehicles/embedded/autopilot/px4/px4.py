@@ -104,7 +104,7 @@ class Px4(Px4Core):
         if wanted is None:
             return
         self.setpoint_at_s = self.t_s
-        self.follow.set(wanted, keep_yaw_rad=self.flight.controller.yaw_setpoint_rad)
+        self.follow.set(wanted, keep_yaw_rad=self.flight.law.yaw_setpoint_rad)
 
     # Commands.
 

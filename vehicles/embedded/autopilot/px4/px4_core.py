@@ -29,9 +29,9 @@ from vehicles.embedded.autopilot.services.command_registry import (
 )
 from vehicles.embedded.autopilot.services.discovery import ModeEntry
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
+from vehicles.embedded.control.law import PX4
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
-from vehicles.embedded.physics.controller import Gains
 
 _GCS_SILENT_AFTER_S = 2.5
 """A ground station whose heartbeat is older is gone (mavlink_receiver.cpp)."""
@@ -58,7 +58,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | px4_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(
-        gains=Gains(), spool_s=1.0, lift_s=2.5, noticed_s=0.88, touch_s=1.0
+        law=PX4, spool_s=1.0, lift_s=2.5, noticed_s=0.88, touch_s=1.0
     )
     manoeuvres: Px4Manoeuvres
 
@@ -86,7 +86,9 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         self.flying = False
         """Whether takeoff was detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
-        self.follow = Follow(speeds=self.manoeuvres.offboard_speeds(), yaw_rad=0.0, may_lift=True)
+        self.follow = Follow(
+            speeds=self.manoeuvres.offboard_speeds(), yaw_rad=0.0, may_lift=True, direct=True
+        )
         self._mode_after_disarm = Px4Mode.HOLD
         self._failsafe_at_s = -math.inf
 

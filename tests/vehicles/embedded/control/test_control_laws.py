@@ -1,0 +1,161 @@
+"""The control laws by themselves: estimates and targets in, thrusts out."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from vehicles.embedded.autopilot.flight.parameter_table import Parameters, load_parameters
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from vehicles.embedded.control.law import COPTER, PX4, ControlLaw, LawKind
+from vehicles.embedded.control.target import Target
+from vehicles.embedded.physics.airframe import Airframe
+from worlds.jit import F64
+
+AIRFRAME = Airframe()
+STEP_S = 0.004
+BOTH = pytest.mark.parametrize("kind", [PX4, COPTER], ids=["px4", "ardupilot"])
+finite = st.floats(-100.0, 100.0)
+
+
+def parameters(kind: LawKind, **overrides: float) -> Parameters:
+    core: Any = Px4Core if kind is PX4 else CopterCore
+    return load_parameters(core.parameter_file, bytewise=core.is_px4, overrides=overrides)
+
+
+def new_law(kind: LawKind, **overrides: float) -> ControlLaw:
+    law = ControlLaw(
+        kind=kind, airframe=AIRFRAME, dt_s=STEP_S, parameters=parameters(kind, **overrides)
+    )
+    law.reset(yaw_rad=0.0)
+    return law
+
+
+def motion(**values: tuple[float, float, float]) -> F64:
+    """Return a motion array at rest, but for the named vectors."""
+    array = np.zeros(15)
+    array[14] = -9.80665
+    for name, value in values.items():
+        first = 3 * ("position", "velocity", "euler", "rates", "force").index(name)
+        array[first : first + 3] = value
+    return array
+
+
+@BOTH
+@given(
+    position=st.tuples(finite, finite, finite),
+    velocity=st.tuples(finite, finite, finite),
+    yaw_rad=st.floats(-3.0, 3.0),
+    direct=st.booleans(),
+)
+def test_thrusts_stay_within_the_motors(
+    kind: LawKind,
+    position: tuple[float, float, float],
+    velocity: tuple[float, float, float],
+    yaw_rad: float,
+    direct: bool,
+) -> None:
+    law, now = new_law(kind), motion(velocity=velocity)
+    for _ in range(20):
+        thrusts = law.run(now, Target(position, yaw_rad=yaw_rad, direct=direct))
+        assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts)
+
+
+@BOTH
+def test_at_its_place_it_carries_its_weight(kind: LawKind) -> None:
+    law, now = new_law(kind), motion()
+    for _ in range(250):
+        thrusts = law.run(now, Target((0.0, 0.0, 0.0), yaw_rad=0.0, direct=True))
+    assert thrusts == pytest.approx([AIRFRAME.hover_thrust_n] * 4, rel=1e-6)
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("target", "rear_less_front"),
+    [
+        (Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True), 1),
+        (Target((None, None, None), (-1.0, 0.0, 0.0), 0.0, direct=True), -1),
+    ],
+)
+def test_it_pitches_towards_where_it_shall_fly(
+    kind: LawKind, target: Target, rear_less_front: int
+) -> None:
+    law, now = new_law(kind), motion()
+    for _ in range(25):
+        front_right, rear_left, front_left, rear_right = law.run(now, target)
+    assert (rear_left + rear_right - front_left - front_right) * rear_less_front > 0.0
+
+
+@BOTH
+def test_it_turns_the_shorter_way(kind: LawKind) -> None:
+    law, now = new_law(kind), motion(euler=(0.0, 0.0, 3.0))
+    law.reset(yaw_rad=3.0)
+    for _ in range(25):
+        # Front right and rear left turn the body clockwise by their reaction.
+        one, two, other, last = law.run(now, Target((0, 0, 0), yaw_rad=-3.0, direct=True))
+    assert one + two > other + last
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value"),
+    [(PX4, name, 0.5) for name in PX4.gains if name not in {"MPC_Z_VEL_D_ACC", "MC_YAWRATE_D"}]
+    + [(COPTER, name, 0.5) for name in COPTER.gains if name != "ATC_RAT_YAW_D"]
+    + [(PX4, "MPC_Z_VEL_D_ACC", 0.5), (PX4, "MC_YAWRATE_D", 0.5), (COPTER, "ATC_RAT_YAW_D", 0.5)],
+)
+def test_every_parameter_of_a_law_acts(kind: LawKind, name: str, value: float) -> None:
+    """Each gain changes the thrusts of a rough ride in which every limit is met."""
+
+    def ride(**overrides: float) -> list[tuple[float, ...]]:
+        law, rng = new_law(kind, **overrides), np.random.default_rng(1)
+        thrusts: list[tuple[float, ...]] = []
+        for step in range(600):
+            now = motion(
+                position=tuple(rng.normal(0.0, 0.3, 3)),
+                velocity=tuple(rng.normal(0.0, 1.0, 3)),
+                euler=tuple(rng.normal(0.0, 0.3, 3)),
+                rates=tuple(rng.normal(0.0, 0.3, 3)),
+                force=(0.0, 0.0, -9.8 + rng.normal()),
+            )
+            direct = step < 300
+            place = (9.0, -9.0, -5.0) if step % 200 < 100 else (None, None, None)
+            yaw_rad = 2.0 if step % 150 < 75 else -2.0
+            thrusts.append(
+                law.run(now, Target(place, (1.0, 2.0, -1.0), yaw_rad, 0.0, (9, 3, 2), direct))
+            )
+        return thrusts
+
+    assert ride(**{name: value}) != ride()
+
+
+def test_a_parameter_that_is_set_acts_at_once() -> None:
+    law = new_law(PX4)
+    target = Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True)
+    other = new_law(PX4)
+    other.configure(parameters(PX4, MPC_XY_VEL_P_ACC=4.0))
+    assert law.run(motion(), target) != other.run(motion(), target)
+
+
+def test_arducopter_never_exceeds_its_acceleration_and_jerk() -> None:
+    law = new_law(COPTER)
+    target = Target((8.0, 6.0, None), (0.0, 0.0, 0.0), 0.0, speed_m_s=(3.0, 1.0, 1.0))
+    states = []
+    for _ in range(2500):
+        law.run(motion(), target)
+        states.append(law._state[:9].copy())
+    shape = np.array(states[::2])
+    assert np.hypot(shape[:, 3], shape[:, 4]).max() <= 3.0 + 1e-3
+    assert np.hypot(shape[:, 6], shape[:, 7]).max() <= 2.5 + 1e-9
+    jerk = np.diff(shape[:, 6:8], axis=0) / (2 * STEP_S)
+    assert np.hypot(jerk[:, 0], jerk[:, 1]).max() <= 5.0 + 1e-6
+    assert shape[-1, :2] == pytest.approx((8.0, 6.0), abs=0.01)
+
+
+def test_a_slower_motor_is_tuned_to_less_authority() -> None:
+    assert PX4.authority(0.05)[0] == pytest.approx(113.1, rel=0.01)
+    assert PX4.authority(0.1)[0] == pytest.approx(113.1 / 2.0, rel=0.01)
+    assert COPTER.authority(0.008)[0] == 500.0
+    assert math.isclose(COPTER.authority(0.06)[2], 40.0)

@@ -1,0 +1,1 @@
+"""The control laws of the embedded autopilots, compiled: from estimate and target to thrusts."""

@@ -1,0 +1,165 @@
+"""A firmware's control law: its gains by parameters, its state, and its compiled step."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from vehicles.embedded.control import copter_kernel, px4_kernel
+from vehicles.embedded.control.target import Target
+from vehicles.embedded.physics.airframe import Airframe
+from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate, read
+from vehicles.embedded.physics.states import Thrusts
+from worlds.frames import Vec3
+from worlds.jit import F64
+
+_OUTER_EVERY = 2
+"""The position part runs every second step, 125 Hz."""
+_HEADING = 9
+_RATE_GAIN_TIMES_LAG = 0.85
+"""Rate loop's gain (1/s) times motor lag in PX4's SIH at default gains: 0.15 * 113.1 * 0.05."""
+
+
+class Gains(Protocol):
+    """Parameters by name (protocol)."""
+
+    def __getitem__(self, name: str) -> float:
+        """Return a parameter's value."""
+
+
+class LawKind(NamedTuple):
+    """A firmware's law. authority_rad_s2: what one of normalised torque does, per axis.
+
+    The rate gains count in normalised torque, and `authority_rad_s2` is that of the body in the
+    firmware's own simulator. Another airframe is taken to be tuned: it has the same authority,
+    in roll and pitch no more than its motors' lag allows at `rate_gain`, the default rate gain.
+    """
+
+    step: Callable[[F64, F64, F64, F64, F64, float, int, F64], int]
+    gains: tuple[str, ...]
+    degrees: tuple[str, ...]
+    state: int
+    authority_rad_s2: Vec3
+    rate_gain: float
+
+    def authority(self, motor_lag_s: float) -> Vec3:
+        """Return the authority about roll, pitch and yaw with motors of this lag."""
+        roll, pitch, yaw = self.authority_rad_s2
+        most = _RATE_GAIN_TIMES_LAG / (self.rate_gain * motor_lag_s)
+        return (min(roll, most), min(pitch, most), yaw)
+
+
+PX4 = LawKind(
+    px4_kernel.step,
+    px4_kernel.GAINS,
+    px4_kernel.DEGREES,
+    px4_kernel.STATE,
+    # SIH: SIH_L_ROLL 0.2 m, SIH_T_MAX 5 N, SIH_Q_MAX 0.1 N m of four motors over SIH_IXX 0.025 and
+    # SIH_IZZ 0.030 kg m2; the allocation gives roll and pitch 1/sqrt(2) of the throttle, yaw all.
+    (113.1, 113.1, 13.3),
+    0.15,
+)
+COPTER = LawKind(
+    copter_kernel.step,
+    copter_kernel.GAINS,
+    copter_kernel.DEGREES,
+    copter_kernel.STATE,
+    # Identified from the series of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in that of
+    # 60 degrees; the other segments are not fitted.
+    (500.0, 500.0, 40.0),
+    0.135,
+)
+
+
+def load_kernels() -> None:
+    """Load the kernels of both laws and of the body, or compile them: seconds, once per machine.
+
+    Before a flight: done at liftoff, it would hold the interpreter for as long.
+    """
+    motion, thrusts = np.zeros(NUMBERS), np.zeros(4)
+    for kind in (PX4, COPTER):
+        state, gains = np.zeros(kind.state), np.ones(len(kind.gains))
+        kind.step(state, gains, np.ones(10), motion, np.zeros(12), 0.004, 1, thrusts)
+    read(motion, np.zeros(3), 0.0, 0.0, 0.0, motion)
+    estimate(motion, np.zeros(9), np.zeros((1, 6)), 0, motion)
+
+
+class ControlLaw:
+    """A firmware's control law: from estimate and target to the thrusts of four motors."""
+
+    def __init__(
+        self, *, kind: LawKind, airframe: Airframe, dt_s: float, parameters: Gains
+    ) -> None:
+        self._kind = kind
+        self._dt_s = dt_s
+        self._body = np.array(
+            [
+                airframe.mass_kg,
+                airframe.inertia_xx_kg_m2,
+                airframe.inertia_yy_kg_m2,
+                airframe.inertia_zz_kg_m2,
+                4.0 * airframe.motor_offset_m,
+                4.0 * airframe.torque_per_thrust_m,
+                airframe.max_thrust_n,
+                *kind.authority(airframe.motor_lag_s),
+            ]
+        )
+        self._gains = np.zeros(len(kind.gains))
+        self._state = np.zeros(kind.state)
+        self._target = np.zeros(12)
+        self._thrusts = np.zeros(4)
+        self._taken: Target | None = None
+        self._calls = 0
+        self.configure(parameters)
+
+    @property
+    def yaw_setpoint_rad(self) -> float:
+        """Return the law's heading setpoint."""
+        return float(self._state[_HEADING])
+
+    def configure(self, parameters: Gains) -> None:
+        """Take the law's gains from parameters."""
+        kind = self._kind
+        self._gains[:] = [
+            math.radians(parameters[name]) if name in kind.degrees else parameters[name]
+            for name in kind.gains
+        ]
+
+    def reset(self, *, yaw_rad: float) -> None:
+        """Forget what was flown; hold this heading."""
+        self._state[:] = 0.0
+        self._state[_HEADING] = yaw_rad
+        self._calls = 0
+
+    @property
+    def takes_target(self) -> bool:
+        """Return whether the next step looks at the target."""
+        return self._calls % _OUTER_EVERY == 0
+
+    def run(self, now: F64, target: Target) -> Thrusts:
+        """Return the law's thrusts of this step; `now` is the estimate's motion array."""
+        outer = _OUTER_EVERY if self._calls % _OUTER_EVERY == 0 else 0
+        self._calls += 1
+        if outer and target is not self._taken:
+            self._set_target(target)
+        out = self._thrusts
+        self._kind.step(
+            self._state, self._gains, self._body, now, self._target, self._dt_s, outer, out
+        )
+        a, b, c, d = out.tolist()
+        return (a, b, c, d)
+
+    def _set_target(self, target: Target) -> None:
+        (n, e, d), velocity, yaw_rad, rate_rad_s, speeds, direct = target
+        self._taken, nan = target, math.nan
+        self._target[:] = (
+            nan if n is None or e is None else n,
+            nan if n is None or e is None else e,
+            nan if d is None else d,
+            *velocity,
+            nan if yaw_rad is None else yaw_rad,
+            rate_rad_s,
+            *speeds,
+            1.0 if direct else 0.0,
+        )
