@@ -260,6 +260,10 @@ class Land(Behaviour):
         """Return true: a landing descends."""
         return True
 
+    def aim(self, north_m: float, east_m: float) -> None:
+        """Land at this place, not where the vehicle comes to rest."""
+        self._place = (north_m, east_m)
+
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
         """Return the landing's target at the profile's speed."""
         if self._yaw_rad is None:
@@ -326,6 +330,7 @@ class ReturnHome(Behaviour):
                 self._over_home_s = t_s
             if t_s - self._over_home_s >= self._wait_s:
                 self.landing = True
+                self._land.aim(home_north, home_east)
         return Target((home_north, home_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds)
 
 
