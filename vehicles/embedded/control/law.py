@@ -17,6 +17,9 @@ from worlds.jit import F64
 _OUTER_EVERY = 2
 """The position part runs every second step, 125 Hz."""
 _HEADING = 9
+_MOST_GAIN, _LEAST_DIVISOR = 1e4, 1e-3
+_DIVISORS = frozenset({"MPC_XY_VEL_P_ACC", "MOT_THST_HOVER", "WP_ACC", "WP_ACC_Z"})
+"""Gains by which a law divides."""
 _RATE_GAIN_TIMES_LAG = 0.85
 """Rate loop's gain (1/s) times motor lag in PX4's SIH at default gains: 0.15 * 113.1 * 0.05."""
 
@@ -119,12 +122,18 @@ class ControlLaw:
         return float(self._state[_HEADING])
 
     def configure(self, parameters: Gains) -> None:
-        """Take the law's gains from parameters."""
+        """Take the law's gains from parameters.
+
+        A negative one acts as 0, a huge one as the most the law can count with; one that is not
+        finite changes nothing. Thrusts stay numbers, whatever a client sets.
+        """
         kind = self._kind
-        self._gains[:] = [
-            math.radians(parameters[name]) if name in kind.degrees else parameters[name]
-            for name in kind.gains
-        ]
+        for place, name in enumerate(kind.gains):
+            value = parameters[name]
+            if math.isfinite(value):
+                value = math.radians(value) if name in kind.degrees else value
+                least = _LEAST_DIVISOR if name in _DIVISORS else 0.0
+                self._gains[place] = min(max(value, least), _MOST_GAIN)
 
     def reset(self, *, yaw_rad: float) -> None:
         """Forget what was flown; hold this heading."""

@@ -60,6 +60,8 @@ DEGREES = ("MPC_TILTMAX_AIR", "MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE
 
 _SPEED_GAIN = 5.0
 """1/s. PX4's trajectories change speed in the least time that the jerk allows; eases the end."""
+_MOST_INTEGRAL_M_S2 = 1e3
+"""No flight comes near it; gains that make the anti-windup diverge end there, not at infinity."""
 
 STATE = 48
 """Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (3), 13 velocity (3),
@@ -127,8 +129,8 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
         wound_n, wound_e = north - limited_n, east - limited_e
         north, east = limited_n, limited_e
     # Anti-windup: what was not produced is taken from the error that is integrated.
-    s[10] += g[3] * (en - 2.0 / g[2] * wound_n) * dt
-    s[11] += g[3] * (ee - 2.0 / g[2] * wound_e) * dt
+    s[10] = clamp(s[10] + g[3] * (en - 2.0 / g[2] * wound_n) * dt, _MOST_INTEGRAL_M_S2)
+    s[11] = clamp(s[11] + g[3] * (ee - 2.0 / g[2] * wound_e) * dt, _MOST_INTEGRAL_M_S2)
     s[12] = clamp(s[12] + g[6] * ed * dt, GRAVITY_M_S2)
     s[19], s[20], s[21] = north, east, downwards
     # Heading: a trajectory turns no faster than its limit, a setpoint is taken as it is.

@@ -27,6 +27,11 @@ def parameters(kind: LawKind, **overrides: float) -> Parameters:
     return load_parameters(core.parameter_file, bytewise=core.is_px4, overrides=overrides)
 
 
+def defaults_of(kind: LawKind, table: Parameters) -> dict[str, float]:
+    """Return the defaults of a law's gains."""
+    return {name: table[name] for name in kind.gains}
+
+
 def new_law(kind: LawKind, **overrides: float) -> ControlLaw:
     law = ControlLaw(
         kind=kind, airframe=AIRFRAME, dt_s=STEP_S, parameters=parameters(kind, **overrides)
@@ -129,6 +134,35 @@ def test_every_parameter_of_a_law_acts(kind: LawKind, name: str, value: float) -
         return thrusts
 
     assert ride(**{name: value}) != ride()
+
+
+@BOTH
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e-30, 1e30, 3.4e38, math.nan, math.inf])
+def test_thrusts_stay_numbers_whatever_a_parameter_is_set_to(kind: LawKind, value: float) -> None:
+    """A client may set a gain to anything that a float can be; the vehicle goes on."""
+    law, defaults = new_law(kind), defaults_of(kind, parameters(kind))
+    for name in kind.gains:
+        law.reset(yaw_rad=0.0)
+        law.configure({**defaults, name: value})
+        for step in range(200):
+            sign = 1.0 if step % 20 < 10 else -1.0
+            now = motion(velocity=(sign, 2.0 * sign, -sign), euler=(0.3 * sign, -0.3, sign))
+            place = (9.0, -9.0, -5.0) if step % 100 < 50 else (None, None, None)
+            target = Target(place, (1.0, 2.0, -1.0), 2.0 * sign, direct=step < 100)
+            thrusts = law.run(now, target)
+            assert all(0.0 <= thrust <= AIRFRAME.max_thrust_n + 1e-9 for thrust in thrusts), name
+
+
+@BOTH
+def test_a_velocity_is_cut_to_the_limit_not_turned_aside(kind: LawKind) -> None:
+    fast, limited = new_law(kind), new_law(kind)
+    asked = Target(
+        (None, None, None), (8.0, -6.0, 0.0), 0.0, speed_m_s=(5.0, 3.0, 1.5), direct=True
+    )
+    same = asked._replace(velocity_ned_m_s=(4.0, -3.0, 0.0))
+    for _ in range(100):
+        thrusts = fast.run(motion(), asked)
+        assert thrusts == pytest.approx(limited.run(motion(), same), abs=1e-9)
 
 
 def test_a_parameter_that_is_set_acts_at_once() -> None:
