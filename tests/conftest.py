@@ -94,6 +94,18 @@ YIELDING = 5
 """What workers add to their niceness once they are at tests that wait for nothing."""
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the control laws before workers of pytest-xdist start, where they are not kept yet.
+
+    Otherwise each worker compiles them, and the tests that wait on the wall clock, which are the
+    first, see vehicles that take half a minute until their first word.
+    """
+    if getattr(session.config.option, "numprocesses", None):
+        from vehicles.embedded.control.law import load_kernels
+
+        load_kernels()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
 

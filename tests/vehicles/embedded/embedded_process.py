@@ -6,6 +6,7 @@ import sys
 from types import TracebackType
 from typing import Self
 
+from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.process.embedded_launch import FeedClient
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.links.link import LinkError
@@ -32,6 +33,7 @@ class EmbeddedProcess:
         return None if self._child is None else self._child.exit_code
 
     async def __aenter__(self) -> Self:
+        load_kernels()  # as a run does before it launches vehicles
         await self.feed.__aenter__()
         settings = self._settings.model_copy(
             update={"feed_port": self.feed.port, "end_with_stdin": True}
