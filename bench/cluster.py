@@ -1,0 +1,193 @@
+"""What an engine over a cluster costs and survives, with a Ray of this machine.
+
+    python -m bench.cluster overhead --runs 20
+    python -m bench.cluster faults --seeds 3
+
+`overhead` flies a campaign of short flights by both engines, and compares results to the byte.
+`faults` ends the program, a worker of Ray or its raylet by SIGKILL at a seeded moment of a flight,
+resumes, and counts flights, results and processes that are left. It needs the extra `cluster`.
+"""
+
+import argparse
+import json
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import psutil
+
+WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
+CAMPAIGN = """\
+schema: wil/campaign/1
+campaign: hover
+vehicles: {twin: {link: embedded, autopilot: px4}}
+world: world.yaml
+autonomy: {use: wait, with: {}}
+goal: {altitude_m: 1.2}
+modes: [sim]
+oracles: {landed: {}}
+"""
+STILL = """\
+from vehicles.autonomy import Command
+from vehicles.setpoints import VelocitySetpoint
+
+
+class Still:
+    def __init__(self, *, goal, parameters, seed):
+        self.ticks = parameters.get("ticks", 1)
+
+    def perceive(self, reading):
+        pass
+
+    def act(self, telemetry):
+        self.ticks -= 1
+        return Command(VelocitySetpoint((0.0, 0.0, 0.0)), done=self.ticks <= 0)
+"""
+ENDED_S = 120.0
+"""How long what a killed process leaves may go on: it lands."""
+STARTED_S = 400.0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("what", choices=["overhead", "faults"])
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--kill", choices=list(VICTIMS), nargs="*", default=list(VICTIMS))
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        if given.what == "overhead":
+            return overhead(Path(name), given.runs, given.jobs)
+        bad = 0
+        for seed in range(given.seeds):
+            for victim in given.kill:
+                bad += not survives(Path(name) / f"{victim}-{seed}", victim, seed, given.jobs)
+        return 1 if bad else 0
+
+
+def overhead(folder: Path, runs: int, jobs: int) -> int:
+    """Print the time of both engines, per run, and whether their results are the same."""
+    campaign = write_campaign(folder, ticks=1)
+    took_s: dict[str, float] = {}
+    for engine in ("local", "ray"):
+        began_s = time.monotonic()
+        subprocess.run(  # noqa: S603 - our own program
+            command(
+                campaign, folder / engine, jobs, "--engine", engine, "--repetitions", str(runs)
+            ),
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+        flown = flown_folder(folder / engine)
+        # From the first order on: without the start of Ray and of the run server.
+        first_s = (flown / "campaign.json").stat().st_mtime
+        took_s[engine] = (flown / "junit.xml").stat().st_mtime - first_s
+        whole_s = time.monotonic() - began_s
+        print(f"{engine}: {runs} runs in {took_s[engine]:.2f} s, {whole_s:.2f} s with its start")
+    per_run_s = (took_s["ray"] - took_s["local"]) * jobs / runs
+    same = contents(flown_folder(folder / "local")) == contents(flown_folder(folder / "ray"))
+    print(f"ray adds {per_run_s * 1000:.0f} ms to a run; results are {'' if same else 'NOT '}equal")
+    return 0 if same else 1
+
+
+def survives(folder: Path, victim: str, seed: int, jobs: int) -> bool:
+    """Kill a victim in flight, resume, and print and return whether all is well."""
+    campaign = write_campaign(folder, ticks=2000)
+    out = folder / "out"
+    flying = subprocess.Popen(  # noqa: S603 - our own program
+        command(campaign, out, jobs, "--engine", "ray", "--repetitions", "4"),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    wait_for(lambda: "ordered" in ledger(out), STARTED_S)
+    time.sleep(random.Random(seed).uniform(0.0, 3.0))  # noqa: S311
+    program = psutil.Process(flying.pid)
+    every = [program, *program.children(recursive=True)]
+    VICTIMS[victim](every).kill()
+    code = flying.wait(STARTED_S)
+    left = psutil.wait_procs(every[1:], timeout=ENDED_S)[1]
+    first = Counter(ledger(out))
+    resumed = subprocess.run(  # noqa: S603 - our own program
+        command(campaign, out, jobs, "--engine", "local", "--repetitions", "4", "--resume"),
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    results = sorted(flown_folder(out).glob("default/sim/*/result.json"))
+    verdicts = Counter(json.loads(one.read_text())["verdict"] for one in results)
+    # Each order is answered for by one folder: a run's own, or one that was set aside.
+    folders = len(list(flown_folder(out).glob("earlier/default/sim/*"))) + len(results)
+    fine = not left and len(results) == 4 and folders <= first["ordered"] + 4
+    print(
+        f"{victim}, seed {seed}: exit code {code}, {dict(first)}; {len(left)} processes left; "
+        f"resumed: exit code {resumed.returncode}, {dict(verdicts)}: {'fine' if fine else 'BAD'}",
+        flush=True,
+    )
+    return fine
+
+
+def named(text: str) -> Callable[[Sequence[psutil.Process]], psutil.Process]:
+    """Return what finds a process whose command line has a text."""
+    return lambda every: next(one for one in every if text in " ".join(one.cmdline()))
+
+
+VICTIMS: dict[str, Callable[[Sequence[psutil.Process]], psutil.Process]] = {
+    "program": lambda every: every[0],
+    "worker": named("ray::NodeAgent"),
+    "raylet": named("raylet/raylet"),
+}
+
+
+def write_campaign(folder: Path, *, ticks: int) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "world.yaml").write_text(WORLD)
+    (folder / "still.py").write_text(STILL)
+    autonomy = f"still.py:Still, with: {{ticks: {ticks}}}"
+    (folder / "hover.yaml").write_text(CAMPAIGN.replace("wait, with: {}", autonomy))
+    return folder / "hover.yaml"
+
+
+def command(campaign: Path, out: Path, jobs: int, *options: str) -> list[str]:
+    program = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign)]
+    return [*program, "--out", str(out), "--jobs", str(jobs), *options]
+
+
+def flown_folder(out: Path) -> Path:
+    return next(out.glob("hover/*/campaign.json")).parent
+
+
+def ledger(out: Path) -> list[str]:
+    """Return the events in a campaign's ledger; none before there is one."""
+    path = next(out.glob("hover/*/ledger.jsonl"), None)
+    lines = [] if path is None else path.read_text().splitlines()
+    return [json.loads(line)["event"] for line in lines]
+
+
+def wait_for(is_so: Callable[[], bool], limit_s: float) -> None:
+    deadline_s = time.monotonic() + limit_s
+    while not is_so():
+        if time.monotonic() > deadline_s:
+            raise TimeoutError("nothing was ordered in time")
+        time.sleep(0.1)
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """Return the files of runs, without the time that each took on the wall."""
+    found: dict[str, object] = {}
+    for path in folder.glob("default/**/*"):
+        name = str(path.relative_to(folder))
+        if path.name == "result.json":
+            found[name] = {**json.loads(path.read_text()), "wall_s": 0}
+        elif path.suffix in {".csv", ".jsonl", ".tlog"}:
+            found[name] = path.read_bytes()
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())
