@@ -124,7 +124,7 @@ class Program:
         return self.folder / "large" / mode / "1"
 
     async def stage(self, stage: str, mode: str = "wil", timeout_s: float = 120.0) -> None:
-        """Wait until the run has reached a stage."""
+        """Wait until the run has reached a stage; a program that ended before says why."""
 
         def there() -> bool:
             try:
@@ -132,7 +132,10 @@ class Program:
             except (OSError, StopIteration):
                 return False
 
-        await until(there, timeout_s)
+        await until(lambda: there() or self.process.returncode is not None, timeout_s)
+        if not there():
+            landed = await self.end()
+            raise AssertionError(f"it ended before the stage '{stage}': {landed.why}")
 
     async def await_event(self, kind: str, mode: str = "wil", timeout_s: float = 60.0) -> None:
         """Wait until the guard of a run has told an event of this kind."""
