@@ -73,6 +73,7 @@ class OperatorSocket:
         self._clients: OrderedDict[_Client, asyncio.StreamWriter] = OrderedDict()
         self._watchers: set[_Client] = set()
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
+        self._is_closing = False
 
     async def __aenter__(self) -> Self:
         """Listen on the operator's socket."""
@@ -90,6 +91,7 @@ class OperatorSocket:
 
     async def __aexit__(self, *_: object) -> None:
         """Stop listening, and remove the operator's socket and its pointer."""
+        self._is_closing = True
         if self._server is not None:
             self._server.close()
         clients = [*self._clients, *self._watchers]
@@ -116,6 +118,10 @@ class OperatorSocket:
         except TimeoutError:
             # Who leaves answers unread would keep the connection open for as long.
             writer.transport.abort()
+        except asyncio.CancelledError:
+            # Python 3.11 reports a connection's cancelled task as an unhandled exception.
+            if not self._is_closing:
+                raise
         finally:
             writer.close()
             self._clients.pop(task, None)

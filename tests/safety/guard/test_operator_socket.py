@@ -153,3 +153,15 @@ async def test_the_pointer_follows_no_link(short_folder: Path, tmp_path: Path) -
     async with controller.serve():
         assert json.loads(controller.pointer.read_text())["socket"] == str(controller.path)
     assert precious.read_text() == "mine"
+
+
+async def test_a_watcher_that_is_there_at_the_end_is_no_exception(short_folder: Path) -> None:
+    """Its cancelled task was reported as an exception of ours, and the campaign ended with 3."""
+    reported: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))
+    controller = Controller(short_folder)
+    async with controller.serve():
+        await ask(controller, "watch")
+    await asyncio.sleep(0.01)
+    await controller.close()
+    assert reported == []
