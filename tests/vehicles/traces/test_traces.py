@@ -76,13 +76,18 @@ FLIGHT = {
 
 NOT_SENT = {
     "ATTITUDE_TARGET": "the controller's inner setpoints are its own",
-    "POSITION_TARGET_GLOBAL_INT": "the same as POSITION_TARGET_LOCAL_NED",
     "OPEN_DRONE_ID_LOCATION": "no remote identification",
     "OPEN_DRONE_ID_SYSTEM": "no remote identification",
     "COMMAND_LONG": "no camera or gimbal is looked for",
     "PARAM_VALUE": "calibration results of the board's own sensors",
 }
-PHASE_DEPENDENT = {"STATUSTEXT", "COMMAND_ACK", "GPS_GLOBAL_ORIGIN", "POSITION_TARGET_LOCAL_NED"}
+PHASE_DEPENDENT = {
+    "STATUSTEXT",
+    "COMMAND_ACK",
+    "GPS_GLOBAL_ORIGIN",
+    "POSITION_TARGET_LOCAL_NED",
+    "POSITION_TARGET_GLOBAL_INT",
+}
 """Sent on events, or only while flying, which takes other times here."""
 
 

@@ -7,8 +7,9 @@ from typing import Any, ClassVar, Generic
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.guidance import Behaviour
-from vehicles.embedded.autopilot.flight.mission_flight import FlyMission, MissionMakers
+from vehicles.embedded.autopilot.flight.mission_flight import LOOKS, FlyMission, MissionMakers
 from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.places import is_on_globe
 from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, Mode
 from vehicles.embedded.autopilot.services import mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
@@ -27,6 +28,8 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
 
     first_mission_item: ClassVar[int]
     """Of the user's: ArduPilot's item 0 is home."""
+    other_mode: ClassVar[int]
+    """MISSION_CURRENT.mission_mode when no mission is flown."""
 
     mission_begun = False
     mission_complete = False
@@ -80,6 +83,19 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         """Take that the mission's last item was flown."""
         self.mission_complete = True
 
+    def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
+        """Take a region of interest: without a gimbal only ArduCopter's heading follows it."""
+
+    @on_command(*LOOKS)
+    def _look(self, command: Command) -> int:
+        if command.number == mavlink.MAV_CMD_DO_SET_ROI_NONE:
+            self.look_at(0.0, 0.0)
+        elif is_on_globe(command.x, command.y):
+            self.look_at(command.x, command.y)
+        else:
+            return FAILED
+        return ACCEPTED
+
     def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
         result = super()._accept_items(kind, items)
         if kind == mission_service.MISSION and result == mission_service.ACCEPTED:
@@ -95,11 +111,11 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
             self.state.mission_seq,
             self._mission_total(),
             self._mission_state(in_mode=in_mode),
-            1 if in_mode else 2,
+            1 if in_mode else self.other_mode,
         )
 
     def _mission_total(self) -> int:
-        """Return how many mission items are the user's."""
+        """Return how many mission items are the user's, as MISSION_CURRENT has it."""
         return max(0, self.state.mission_total - self.first_mission_item)
 
     def _mission_state(self, *, in_mode: bool) -> int:

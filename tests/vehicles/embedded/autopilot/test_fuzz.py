@@ -1,8 +1,8 @@
 """Nothing that a client sends ends a vehicle or goes unanswered.
 
-Messages are made from the dialect: every one that the autopilots take, with NaN, infinities and
-numbers out of range in every field. A seeded sample is part of the suite; WIL_FUZZ_MESSAGES=100000
-sends as many as it says.
+Messages are made from the dialect, with NaN, infinities and numbers out of range in every field:
+all that the autopilots take to vehicles in flight, and all that there are to autopilots without a
+body. A seeded sample is part of the suite; WIL_FUZZ_MESSAGES=100000 sends as many as it says.
 """
 
 import asyncio
@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from vehicles.embedded.autopilot.copter.copter import ArduCopter
 from vehicles.embedded.autopilot.px4.px4 import Px4
 from vehicles.embedded.autopilot.services.command_registry import marked
@@ -23,8 +24,10 @@ Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 KINDS = {"px4": Px4, "ardupilot": ArduCopter}
 
-MESSAGES = int(os.environ.get("WIL_FUZZ_MESSAGES", "1500"))
+MESSAGES = int(os.environ.get("WIL_FUZZ_MESSAGES", "600"))
+BARE_MESSAGES = max(12000, MESSAGES)
 PER_FLIGHT = 2500
+PER_BARE = 1000
 """Each vehicle takes so many, and then a new one."""
 
 FLOATS = (
@@ -41,19 +44,28 @@ NEVER = {mavlink.MAV_CMD_DO_FLIGHTTERMINATION}
 
 
 class Messages:
-    """Makes messages of the kinds that an autopilot takes, at random."""
+    """Makes messages of the kinds that an autopilot takes, or of all kinds, at random."""
 
-    def __init__(self, autopilot: str, parameters: list[str], seed: int) -> None:
+    def __init__(
+        self, autopilot: str, parameters: list[str], seed: int, *, every_kind: bool = False
+    ) -> None:
         kind = KINDS[autopilot]
         self._rng = random.Random(seed)  # noqa: S311 - repeatable
         by_name = {each.msgname: each for each in mavlink.mavlink_map.values()}
-        self._kinds = [by_name[name] for name in sorted(marked(kind, "mav_messages"))]
+        taken = sorted(marked(kind, "mav_messages"))
+        self._kinds = [by_name[name] for name in taken]
+        if every_kind:
+            # Half of them such that are taken.
+            self._kinds = self._kinds * (len(by_name) // len(taken)) + list(by_name.values())
         self._commands = [*sorted(set(marked(kind, "mav_commands")) - NEVER), 31000, 0, 65535]
         self._items = [16, 17, 19, 20, 21, 22, 82, 177, 178, 5000, 5001, 5003, 5100, 31000]
         self._parameters = parameters
 
     def next(self) -> Any:
-        kind = self._rng.choice(self._kinds)
+        return self.of(self._rng.choice(self._kinds))
+
+    def of(self, kind: Any) -> Any:
+        """Return a message of this kind."""
         values = [
             self._value(kind.msgname, name, how, length)
             for name, how, length in zip(
@@ -165,3 +177,35 @@ def test_survives_and_answers_whatever_a_client_sends(
         virtually(survive(rig, autopilot, seed, count, flying=flying))
         left -= count
         seed += 1
+
+
+def unanswered(bare: BareAutopilot, message: Any) -> str | None:
+    """Send a message; return what should have answered it and did not."""
+    due = ANSWERS.get(message.get_type())
+    got = [each.get_type() for each in bare.send(message)]
+    return None if due is None or got.count(due) == 1 else f"{got} answer {message}"
+
+
+def bare_autopilot(autopilot: str, *, flying: bool) -> BareAutopilot:
+    bare = BareAutopilot(autopilot)
+    if flying:
+        bare.hover()
+    else:
+        bare.run(3.0)
+    return bare
+
+
+@BOTH
+@pytest.mark.parametrize("flying", [False, True], ids=["ground", "air"])
+def test_an_autopilot_survives_every_message_of_the_dialect(autopilot: str, flying: bool) -> None:
+    bare = bare_autopilot(autopilot, flying=flying)
+    messages = Messages(autopilot, list(bare.autopilot.parameters), 1, every_kind=True)
+    for kind in mavlink.mavlink_map.values():
+        assert unanswered(bare, messages.of(kind)) is None
+    for count in range(BARE_MESSAGES // 4):
+        if count % PER_BARE == 0:
+            bare = bare_autopilot(autopilot, flying=flying)
+        assert unanswered(bare, messages.next()) is None
+        if count % 5 == 0:
+            bare.run(0.02)
+    assert bare.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 0) == 0

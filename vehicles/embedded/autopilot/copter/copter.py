@@ -8,30 +8,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.copter import copter_boot as boot
 from vehicles.embedded.autopilot.copter import copter_telemetry
-from vehicles.embedded.autopilot.copter.copter_core import CopterCore
 from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
+from vehicles.embedded.autopilot.copter.copter_guided import CopterGuided
 from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from vehicles.embedded.autopilot.flight.flight import TiltWatch
-from vehicles.embedded.autopilot.flight.guidance import (
-    Behaviour,
-    Follow,
-    GoTo,
-    ReturnHome,
-    TakeOff,
-    Wanted,
-)
-from vehicles.embedded.autopilot.flight.mission_flight import place_of, starts_with_takeoff
-from vehicles.embedded.autopilot.flight.mission_items import Item, item_fault
-from vehicles.embedded.autopilot.flight.places import is_altitude
-from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
+from vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
 from vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
 from vehicles.embedded.autopilot.services import mission_service
 from vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
-    UNSUPPORTED,
     Command,
     on_command,
     on_message,
@@ -39,7 +28,6 @@ from vehicles.embedded.autopilot.services.command_registry import (
 from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
 from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
-from worlds.frames import Vec3
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
@@ -50,7 +38,7 @@ _CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
 _AFTER_LANDING_S = 0.4
 
 
-class ArduCopter(CopterCore):
+class ArduCopter(CopterGuided):
     """The emulated ArduCopter over MAVLink: setpoints, commands, missions, failsafes."""
 
     def __init__(
@@ -85,14 +73,6 @@ class ArduCopter(CopterCore):
         for message_id in ids:
             self.streams.set_rate(message_id, rate_hz, now_s=self.t_s)
 
-    @on_message("SET_POSITION_TARGET_LOCAL_NED")
-    def _on_local_setpoint(self, message: Any) -> None:
-        if self.mode is CopterMode.GUIDED:
-            self._take_setpoint(local_setpoint(message, self.state.now))
-
-    def _takes_global_setpoints(self) -> bool:
-        return self.mode is CopterMode.GUIDED
-
     @on_message("RC_CHANNELS_OVERRIDE")
     def _on_override(self, message: Any) -> None:
         pulses_us = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
@@ -106,15 +86,6 @@ class ArduCopter(CopterCore):
     def _on_distance(self, message: Any) -> None:
         self.avoidance.distance_sensor(message, self.t_s)
 
-    def _take_setpoint(self, wanted: Wanted | None) -> None:
-        flight = self.flight
-        if wanted is None or not flight.armed or flight.landed or self.taking_off:
-            return
-        self.velocity_at_s = self.t_s if wanted.has_velocity else None
-        self.follow.set(wanted, keep_yaw_rad=flight.law.yaw_setpoint_rad)
-        if flight.behaviour is not self.follow:
-            flight.fly(self.follow)
-
     # Commands.
 
     def _begin_flight(self) -> None:
@@ -126,33 +97,6 @@ class ArduCopter(CopterCore):
         if fault is None and not force and self._broken_fences():
             return "Arm: vehicle outside fence"
         return fault
-
-    @on_command(mavlink.MAV_CMD_NAV_TAKEOFF)
-    def _take_off(self, command: Command) -> int:
-        flight = self.flight
-        if self.mode is not CopterMode.GUIDED or not flight.armed or not flight.landed:
-            return FAILED
-        if not (command.z > 0.0 and is_altitude(command.z)):
-            return FAILED
-        down_m = self.state.home_down_m - command.z
-        flight.fly(self.manoeuvres.take_off(down_m))
-        self.taking_off = True
-        return ACCEPTED
-
-    @on_command(mavlink.MAV_CMD_DO_REPOSITION)
-    def _reposition(self, command: Command) -> int:
-        if command.frame is None:
-            return UNSUPPORTED
-        change_mode = command.whole(1) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-        if not command.has_place:
-            return DENIED
-        if self.mode is not CopterMode.GUIDED:
-            if not change_mode:
-                return DENIED
-            if self.choose(CopterMode.GUIDED) != ACCEPTED:
-                return FAILED
-        self._fly_to(self._place_of(command))
-        return ACCEPTED
 
     @on_command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION)
     def _terminate(self, command: Command) -> int:
@@ -193,42 +137,6 @@ class ArduCopter(CopterCore):
             return DENIED
         return self.choose(CopterMode.AUTO)
 
-    def _go_to_item(self, item: Item) -> int:
-        """Fly ArduCopter to a guided item, in GUIDED and in the air."""
-        rules = self.item_rules
-        placed = item_fault(mission_service.MISSION, item, rules) == mission_service.ACCEPTED
-        if not placed or item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
-            return int(mavlink.MAV_MISSION_INVALID)
-        if self.mode is not CopterMode.GUIDED:
-            return int(mavlink.MAV_MISSION_ERROR)
-        self._fly_to(place_of(item, self.state))
-        return mission_service.ACCEPTED
-
-    def _fly_to(self, position_ned_m: Vec3) -> None:
-        """Fly ArduCopter to a place in GUIDED; ignored on the ground."""
-        if self.flight.armed and not self.flight.landed:
-            self.velocity_at_s = None
-            self.flight.fly(self.manoeuvres.go_to(position_ned_m, radius_m=0.3))
-
-    @on_command(mavlink.MAV_CMD_CONDITION_YAW)
-    def _turn(self, command: Command) -> int:
-        """Turn ArduCopter to a heading (param1, degrees), relative when param4 is 1."""
-        angle_deg, _, direction, relative = command.params
-        if self.mode is not CopterMode.GUIDED or not math.isfinite(angle_deg):
-            return FAILED
-        if relative not in {0.0, 1.0} or direction not in {-1.0, 0.0, 1.0}:
-            return DENIED
-        yaw_rad = math.radians(math.fmod(angle_deg, 360.0))
-        if relative == 1.0:
-            yaw_rad = self.state.now.euler_rad[2] + (direction or 1.0) * abs(yaw_rad)
-        behaviour = self.flight.behaviour
-        if isinstance(behaviour, TakeOff) and not self.taking_off:
-            behaviour = self.manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
-            self.flight.fly(behaviour)
-        if isinstance(behaviour, Follow | GoTo):
-            behaviour.face(yaw_rad)
-        return ACCEPTED
-
     def _behaviour(self, mode: CopterMode) -> Behaviour:
         if mode is CopterMode.AUTO:
             return self._mission()
@@ -250,6 +158,7 @@ class ArduCopter(CopterCore):
             self.velocity_at_s = None
             self.follow.stand(self.state.now)
         self._watch_mission()
+        self._look_at_roi()
         self._check_failsafes()
         if self._tilt.tumbling(self.state.now, t_s):
             self.strike("tumbling")

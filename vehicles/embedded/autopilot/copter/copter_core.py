@@ -44,6 +44,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
+    other_mode: ClassVar[int] = 0
     refused: ClassVar[int] = FAILED
     standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS

@@ -61,6 +61,9 @@ class Behaviour(ABC):
     def change_speeds(self, speeds: Speeds) -> None:  # noqa: B027 - most have speeds of their own
         """Change the behaviour's speeds, where it flies at the automatic ones."""
 
+    def face(self, yaw_rad: float) -> None:  # noqa: B027 - some have a heading of their own
+        """Turn to a heading, where the behaviour leaves that to the user."""
+
 
 class Hold(Behaviour):
     """The guidance behaviour of a hold: brake, then stay there, or at a given place."""
@@ -83,6 +86,10 @@ class Hold(Behaviour):
             self._target = self._target._replace(position_ned_m=self._place)
         self.done = self._place is not None
         return self._target
+
+    def face(self, yaw_rad: float) -> None:
+        """Turn to a heading in the hold."""
+        self._target = self._target._replace(yaw_rad=yaw_rad)
 
 
 class GoTo(Behaviour):

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Land, ReturnHome, Speeds
+from vehicles.embedded.autopilot.flight.guidance import Behaviour, GoTo, Land, ReturnHome, Speeds
 from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from vehicles.embedded.autopilot.flight.mission_items import Item
 from vehicles.embedded.autopilot.flight.places import whole
@@ -30,7 +30,13 @@ FLOWN = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
     mavlink.MAV_CMD_NAV_DELAY,
 }
-"""Commands of a mission that are flown; of others, DO_JUMP and DO_CHANGE_SPEED act."""
+"""Commands of a mission that are flown; of others, DO_JUMP, DO_CHANGE_SPEED and `LOOKS` act."""
+LOOKS = (
+    mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+    mavlink.MAV_CMD_DO_SET_ROI,
+    mavlink.MAV_CMD_DO_SET_ROI_NONE,
+)
+"""Regions of interest: by place, by the older command, and the end of one."""
 _STAYS = {
     mavlink.MAV_CMD_NAV_WAYPOINT: 1.0,
     mavlink.MAV_CMD_NAV_LOITER_TIME: 1.0,
@@ -53,6 +59,9 @@ class MissionEvents(Protocol):
 
     def finish_mission(self) -> None:
         """Take that the mission's last item was flown."""
+
+    def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
+        """Look at a region of interest from now on; at 0, 0 there is none."""
 
 
 class MissionMakers(NamedTuple):
@@ -130,6 +139,15 @@ class FlyMission(Behaviour):
         """Fly the present mission item at other speeds."""
         self._current.change_speeds(speeds)
 
+    def face(self, yaw_rad: float) -> None:
+        """Turn to a heading while flying the present mission item."""
+        self._current.face(yaw_rad)
+
+    @property
+    def is_under_way(self) -> bool:
+        """Return whether the mission flies to a place that is not reached."""
+        return not self.done and isinstance(self._current, GoTo) and not self._current.done
+
     def _reach(self) -> None:
         self._events.reach_item(self._seq)
         self._go_on(self._seq + 1)
@@ -168,6 +186,10 @@ class FlyMission(Behaviour):
                 return target
         elif item.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
             self._makers.manoeuvres.change_speed(item.params[0], item.params[1])
+        elif item.command in LOOKS:
+            none = item.command == mavlink.MAV_CMD_DO_SET_ROI_NONE
+            x, y = (0, 0) if none else (item.x, item.y)
+            self._events.look_at(x * 1e-7, y * 1e-7)
         return seq + 1
 
     def _behaviour(self, item: Item) -> Behaviour:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.places import FARTHEST_M, bounded
+from vehicles.embedded.autopilot.flight.places import FARTHEST_M, HIGHEST_M, bounded
 from worlds.frames import quat_from_euler
 
 Builder = Callable[[State], Any]
@@ -165,6 +165,34 @@ def position_target_local_ned(s: State) -> Any | None:
     )
 
 
+def position_target_global_int(s: State) -> Any | None:
+    """Return the telemetry message POSITION_TARGET_GLOBAL_INT; None if there is no place.
+
+    A landing has no altitude to reach: 0, as PX4 sends it.
+    """
+    target = s.target
+    if target is None:
+        return None
+    north, east, down = target.position_ned_m
+    if north is None or east is None:
+        return None
+    place = s.frame.to_geodetic((north, east, bounded(down or 0.0, HIGHEST_M)))
+    return mavlink.MAVLink_position_target_global_int_message(
+        s.boot_ms,
+        mavlink.MAV_FRAME_GLOBAL_INT,
+        0,
+        round(place.latitude_deg * 1e7),
+        round(place.longitude_deg * 1e7),
+        place.altitude_m if down is not None else 0.0,
+        *target.velocity_ned_m_s,
+        0.0,
+        0.0,
+        0.0,
+        target.yaw_rad if target.yaw_rad is not None else math.nan,
+        target.yaw_rate_rad_s,
+    )
+
+
 def altitude(s: State) -> Any:
     """Return the telemetry message ALTITUDE."""
     up = -s.now.position_ned_m[2]
@@ -279,6 +307,7 @@ COMMON: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: position_target_local_ned,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: position_target_global_int,
     mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,
 }
 

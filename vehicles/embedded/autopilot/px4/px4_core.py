@@ -42,6 +42,8 @@ _CHECKS_PASS_S = 4.9
 _PREARM_BIT_S = 6.3
 _TERRAIN_LOST_S = 0.7
 """After landing the estimator's height above ground is gone."""
+_NO_MISSION_ITEMS = 65535
+"""MISSION_CURRENT.total without a mission, as in the reference trace."""
 _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit falls when a failsafe begins."""
 
@@ -54,6 +56,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
     parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
+    other_mode: ClassVar[int] = 2
     refused: ClassVar[int] = TEMPORARILY_REJECTED
     standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | px4_telemetry.BUILDERS
@@ -178,6 +181,9 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         if self.mode is Px4Mode.LAND:
             return int(mavlink.MAV_LANDED_STATE_LANDING)
         return int(mavlink.MAV_LANDED_STATE_IN_AIR)
+
+    def _mission_total(self) -> int:
+        return super()._mission_total() or _NO_MISSION_ITEMS
 
     def _split_mode(self, custom_mode: int) -> tuple[int, int]:
         return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.autopilots.map_projections import Px4Projection
 from vehicles.embedded.autopilot.flight import telemetry
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from vehicles.embedded.autopilot.services import discovery
 from worlds.frames import quat_conjugate, quat_from_euler, rotate
 
 _CAPABILITIES = 59647
@@ -211,5 +212,7 @@ FULL_HZ: dict[int, float] = LEAN_HZ | {
     mavlink.MAVLINK_MSG_ID_PING: 1.0,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: 10.0,
+    discovery.CURRENT_MODE: 0.5,
 }
 """What PX4 sends to an onboard computer (mavlink mode onboard), as counted in the trace."""

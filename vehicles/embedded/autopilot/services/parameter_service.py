@@ -1,6 +1,8 @@
 """The MAVLink service that lists, gives and sets parameters."""
 
 import math
+import struct
+import zlib
 from collections import deque
 from typing import Any
 
@@ -10,13 +12,16 @@ from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 NO_INDEX = 65535
 """What ArduPilot gives as the index of a parameter that was not asked for by index."""
+HASH_NAME = "_HASH_CHECK"
+"""PX4's pseudo-parameter by which a ground station sees that it knows all values already."""
+_NO_BITS = 0xFFFFFFFF
 
 
 class ParameterService:
     """Serves PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
 
-    strict: PX4's way, which refuses a PARAM_SET of the wrong type and gives the parameter's index
-    in its answer; otherwise ArduPilot's.
+    strict: PX4's way, which begins a list with the hash of all values, refuses a PARAM_SET of the
+    wrong type and gives the parameter's index in its answer; otherwise ArduPilot's.
     """
 
     _PER_TURN = 8
@@ -28,8 +33,9 @@ class ParameterService:
         self._queue: deque[str] = deque()
 
     def request_list(self) -> None:
-        """Begin to send all parameters."""
-        self._queue = deque(self._parameters)
+        """Begin to send all parameters; PX4's hash of them first."""
+        self._queue = deque([HASH_NAME] if self._strict else [])
+        self._queue.extend(self._parameters)
 
     def due(self) -> list[Any]:
         """Return the next few parameters of a list under way."""
@@ -40,6 +46,8 @@ class ParameterService:
         """Reply to a PARAM_REQUEST_READ; ArduPilot is silent for unknown ones."""
         index = message.param_index
         name = self._parameters.name_at(index) if index >= 0 else message.param_id
+        if self._strict and name == HASH_NAME:
+            return [self._hash()]
         if name is None or name not in self._parameters:
             return self._unknown(message, index)
         return [self._value(name, indexed=True)]
@@ -48,6 +56,10 @@ class ParameterService:
         """Take a PARAM_SET and return the reply: the value as it now is, or nothing."""
         name = message.param_id
         parameters = self._parameters
+        if self._strict and name == HASH_NAME:
+            # A ground station that knows all values already stops the list so.
+            self._queue.clear()
+            return []
         if name not in parameters:
             return self._unknown(message, -1)
         if not self._strict and not math.isfinite(message.param_value):
@@ -67,6 +79,8 @@ class ParameterService:
         return [mavlink.MAVLink_param_error_message(*peer, name, index, unknown)]
 
     def _value(self, name: str, *, indexed: bool) -> Any:
+        if name == HASH_NAME:
+            return self._hash()
         parameters = self._parameters
         return mavlink.MAVLink_param_value_message(
             name.encode(),
@@ -74,4 +88,17 @@ class ParameterService:
             parameters.kind(name),
             len(parameters),
             parameters.index(name) if indexed else NO_INDEX,
+        )
+
+    def _hash(self) -> Any:
+        """Return PX4's CRC-32 over names and values, in their order; neither end inverted."""
+        parameters, crc = self._parameters, _NO_BITS
+        for name in parameters:
+            whole, value = parameters.is_whole(name), parameters[name]
+            bits = struct.pack("<i", int(value)) if whole else struct.pack("<f", value)
+            crc = zlib.crc32(name.encode() + bits, crc)
+        (on_wire,) = struct.unpack("<f", struct.pack("<I", crc ^ _NO_BITS))
+        kind = mavlink.MAV_PARAM_TYPE_UINT32
+        return mavlink.MAVLink_param_value_message(
+            HASH_NAME.encode(), on_wire, kind, len(parameters), NO_INDEX
         )

@@ -1,0 +1,103 @@
+"""What a client gets when it connects: the hash of parameters, missions reported, streams."""
+
+import struct
+import zlib
+from collections import Counter
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+from tests.vehicles.embedded.autopilot.test_missions import BOTH
+
+HASH = b"_HASH_CHECK"
+
+
+def bits(value: float) -> int:
+    (number,) = struct.unpack("<I", struct.pack("<f", value))
+    return int(number)
+
+
+def read(bare: BareAutopilot, name: bytes) -> Any:
+    (answer,) = bare.send(mavlink.MAVLink_param_request_read_message(1, 1, name, -1))
+    return answer
+
+
+def listed(bare: BareAutopilot, seconds: float = 2.0) -> list[Any]:
+    bare.send(mavlink.MAVLink_param_request_list_message(1, 1))
+    return [each for each in bare.run(seconds) if each.get_type() == "PARAM_VALUE"]
+
+
+def test_px4_gives_the_hash_by_which_ground_stations_skip_the_list() -> None:
+    bare = BareAutopilot("px4")
+    first, *others = listed(bare)
+    assert (first.param_id, first.param_type) == ("_HASH_CHECK", mavlink.MAV_PARAM_TYPE_UINT32)
+    assert first.param_count == len(others)
+    # As a ground station computes it from what it keeps: names and bytes of values, in order.
+    kept = b"".join(m.param_id.encode() + struct.pack("<f", m.param_value) for m in others)
+    assert bits(first.param_value) == zlib.crc32(kept, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    before = bits(read(bare, HASH).param_value)
+    assert before == bits(first.param_value)
+    bare.send(mavlink.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 4.0, 9))
+    assert bits(read(bare, HASH).param_value) != before
+
+
+def test_a_ground_station_that_knows_the_hash_stops_the_list() -> None:
+    bare = BareAutopilot("px4")
+    began = listed(bare, 0.04)
+    assert 1 < len(began) < 20
+    assert not bare.send(mavlink.MAVLink_param_set_message(1, 1, HASH, 0.0, 5))
+    assert not [each for each in bare.run(2.0) if each.get_type() == "PARAM_VALUE"]
+
+
+def test_arducopter_has_no_hash() -> None:
+    bare = BareAutopilot("ardupilot")
+    assert not bare.send(mavlink.MAVLink_param_request_read_message(1, 1, HASH, -1))
+    assert len(listed(bare)) == len(bare.autopilot.parameters)
+
+
+@BOTH
+def test_unknown_parameters(autopilot: str) -> None:
+    bare = BareAutopilot(autopilot)
+    answers = bare.send(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
+    answers += bare.send(mavlink.MAVLink_param_set_message(1, 1, b"NO_SUCH", 1.0, 9))
+    errors = [each.error for each in answers]
+    assert errors == ([mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST] * 2 if autopilot == "px4" else [])
+
+
+@BOTH
+def test_mission_current_without_a_mission(autopilot: str) -> None:
+    """PX4's is that of the reference trace; ArduCopter counts without its home."""
+    bare = BareAutopilot(autopilot)
+    answers = bare.send(mavlink.MAVLink_command_long_message(1, 1, 512, 0, 42.0, 0, 0, 0, 0, 0, 0))
+    (current,) = [each for each in answers if each.get_type() == "MISSION_CURRENT"]
+    said = (current.seq, current.total, current.mission_state, current.mission_mode)
+    assert said == ((0, 65535, 1, 2) if autopilot == "px4" else (0, 0, 1, 0))
+
+
+def test_px4_streams_by_itself_what_the_trace_has() -> None:
+    bare = BareAutopilot("px4", full_streams=True)
+    bare.hover()
+    sent = Counter(each.get_type() for each in bare.run(4.0))
+    for name, rate_hz in {
+        "ATTITUDE_QUATERNION": 50.0,
+        "ODOMETRY": 30.0,
+        "ALTITUDE": 10.0,
+        "POSITION_TARGET_GLOBAL_INT": 10.0,
+        "HIGHRES_IMU": 50.0,
+        "SYSTEM_TIME": 1.0,
+    }.items():
+        assert sent[name] == pytest.approx(4.0 * rate_hz, abs=1.0), name
+    assert bare.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 436.0) == 0
+
+
+def test_position_targets_are_places_and_landings_have_no_altitude() -> None:
+    bare = BareAutopilot("px4", full_streams=True)
+    bare.hover()
+    sent = [each for each in bare.run(0.5) if each.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert sent[-1].alt == pytest.approx(bare.altitude_m + 3.0, abs=0.5)
+    assert sent[-1].coordinate_frame == mavlink.MAV_FRAME_GLOBAL_INT
+    assert bare.command(21) == 0
+    sent = [each for each in bare.run(0.5) if each.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert sent[-1].alt == 0.0
