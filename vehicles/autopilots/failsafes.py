@@ -99,10 +99,10 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
     ),
 }
 RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
-    "ardupilot": (AltitudeParameter("RTL_ALT_M", 1.0), AltitudeParameter("RTL_ALT", 0.01)),
+    "ardupilot": (AltitudeParameter("RTL_ALT", 0.01), AltitudeParameter("RTL_ALT_M", 1.0)),
     "px4": (AltitudeParameter("RTL_RETURN_ALT", 1.0),),
 }
-"""By the names that firmware knows it by, the newest first."""
+"""By the names that firmware knows it by. ArduPilot is silent about unknown ones: the usual first."""
 
 
 def unsound(

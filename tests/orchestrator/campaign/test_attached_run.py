@@ -101,7 +101,7 @@ async def _is_as_before(port: int) -> None:
         assert await driver.parameters.get("COM_OF_LOSS_T") == 1.0
         assert await driver.parameters.get("GF_ACTION") == 2
         assert await driver.parameters.get("NAV_DLL_ACT") == 0
-        assert await driver.parameters.get("RTL_RETURN_ALT") == 60.0
+        assert await driver.parameters.get("RTL_RETURN_ALT") == 30.0
         assert await driver.onboard.fences.read() == ()
 
 

@@ -27,9 +27,12 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_message,
 )
 from vehicles.embedded.autopilot.services.fence_items import EmulatedFence, emulated_fence
+from vehicles.embedded.autopilot.services.file_service import FileService
 from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
 from vehicles.embedded.autopilot.services.log_service import FlightLogs
 from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.parameter_file import PATH as PARAMETER_FILE
+from vehicles.embedded.autopilot.services.parameter_file import parameter_file
 from vehicles.embedded.autopilot.services.parameter_service import ParameterService
 from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from vehicles.embedded.physics.airframe import Airframe
@@ -81,6 +84,9 @@ class EmulatedAutopilot(ABC):
             home=None if self.is_px4 else self._home_item,
             rules=self.item_rules,
             go_to=self._go_to_item,
+        )
+        self.files = FileService(
+            {} if self.is_px4 else {PARAMETER_FILE: lambda: parameter_file(parameters)}
         )
         log_format = ULog if self.is_px4 else DataFlash
         self.logs = FlightLogs(
@@ -232,7 +238,8 @@ class EmulatedAutopilot(ABC):
 
     @on_message("FILE_TRANSFER_PROTOCOL")
     def _on_file_transfer(self, message: Any) -> None:
-        self.outbox.send(discovery.file_answer(message))
+        for answer in self.files.answers(message):
+            self.outbox.send(answer)
 
     @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
     def _on_logs(self, message: Any) -> None:

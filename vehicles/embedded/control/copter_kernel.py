@@ -32,8 +32,8 @@ GAINS = (
     "PSC_D_ACC_P",
     "PSC_D_ACC_I",
     "PSC_D_ACC_FLTE",
-    "WP_ACC",
-    "WP_ACC_Z",
+    "WPNAV_ACCEL",
+    "WPNAV_ACCEL_Z",
     "PSC_NE_JERK",
     "PSC_D_JERK",
     "ATC_ANGLE_MAX",
@@ -41,9 +41,9 @@ GAINS = (
     "ATC_ANG_PIT_P",
     "ATC_ANG_YAW_P",
     "ATC_INPUT_TC",
-    "ATC_ACC_R_MAX",
-    "ATC_ACC_P_MAX",
-    "ATC_ACC_Y_MAX",
+    "ATC_ACCEL_R_MAX",
+    "ATC_ACCEL_P_MAX",
+    "ATC_ACCEL_Y_MAX",
     "ATC_SLEW_YAW",
     "ATC_RAT_RLL_P",
     "ATC_RAT_PIT_P",
@@ -58,9 +58,12 @@ GAINS = (
     "ATC_RAT_RLL_FLTD",
     "MOT_THST_HOVER",
 )
-"""The law's gains in their order in the array; angles in rad there."""
+"""The law's gains in their order in the array; in rad and m there."""
 
-DEGREES = ("ATC_ANGLE_MAX", "ATC_ACC_R_MAX", "ATC_ACC_P_MAX", "ATC_ACC_Y_MAX", "ATC_SLEW_YAW")
+_ANGLES = ("ATC_ACCEL_R_MAX", "ATC_ACCEL_P_MAX", "ATC_ACCEL_Y_MAX", "ATC_SLEW_YAW")
+DEGREES = ("ATC_ANGLE_MAX", *_ANGLES)
+HUNDREDTHS = ("WPNAV_ACCEL", "WPNAV_ACCEL_Z", *_ANGLES)
+"""Parameters in centimetres or centidegrees."""
 
 STATE = 48
 """Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (2), 12 filtered

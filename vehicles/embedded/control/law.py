@@ -18,7 +18,7 @@ _OUTER_EVERY = 2
 """The position part runs every second step, 125 Hz."""
 _HEADING = 9
 _MOST_GAIN, _LEAST_DIVISOR = 1e4, 1e-3
-_DIVISORS = frozenset({"MPC_XY_VEL_P_ACC", "MOT_THST_HOVER", "WP_ACC", "WP_ACC_Z"})
+_DIVISORS = frozenset({"MPC_XY_VEL_P_ACC", "MOT_THST_HOVER", "WPNAV_ACCEL", "WPNAV_ACCEL_Z"})
 """Gains by which a law divides."""
 _RATE_GAIN_TIMES_LAG = 0.85
 """Rate loop's gain (1/s) times motor lag in PX4's SIH at default gains: 0.15 * 113.1 * 0.05."""
@@ -42,6 +42,7 @@ class LawKind(NamedTuple):
     step: Callable[[F64, F64, F64, F64, F64, float, int, F64], int]
     gains: tuple[str, ...]
     degrees: tuple[str, ...]
+    hundredths: tuple[str, ...]
     state: int
     authority_rad_s2: Vec3
     rate_gain: float
@@ -57,6 +58,7 @@ PX4 = LawKind(
     px4_kernel.step,
     px4_kernel.GAINS,
     px4_kernel.DEGREES,
+    (),
     px4_kernel.STATE,
     # SIH: SIH_L_ROLL 0.2 m, SIH_T_MAX 5 N, SIH_Q_MAX 0.1 N m of four motors over SIH_IXX 0.025 and
     # SIH_IZZ 0.030 kg m2; the allocation gives roll and pitch 1/sqrt(2) of the throttle, yaw all.
@@ -67,6 +69,7 @@ COPTER = LawKind(
     copter_kernel.step,
     copter_kernel.GAINS,
     copter_kernel.DEGREES,
+    copter_kernel.HUNDREDTHS,
     copter_kernel.STATE,
     # Identified from the series of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in that of
     # 60 degrees; the other segments are not fitted.
@@ -131,6 +134,7 @@ class ControlLaw:
         for place, name in enumerate(kind.gains):
             value = parameters[name]
             if math.isfinite(value):
+                value = value / 100.0 if name in kind.hundredths else value
                 value = math.radians(value) if name in kind.degrees else value
                 least = _LEAST_DIVISOR if name in _DIVISORS else 0.0
                 self._gains[place] = min(max(value, least), _MOST_GAIN)

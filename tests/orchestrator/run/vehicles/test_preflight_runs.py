@@ -76,10 +76,10 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
             "on link loss it would hover until its batt",
         ),
         ((FENCE, "vehicles.twin.params={RTL_RETURN_ALT: 60}"), "is 60 m, and at most 2.4 m is al"),
-        ((ARDUPILOT, FENCE, "vehicles.twin.params={RTL_ALT_M: 15}"), "is 15 m, and at most 2.4"),
+        ((ARDUPILOT, FENCE, "vehicles.twin.params={RTL_ALT: 1500}"), "is 15 m, and at most 2.4"),
         (
             (FENCE, "preflight.failsafe=check"),
-            "twin return_altitude: its RTL altitude is 60",
+            "twin return_altitude: its RTL altitude is 30",
         ),
         ((FENCE, "geofence.keep_m=0.99", "preflight.start_tolerance_m=1e-12"), "twin position"),
     ],

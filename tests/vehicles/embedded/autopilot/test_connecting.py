@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from pymavlink.mavftp import MAVFTP
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.autopilot.test_missions import BOTH
@@ -101,3 +102,49 @@ def test_position_targets_are_places_and_landings_have_no_altitude() -> None:
     assert bare.command(21) == 0
     sent = [each for each in bare.run(0.5) if each.get_type() == "POSITION_TARGET_GLOBAL_INT"]
     assert sent[-1].alt == 0.0
+
+
+def file_request(
+    bare: BareAutopilot, opcode: int, *, data: bytes = b"", offset: int = 0, size: int = 0
+) -> list[bytes]:
+    """Send a file operation; return the payloads of its replies."""
+    head = bytes([7, 0, 0, opcode, size or len(data), 0, 0, 0]) + offset.to_bytes(4, "little")
+    payload = list((head + data).ljust(251, b"\0"))
+    answers = bare.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
+    assert [each.get_type() for each in answers] == ["FILE_TRANSFER_PROTOCOL"] * len(answers)
+    return [bytes(each.payload) for each in answers]
+
+
+@pytest.mark.parametrize("opcode", [5, 15], ids=["read", "burst"])
+def test_arducopter_has_its_parameters_as_a_file(opcode: int) -> None:
+    bare = BareAutopilot("ardupilot")
+    (opened,) = file_request(bare, 4, data=b"@PARAM/param.pck?withdefaults=1")
+    assert opened[3] == 128
+    size, content, replies = int.from_bytes(opened[12:16], "little"), b"", 0
+    while True:
+        answers = file_request(bare, opcode, offset=len(content), size=80)
+        for answer in answers:
+            replies += 1
+            if answer[3] == 128:
+                assert int.from_bytes(answer[8:12], "little") == len(content)
+                content += answer[12 : 12 + answer[4]]
+        if answers[-1][3] == 129:
+            assert answers[-1][12] == 6  # the end of the file
+            break
+    assert len(content) == size
+    decoded = MAVFTP.ftp_param_decode(content)
+    parameters = bare.autopilot.parameters
+    assert [name.decode() for name, _, _ in decoded.params] == list(parameters)
+    for name, value, _ in decoded.params:
+        assert value == pytest.approx(parameters[name.decode()], rel=1e-6)
+    assert file_request(bare, 1)[0][3] == 128
+    assert file_request(bare, 5, size=80)[0][3] == 129
+
+
+@BOTH
+def test_other_files_are_not_there(autopilot: str) -> None:
+    bare = BareAutopilot(autopilot)
+    for opcode, error in {4: 10, 3: 6, 5: 4, 15: 4, 6: 1, 99: 7}.items():
+        (answer,) = file_request(bare, opcode, data=b"/etc/extras.txt")
+        assert (answer[3], answer[5], answer[12]) == (129, opcode, error)
+        assert int.from_bytes(answer[:2], "little") == 8

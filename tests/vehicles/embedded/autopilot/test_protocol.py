@@ -64,18 +64,18 @@ def test_ardupilot_parameters_are_cast(rig: Any, virtually: Scenario) -> None:
             answer = r.last["PARAM_VALUE"]
             assert (answer.param_value, answer.param_type) == (5.0, mavlink.MAV_PARAM_TYPE_INT8)
             assert answer.param_index == 65535
-            r.send(mavlink.MAVLink_param_set_message(1, 1, b"LAND_SPD_MS", 0.25, 9))
+            r.send(mavlink.MAVLink_param_set_message(1, 1, b"LAND_SPEED", 25.0, 9))
             await asyncio.sleep(0.05)
-            assert r.last["PARAM_VALUE"].param_value == 0.25
+            assert r.last["PARAM_VALUE"].param_value == 25.0
             before = len(r.of("PARAM_VALUE"))
             r.send(mavlink.MAVLink_param_set_message(1, 1, b"NO_SUCH", 5.0, 9))
             r.send(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
             r.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
             await asyncio.sleep(0.05)
             assert len(r.of("PARAM_VALUE")) == before
-            r.send(mavlink.MAVLink_param_set_message(1, 1, b"LAND_SPD_MS", math.nan, 9))
+            r.send(mavlink.MAVLink_param_set_message(1, 1, b"LAND_SPEED", math.nan, 9))
             await asyncio.sleep(0.05)
-            assert r.last["PARAM_VALUE"].param_value == 0.25
+            assert r.last["PARAM_VALUE"].param_value == 25.0
 
     virtually(scenario())
 
@@ -164,7 +164,7 @@ def test_identity_can_be_given(rig: Any, virtually: Scenario, autopilot: str) ->
 def test_reboots_only_disarmed_and_keeps_its_parameters(
     rig: Any, virtually: Scenario, autopilot: str
 ) -> None:
-    name = "MIS_TAKEOFF_ALT" if autopilot == "px4" else "LAND_SPD_MS"
+    name = "MIS_TAKEOFF_ALT" if autopilot == "px4" else "GUID_TIMEOUT"
 
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:

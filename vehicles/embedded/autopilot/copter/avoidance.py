@@ -22,7 +22,7 @@ _SIDEWAYS = 8
 _POSITION_GAIN = 1.0
 """PSC_NE_POS_P."""
 _BRAKING_M_S2 = 2.5
-"""WP_ACC."""
+"""WPNAV_ACCEL of 250."""
 _NEAR_AT_ARMING_M = 0.6
 
 Obstacle = tuple[float, float]

@@ -23,24 +23,29 @@ _LEAST_SLOPE = 0.5
 
 
 class CopterManoeuvres(Manoeuvres):
-    """ArduCopter's behaviours by WP_*, LAND_* and RTL_*."""
+    """ArduCopter's behaviours by WPNAV_*, LAND_* and RTL_*, which are in cm and cm/s."""
 
     def default_speeds(self) -> Speeds:
         """Return the speed limits of ArduCopter's automatic modes."""
-        p = self._p
-        return speed_limits(p["WP_SPD"], p["WP_SPD_UP"], p["WP_SPD_DN"])
+        names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN")
+        across, up, down = map(self._metres, names)
+        return speed_limits(across, up, down)
+
+    def _metres(self, name: str) -> float:
+        """Return a parameter in m or m/s that ArduCopter has in cm."""
+        return self._p[name] / 100.0
 
     def return_speeds(self) -> Speeds:
         """Return the speed limits of ArduCopter's RTL, which may be its own."""
         limits = self.speeds()
-        return limits._replace(across=max(0.0, self._p["RTL_SPEED_MS"]) or limits.across)
+        return limits._replace(across=max(0.0, self._metres("RTL_SPEED")) or limits.across)
 
     def return_height_m(self) -> float:
         """Return ArduCopter's return height above home (compute_return_target)."""
-        p = self._p
         distance_m, height_m = self.from_home_m()
-        target_m = max(height_m + max(0.0, p["RTL_CLIMB_MIN_M"]), p["RTL_ALT_M"])
-        slope = p["RTL_CONE_SLOPE"]
+        climb_m = max(0.0, self._metres("RTL_CLIMB_MIN"))
+        target_m = max(height_m + climb_m, self._metres("RTL_ALT"))
+        slope = self._p["RTL_CONE_SLOPE"]
         if slope >= _LEAST_SLOPE:
             target_m = min(target_m, max(distance_m * slope, height_m + _CLIMB_AT_LEAST_M))
         return max(height_m, target_m)
@@ -50,11 +55,10 @@ class CopterManoeuvres(Manoeuvres):
         return self._p["RTL_LOIT_TIME"] / 1e3
 
     def land_profile(self) -> LandProfile:
-        """Return ArduCopter's descent: fast above LAND_ALT_LOW_M, slow below."""
-        p = self._p
-        fast = p["LAND_SPD_HIGH_MS"] or p["WP_SPD_DN"]
-        low_m = p["LAND_ALT_LOW_M"]
-        return LandProfile(((low_m + 0.01, fast), (low_m, p["LAND_SPD_MS"])))
+        """Return ArduCopter's descent: fast above LAND_ALT_LOW, slow below."""
+        fast = self._metres("LAND_SPEED_HIGH") or self._metres("WPNAV_SPEED_DN")
+        low_m = self._metres("LAND_ALT_LOW")
+        return LandProfile(((low_m + 0.01, fast), (low_m, self._metres("LAND_SPEED"))))
 
     def take_off(self, down_m: float) -> TakeOff:
         """Return ArduCopter's climb to a local height."""
@@ -69,7 +73,7 @@ class CopterManoeuvres(Manoeuvres):
 
     def waypoint(self, position_ned_m: Vec3) -> GoTo:
         """Return ArduCopter's flight to a place of a mission."""
-        return self.go_to(position_ned_m, radius_m=self._p["WP_RADIUS_M"])
+        return self.go_to(position_ned_m, radius_m=self._metres("WPNAV_RADIUS"))
 
     def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoTo:
         """Return ArduCopter's flight to a place, facing it when it is some way off."""

@@ -193,8 +193,9 @@ class CopterCore(MissionAutopilot[CopterMode]):
 
     def _stick_limits(self) -> StickLimits:
         p = self.parameters
-        down_m_s = p["PILOT_SPD_DN"] or p["PILOT_SPD_UP"]
-        speeds = speed_limits(p["LOIT_SPEED_MS"], p["PILOT_SPD_UP"], down_m_s)
+        up_cm_s = p["PILOT_SPEED_UP"]
+        down_cm_s = p["PILOT_SPEED_DN"] or up_cm_s
+        speeds = speed_limits(p["LOIT_SPEED"] / 100.0, up_cm_s / 100.0, down_cm_s / 100.0)
         return StickLimits(speeds, math.radians(p["PILOT_Y_RATE"]))
 
     def _sticks_last_s(self) -> float:

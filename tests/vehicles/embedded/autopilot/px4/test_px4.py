@@ -324,4 +324,4 @@ def test_return_height_is_a_cone_near_home(rig: Any, virtually: Scenario) -> Non
     # Within NAV_ACC_RAD twice the distance, never below where it is; beyond it RTL_RETURN_ALT.
     assert virtually(scenario(1.0)) == 3.0
     assert virtually(scenario(5.0)) == pytest.approx(10.0, abs=1.0)
-    assert virtually(scenario(14.0)) == 60.0
+    assert virtually(scenario(14.0)) == 30.0
