@@ -102,7 +102,7 @@ RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
     "ardupilot": (AltitudeParameter("RTL_ALT", 0.01), AltitudeParameter("RTL_ALT_M", 1.0)),
     "px4": (AltitudeParameter("RTL_RETURN_ALT", 1.0),),
 }
-"""By the names that firmware knows it by. ArduPilot is silent about unknown ones: the usual first."""
+"""By the names that firmware knows it by, the usual first: ArduPilot is silent for unknown ones."""
 
 
 def unsound(

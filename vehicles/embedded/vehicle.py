@@ -224,7 +224,12 @@ class EmbeddedVehicle:
     def _reboot(self) -> None:
         """Reboot the embedded vehicle's autopilot; its parameters stay."""
         kept = {name: self._autopilot.parameters[name] for name in self._autopilot.parameters}
-        self._autopilot = build_autopilot(replace(self.config, parameters=kept), self._body)
+        boot_unix_us = self.config.boot_unix_us
+        if boot_unix_us is not None:
+            since_boot_s = self._steps / PHYSICS_HZ + self.config.running_s
+            boot_unix_us += round(since_boot_s * 1e6)
+        config = replace(self.config, parameters=kept, boot_unix_us=boot_unix_us)
+        self._autopilot = build_autopilot(config, self._body)
         self._boot_step = self._steps
         self._thrusts = STOPPED
 
@@ -265,6 +270,8 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
             overrides=config.parameters,
         )
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
+    if config.boot_unix_us is not None:
+        autopilot.state.gps_unix_offset_us = config.boot_unix_us - autopilot.state.boot_us
     autopilot.never_ready = config.never_ready
     autopilot.refusal = config.refuse_arm
     return autopilot

@@ -1,5 +1,6 @@
 """`wil-campaign vehicle`: an embedded vehicle alone in a process, at a link for any program."""
 
+import time
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -70,6 +71,7 @@ def vehicle(
             full_streams=True,
             speed=speed,
             running_s=running,
+            boot_unix_us=time.time_ns() // 1000 - round(running * 1e6),
             end_with_parent=False,
         )
         settings = settings if world is None else _in_world(settings, world)

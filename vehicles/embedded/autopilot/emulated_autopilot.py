@@ -60,6 +60,8 @@ class EmulatedAutopilot(ABC):
     item_rules: ClassVar[ItemRules]
     is_px4: ClassVar[bool]
     """PX4's conventions of the wire rather than ArduPilot's: parameters, texts, missions."""
+    gps_time_s: ClassVar[float]
+    """When the GPS receiver has the time of day, s since boot."""
 
     def __init__(
         self,
@@ -184,6 +186,7 @@ class EmulatedAutopilot(ABC):
                 self._configured = self.parameters.changes
                 self.flight.law.configure(self.parameters)
             self.supervise()
+            self._take_gps_time()
             self.missions.turn(clock_s)
             self.logs.turn(clock_s, armed=self.flight.armed, now=state.now)
             for message in self._parameter_server.due():
@@ -211,6 +214,11 @@ class EmulatedAutopilot(ABC):
         self.outbox.send(message)
         return message is not None
 
+    def _take_gps_time(self) -> None:
+        state = self.state
+        if state.gps_unix_offset_us is not None and state.clock_s >= self.gps_time_s:
+            state.unix_offset_us = state.gps_unix_offset_us
+
     # Messages that both take alike.
 
     @on_message("HEARTBEAT")
@@ -232,7 +240,7 @@ class EmulatedAutopilot(ABC):
 
     @on_message("SYSTEM_TIME")
     def _on_system_time(self, message: Any) -> None:
-        """Take the time of day from a companion computer or a GCS."""
+        """Take the time of day from a companion computer or a GCS; that of GPS goes before."""
         if _EARLIEST_UNIX_US < message.time_unix_usec < _LATEST_UNIX_US:
             self.state.unix_offset_us = message.time_unix_usec - self.state.boot_us
 

@@ -36,6 +36,8 @@ class EmbeddedConfig:
     latitude_deg, longitude_deg, altitude_m: of the world's origin, WGS-84 and above sea level.
     parameters: values that replace the autopilot's defaults. full_streams: send what a real one
     sends by itself, rather than what a run needs. uid, uid2: None for the SITL constants.
+    boot_unix_us: the time of day when its autopilot was switched on, which its GPS has; None for a
+    GPS without.
     """
 
     autopilot: AutopilotKind
@@ -51,6 +53,7 @@ class EmbeddedConfig:
     full_streams: bool = False
     uid: int | None = None
     uid2: bytes | None = None
+    boot_unix_us: int | None = None
     running_s: float = 0.0
     """For how long its autopilot has been on when its link opens."""
     never_ready: bool = False

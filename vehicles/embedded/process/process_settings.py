@@ -40,7 +40,8 @@ class ProcessSettings(_Part):
     clock runs, if the machine can. end_with_stdin: end when the pipe on stdin closes.
     end_with_parent: end when the process that started it ends; not where others hold the pipe as
     well, so that its failsafes can act. running_s: for how long its autopilot has been on when its
-    link opens; ArduCopter's needs 42 s to be ready.
+    link opens; ArduCopter's needs 42 s to be ready. boot_unix_us: the time of day, which its GPS
+    has, when it was switched on.
     """
 
     autopilot: AutopilotKind
@@ -56,6 +57,7 @@ class ProcessSettings(_Part):
     parameters: dict[str, float] = {}
     full_streams: bool = False
     uid: int | None = None
+    boot_unix_us: int | None = None
     feed_host: str = "127.0.0.1"
     feed_port: int = Field(default=0, ge=0, le=65535)
     truth_hz: float = Field(default=50.0, gt=0.0, le=250.0)
@@ -84,6 +86,7 @@ class ProcessSettings(_Part):
             parameters=self.parameters,
             full_streams=self.full_streams,
             uid=self.uid,
+            boot_unix_us=self.boot_unix_us,
             running_s=self.running_s,
             never_ready=self.never_ready,
             refuse_arm=self.refuse_arm,

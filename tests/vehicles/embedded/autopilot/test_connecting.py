@@ -148,3 +148,22 @@ def test_other_files_are_not_there(autopilot: str) -> None:
         (answer,) = file_request(bare, opcode, data=b"/etc/extras.txt")
         assert (answer[3], answer[5], answer[12]) == (129, opcode, error)
         assert int.from_bytes(answer[:2], "little") == 8
+
+
+@BOTH
+def test_the_time_of_day_is_that_of_gps_once_it_has_it(autopilot: str) -> None:
+    boot_us = 1_795_253_560_000_000
+    bare = BareAutopilot(autopilot, boot_unix_us=boot_us)
+
+    def time_us() -> int:
+        asked = mavlink.MAVLink_command_long_message(1, 1, 512, 0, 2.0, 0, 0, 0, 0, 0, 0)
+        (answer,) = [each for each in bare.send(asked) if each.get_type() == "SYSTEM_TIME"]
+        return int(answer.time_unix_usec)
+
+    bare.run(9.0)
+    assert time_us() == (boot_us + 9_000_000 if autopilot == "px4" else 0)
+    bare.run(1.0)
+    assert time_us() == boot_us + 10_000_000
+    bare.send(mavlink.MAVLink_system_time_message(boot_us - 5_000_000, 0))
+    bare.run(1.0)
+    assert time_us() == boot_us + 11_000_000

@@ -6,6 +6,7 @@ All times and texts are those of the reference trace.
 from vehicles.embedded.autopilot.flight.telemetry import SensorMasks
 
 INITIALISED_S = 2.42
+GPS_S = 9.9
 HOME_SET_S = 20.02
 PREARM_BIT_S = 23.5
 POSITION_S = 41.42
@@ -49,7 +50,7 @@ _EKF_FLAGS: tuple[tuple[float, int], ...] = (
 
 _GPS: tuple[tuple[float, tuple[int, int]], ...] = (
     (10.1, (6, 10)),
-    (9.9, (1, 3)),
+    (GPS_S, (1, 3)),
     (0.0, (0, 0)),
 )
 

@@ -45,6 +45,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
     parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
     other_mode: ClassVar[int] = 0
+    gps_time_s: ClassVar[float] = boot.GPS_S
     refused: ClassVar[int] = FAILED
     standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS

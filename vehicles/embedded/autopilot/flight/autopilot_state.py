@@ -37,6 +37,8 @@ class State:
     """What the clock on the wire shows beyond the time since the autopilot's start."""
     unix_offset_us: int | None = None
     """What the time of day is beyond `boot_us`; None as long as nobody said."""
+    gps_unix_offset_us: int | None = None
+    """The same by GPS, from when its receiver has the time on; None for a receiver without."""
     estimate: F64 = field(default_factory=lambda: np.zeros(NUMBERS))
     """The estimate's motion array (see motion_kernel)."""
     known: Motion | None = None

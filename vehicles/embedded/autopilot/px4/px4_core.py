@@ -57,6 +57,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
     other_mode: ClassVar[int] = 2
+    gps_time_s: ClassVar[float] = 0.0
     refused: ClassVar[int] = TEMPORARILY_REJECTED
     standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | px4_telemetry.BUILDERS
