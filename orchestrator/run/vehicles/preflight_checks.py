@@ -211,7 +211,8 @@ async def lower_return(
             if value * one.metres <= ceiling_m:
                 return {}
             beneath = ceiling_m * _OF_CEILING / one.metres
-            return {name: int(beneath) if isinstance(value, int) else beneath}
+            # Centimetres in whole numbers: 1.8 m is 179.999... of them in floats.
+            return {name: int(round(beneath, 6)) if isinstance(value, int) else beneath}
     return {}
 
 

@@ -30,7 +30,7 @@ def listed(bare: BareAutopilot, seconds: float = 2.0) -> list[Any]:
     return [each for each in bare.run(seconds) if each.get_type() == "PARAM_VALUE"]
 
 
-def test_px4_gives_the_hash_by_which_ground_stations_skip_the_list() -> None:
+def test_px4_gives_the_hash_by_which_clients_skip_the_list() -> None:
     bare = BareAutopilot("px4")
     first, *others = listed(bare)
     assert (first.param_id, first.param_type) == ("_HASH_CHECK", mavlink.MAV_PARAM_TYPE_UINT32)
