@@ -1,12 +1,12 @@
 """Whether a fence may take the place of another in flight; pure."""
 
 from safety.fence.geofence import Fence
-from worlds.frames import Vec3
+from safety.fence.stopping import Motion
 
 
 def refusal_of_change(
     new: Fence,
-    where: tuple[Vec3, Vec3] | None,
+    motion: Motion | None,
     *,
     latency_s: float,
     braking_m_s2: float,
@@ -14,20 +14,13 @@ def refusal_of_change(
 ) -> str:
     """Return why a flying vehicle's fence cannot be changed now; empty when it can.
 
-    where: its position and velocity, world frame; None when they were not seen within the last
-    second. It has to be inside of the new fence with `keep_m` to spare, and able to stop there: a
-    change must not be a breach. (A degenerate fence cannot be made: see FenceError.)
+    motion: None when it was not seen within the last second. It has to be inside of the new fence
+    with `keep_m` to spare, and able to stop there: a change must not be a breach. (A degenerate
+    fence cannot be made: see FenceError.)
     """
-    if where is None:
+    if motion is None:
         return "where it is was not seen within the last second"
-    position_ned_m, velocity_ned_m_s = where
-    breach = new.breached(
-        position_ned_m,
-        velocity_ned_m_s,
-        latency_s=latency_s,
-        braking_m_s2=braking_m_s2,
-        keep_m=keep_m,
-    )
+    breach = new.breached(motion, latency_s=latency_s, braking_m_s2=braking_m_s2, keep_m=keep_m)
     if breach is None:
         return ""
     if breach.predicted:

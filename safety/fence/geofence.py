@@ -11,9 +11,10 @@ from typing import Self
 import shapely
 
 from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, Region, require_finite
-from worlds.frames import Vec3, norm
+from safety.fence.stopping import Motion, stopping_path, velocities_ahead
+from worlds.frames import Vec3, lerp
 
-__all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon", "predict"]
+__all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon"]
 
 _SHORTEST_STEP_M = 0.01
 """How finely the way ahead is looked at close to a boundary."""
@@ -36,24 +37,6 @@ class Breach:
         if self.predicted:
             return f"cannot stop before the fence's {self.boundary}, {self.margin_m:.2f} m away"
         return f"{max(0.0, -self.margin_m):.2f} m outside of the fence's {self.boundary}"
-
-
-def predict(
-    position_ned_m: Vec3, velocity_ned_m_s: Vec3, *, latency_s: float, braking_m_s2: float
-) -> Vec3:
-    """Return the farthest point a vehicle reaches before it stops at the geofence.
-
-    It flies on for `latency_s`, then brakes evenly along its way: v t + v^2 / (2 a).
-    """
-    speed_m_s = norm(velocity_ned_m_s)
-    if speed_m_s == 0.0:
-        return position_ned_m
-    seconds = latency_s + speed_m_s / (2.0 * braking_m_s2)
-    return (
-        position_ned_m[0] + velocity_ned_m_s[0] * seconds,
-        position_ned_m[1] + velocity_ned_m_s[1] * seconds,
-        position_ned_m[2] + velocity_ned_m_s[2] * seconds,
-    )
 
 
 class Fence:
@@ -128,8 +111,7 @@ class Fence:
 
     def breached(
         self,
-        position_ned_m: Vec3,
-        velocity_ned_m_s: Vec3,
+        motion: Motion,
         *,
         latency_s: float,
         braking_m_s2: float,
@@ -137,21 +119,24 @@ class Fence:
     ) -> Breach | None:
         """Return the geofence breach of a vehicle not `keep_m` inside, or unable to stop there.
 
-        The whole way to the predicted point counts, so that nothing thin is jumped over: a step
-        as long as the margin cannot leave the fence.
+        It may go on steadily, with its acceleration, or as it is commanded: each counts. The whole
+        path to standstill does, so that nothing thin is jumped over: a step as long as the margin
+        cannot leave the fence.
         """
-        margin_m = self.margin_m(position_ned_m)
+        place = motion.position_ned_m
+        margin_m = self.margin_m(place)
         if margin_m < keep_m:
-            return Breach(margin_m, False, position_ned_m, self.boundary(position_ned_m))
-        speed_m_s = norm(velocity_ned_m_s)
-        way_m = speed_m_s * (latency_s + speed_m_s / (2.0 * braking_m_s2))
-        if way_m <= margin_m - keep_m:
-            return None
-        end = predict(
-            position_ned_m, velocity_ned_m_s, latency_s=latency_s, braking_m_s2=braking_m_s2
-        )
-        point = self._first_point_outside(position_ned_m, end, way_m, keep_m)
-        return None if point is None else Breach(margin_m, True, point, self.boundary(point))
+            return Breach(margin_m, False, place, self.boundary(place))
+        for then in velocities_ahead(motion, latency_s=latency_s, braking_m_s2=braking_m_s2):
+            path = stopping_path(motion, then, latency_s=latency_s, braking_m_s2=braking_m_s2)
+            if path.length_m <= margin_m - keep_m:
+                continue
+            begin = path.braking_from_ned_m
+            point = self._first_point_outside(place, begin, keep_m)
+            point = point or self._first_point_outside(begin, path.end_ned_m, keep_m)
+            if point is not None:
+                return Breach(margin_m, True, point, self.boundary(point))
+        return None
 
     def boundary(self, position_ned_m: Vec3) -> str:
         """Return the name of the geofence boundary nearest to being, or most, exceeded."""
@@ -172,18 +157,13 @@ class Fence:
             inside_m = min(inside_m, -part.distance_m(north_m, east_m))
         return inside_m
 
-    def _first_point_outside(
-        self, start: Vec3, end: Vec3, way_m: float, keep_m: float
-    ) -> Vec3 | None:
-        """Return the first point of a way that is not `keep_m` inside; None without."""
+    def _first_point_outside(self, start: Vec3, end: Vec3, keep_m: float) -> Vec3 | None:
+        """Return the first point of a straight path that is not `keep_m` inside; None without."""
+        length_m = math.dist(start, end)
         gone_m = 0.0
         while True:
-            part = min(1.0, gone_m / way_m)
-            point = (
-                start[0] + (end[0] - start[0]) * part,
-                start[1] + (end[1] - start[1]) * part,
-                start[2] + (end[2] - start[2]) * part,
-            )
+            part = min(1.0, gone_m / length_m) if length_m > 0.0 else 1.0
+            point = lerp(start, end, part)
             margin_m = self.margin_m(point) - keep_m
             if margin_m < 0.0:
                 return point

@@ -121,16 +121,15 @@ class GuardSettings:
     """The settings of the guard: times in seconds, distances in metres.
 
     latency_s, braking_m_s2: how late and how hard a vehicle brakes when told to. Late is all until
-    it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a fit:
-    the longest stop measured with the embedded vehicles from a steady speed was 4.2 m from 3.7 m/s,
-    for which they give 4.6 m; in acceleration and on hardware it may be more (docs/geofence.md).
+    it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a fit
+    (docs/geofence.md, `python bench/stopping.py`); on hardware it may be more.
     keep_m: distance to be kept to the fence. orchestrator_silent_s counts from its first sign of
     life on. asked_s: how long a mode change counts as asked for after a command passed (heartbeats
     come once a second). system_id, component_id: as whom the guard speaks; ArduPilot obeys its GCS
     failsafe to SYSID_MYGCS (255).
     """
 
-    latency_s: float = 0.5
+    latency_s: float = 0.9
     braking_m_s2: float = 2.5
     keep_m: float = 0.0
     vehicle_lost_s: float = 3.0

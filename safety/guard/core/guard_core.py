@@ -134,11 +134,8 @@ class GuardCore:
         events: list[Output] = []
         for frame in supervised.from_orchestrator.feed(data):
             if self._passes(supervised, frame, t_s):
-                raw = (
-                    frame.raw
-                    if supervised.meter is None
-                    else self._meter_setpoint(supervised, frame, t_s)
-                )
+                is_setpoint = frame.message_id in SETPOINTS
+                raw = supervised.pass_setpoint(frame, t_s) if is_setpoint else frame.raw
                 if raw:
                     passed.append(raw)
             else:
@@ -195,6 +192,7 @@ class GuardCore:
             self.paused = True
             out: list[Output] = []
             for supervised in self._supervised_vehicles.values():
+                supervised.seen.note_pause()
                 actions = supervised.contingency.pause(supervised.seen.facts(t_s), t_s)
                 out += self._send(supervised, actions, t_s)
             return (*out, self._event(t_s, "hold", "", f"held by {who}"))
@@ -323,16 +321,9 @@ class GuardCore:
         if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
             return tuple(self._report_once(supervised, "pose", "a position is not finite", t_s))
         supervised.seen.place(position_ned_m, velocity_ned_m_s, t_s, told=told)
-        fence = supervised.fence
-        if fence is None or "fence" in supervised.told or not supervised.seen.may_be_armed(t_s):
+        if "fence" in supervised.told or not supervised.seen.may_be_armed(t_s):
             return ()
-        breach = fence.breached(
-            position_ned_m,
-            velocity_ned_m_s,
-            latency_s=self.settings.latency_s,
-            braking_m_s2=self.settings.braking_m_s2,
-            keep_m=self.settings.keep_m,
-        )
+        breach = supervised.breach(t_s)
         if breach is None:
             return ()
         return tuple(self._latch("fence", supervised.name, f"{supervised.name} {breach}", t_s))
@@ -355,16 +346,6 @@ class GuardCore:
             return False
         supervised.seen.note_command(command, t_s)
         return True
-
-    def _meter_setpoint(
-        self, supervised: SupervisedVehicle, frame: Frame, t_s: float
-    ) -> bytes | None:
-        """Return what the guard passes of a frame; setpoints are limited."""
-        if supervised.meter is None or frame.message_id not in SETPOINTS:
-            return frame.raw
-        return supervised.meter.through(
-            frame, supervised.seen.anchor, supervised.seen.motion(t_s), t_s
-        )
 
     def _limitings(self, supervised: SupervisedVehicle, t_s: float) -> list[Output]:
         if supervised.meter is None or not supervised.meter.notes:

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from safety.fence.geofence import Fence
+from safety.fence.stopping import Motion
 from safety.guard.core.setpoint_limits import SetpointLimits
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from worlds.frames import Vec3, add, norm, scale, subtract
@@ -31,14 +32,6 @@ class LimitReport:
     asked: float
     given: float
     unit: str
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """A vehicle's position and velocity in the world frame, to limit its setpoints."""
-
-    position_ned_m: Vec3
-    velocity_ned_m_s: Vec3
 
 
 class SetpointLimiter:
@@ -166,8 +159,7 @@ class SetpointLimiter:
             asked = scale(velocity, part)
             return (
                 fence.breached(
-                    place,
-                    asked,
+                    Motion(place, asked),
                     latency_s=self._latency_s,
                     braking_m_s2=self._braking_m_s2,
                     keep_m=self.limits.keep_m,

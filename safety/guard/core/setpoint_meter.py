@@ -4,11 +4,13 @@ import math
 from dataclasses import dataclass
 
 from safety.fence.geofence import Fence
-from safety.guard.core.setpoint_frames import read_setpoint, rewritten
-from safety.guard.core.setpoint_limiter import LimitReport, Motion, SetpointLimiter
+from safety.fence.stopping import Motion
+from safety.guard.core.setpoint_frames import rewritten
+from safety.guard.core.setpoint_limiter import LimitReport, SetpointLimiter
 from vehicles.mavlink.framing import Frame
 from vehicles.mavlink.names import message_name
 from vehicles.poses.anchor import Anchor
+from vehicles.setpoints import Setpoint
 
 _LAPSE_S = 1.0
 """A limit that took no effect for so long is told to be over."""
@@ -40,20 +42,27 @@ class SetpointMeter:
         self._limiter.change_fence(fence)
 
     def through(
-        self, frame: Frame, anchor: Anchor | None, motion: Motion | None, t_s: float
-    ) -> bytes | None:
-        """Return the setpoint frame that may pass; None when nothing may."""
-        asked = read_setpoint(frame, anchor)
+        self,
+        frame: Frame,
+        asked: Setpoint | None,
+        anchor: Anchor | None,
+        motion: Motion | None,
+        t_s: float,
+    ) -> tuple[bytes | None, Setpoint | None]:
+        """Return the setpoint frame that may pass, and what it asks; None when nothing may.
+
+        asked: what the frame asks, in the world frame; None for what cannot be limited.
+        """
         if asked is None:
             name = message_name(frame.message_id)
             self._note(LimitReport(f"{name} cannot be limited and is", 1.0, 0.0, ""), t_s)
-            return None
+            return None, None
         given, found = self._limiter.limit(asked, motion, t_s)
         for one in found:
             self._note(one, t_s)
         if given is None or not found:
-            return None if given is None else frame.raw
-        return rewritten(frame, given, anchor)
+            return None if given is None else frame.raw, given
+        return rewritten(frame, given, anchor), given
 
     def lapse(self, t_s: float) -> None:
         """Take that time has passed: end spells of setpoint limiting without effect."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from safety.fence.stopping import AccelerationEstimate, Motion
 from safety.guard.core.contingency import Facts
 from safety.guard.core.events import GuardedVehicle, GuardSettings
 from safety.guard.core.mavlink_fields import (
@@ -15,10 +16,11 @@ from safety.guard.core.mavlink_fields import (
     read_landed,
     read_local_position,
 )
-from safety.guard.core.setpoint_limiter import Motion
+from safety.guard.core.velocity_command import VelocityCommand
 from vehicles.autopilots.autopilot import Mode
 from vehicles.mavlink.framing import Frame
 from vehicles.poses.anchor import Anchor
+from vehicles.setpoints import Setpoint
 from worlds.frames import Vec3, norm
 
 _ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
@@ -63,6 +65,8 @@ class ObservedVehicle:
         self._seen_s: float | None = None
         self._world_s: float | None = None
         self._motion: Motion | None = None
+        self._acceleration = AccelerationEstimate()
+        self._commanded = VelocityCommand()
         self._told_s: float | None = None
 
     def may_be_armed(self, t_s: float) -> bool:
@@ -99,6 +103,14 @@ class ObservedVehicle:
         """Note that the orchestrator requested a mode by SET_MODE."""
         self._asked_s = t_s
 
+    def note_setpoint(self, given: Setpoint | None, t_s: float) -> None:
+        """Note a passed setpoint, world frame; None is one whose meaning is not known here."""
+        self._commanded.note(given, self.motion(t_s), t_s)
+
+    def note_pause(self) -> None:
+        """Note that what was commanded counts no longer: the vehicle is told to hold."""
+        self._commanded.forget()
+
     def place(
         self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, told: bool = False
     ) -> None:
@@ -108,7 +120,10 @@ class ObservedVehicle:
         """
         self._world_s = t_s
         self._told_s = t_s if told else self._told_s
-        self._motion = Motion(position_ned_m, velocity_ned_m_s)
+        acceleration = self._acceleration.update(velocity_ned_m_s, t_s)
+        guided = self.mode is Mode.GUIDED
+        commanded = self._commanded.velocity(t_s) if guided else None
+        self._motion = Motion(position_ned_m, velocity_ned_m_s, acceleration, commanded)
         self._store_sample(position_ned_m, velocity_ned_m_s, t_s)
 
     def motion(self, t_s: float) -> Motion | None:

@@ -2,15 +2,16 @@
 
 from dataclasses import replace
 
-from safety.fence.geofence import Fence
+from safety.fence.geofence import Breach, Fence
 from safety.guard.core.contingency import Action, Contingency, ContingencyPlan, Phase
 from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.core.setpoint_frames import read_setpoint
 from safety.guard.core.setpoint_limiter import SetpointLimiter
 from safety.guard.core.setpoint_meter import SetpointMeter
 from safety.guard.core.vehicle_observer import ObservedVehicle
 from vehicles.autopilots.autopilot import Mode
 from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import FrameSplitter
+from vehicles.mavlink.framing import Frame, FrameSplitter
 
 _LATER, _GENTLER = 2.0, 0.4
 """A vehicle follows its setpoints by about the latency late: held to the same braking, it would be
@@ -34,6 +35,7 @@ class SupervisedVehicle:
         )
         self.codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
         self.meter = _meter(vehicle, settings)
+        self._settings = settings
         self.from_vehicle = FrameSplitter()
         self.from_orchestrator = FrameSplitter()
         self.from_gcs = FrameSplitter()
@@ -60,6 +62,29 @@ class SupervisedVehicle:
         """Return the fence supervised now: without floor for takeoff, landing, standing."""
         low = self.seen.landed is True or self.seen.mode in _COMING_DOWN
         return self._low_fence if low else self.vehicle.fence
+
+    def breach(self, t_s: float) -> Breach | None:
+        """Return the breach of the fence supervised now, present or predicted, if any."""
+        fence, motion = self.fence, self.seen.motion(t_s)
+        if fence is None or motion is None:
+            return None
+        return fence.breached(
+            motion,
+            latency_s=self._settings.latency_s,
+            braking_m_s2=self._settings.braking_m_s2,
+            keep_m=self._settings.keep_m,
+        )
+
+    def pass_setpoint(self, frame: Frame, t_s: float) -> bytes | None:
+        """Return what the guard passes of a setpoint's frame: all, a limited one, or nothing."""
+        raw: bytes | None = frame.raw
+        given = read_setpoint(frame, self.seen.anchor)
+        if self.meter is not None:
+            motion = self.seen.motion(t_s)
+            raw, given = self.meter.through(frame, given, self.seen.anchor, motion, t_s)
+        if raw is not None:
+            self.seen.note_setpoint(given, t_s)
+        return raw
 
     def change_fence(self, fence: Fence) -> None:
         """Change the vehicle's supervised fence."""

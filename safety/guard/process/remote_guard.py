@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 from safety.fence.geofence import Fence
+from safety.fence.stopping import AccelerationEstimate, Motion
 from safety.guard.core.contingency import Phase
 from safety.guard.core.events import GuardEvent
 from safety.guard.core.operator_command import OperatorCommand
@@ -88,6 +89,7 @@ class RemoteGuard:
             )
             for index, name in enumerate(self._names)
         }
+        self._accelerations = {name: AccelerationEstimate() for name in self._names}
         self._fences = {
             name: [] if one.vehicle.fence is None else [one.vehicle.fence]
             for name, one in guard_config.vehicles.items()
@@ -294,10 +296,11 @@ class RemoteGuard:
         velocity = sample.velocity_ned_m_s
         if not math.isfinite(sum(place) + sum(velocity)):
             return True
+        acceleration = self._accelerations[sample.vehicle].update(velocity, sample.t_s)
+        motion = Motion(place, velocity, acceleration)
         return any(
             fence.breached(
-                place,
-                velocity,
+                motion,
                 latency_s=settings.latency_s,
                 braking_m_s2=settings.braking_m_s2,
                 keep_m=settings.keep_m,

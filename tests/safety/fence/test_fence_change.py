@@ -7,6 +7,7 @@ import pytest
 from safety.fence.areas import Circle
 from safety.fence.fence_change import refusal_of_change
 from safety.fence.geofence import Fence
+from safety.fence.stopping import Motion
 from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
 from safety.guard.core.guard_core import GuardCore
 from safety.guard.core.operator_command import OperatorCommand
@@ -21,7 +22,9 @@ NEW = Fence.box(north_m=(-1, 2), east_m=(-1, 1), up_m=(-1, 2))
 
 
 def why(at: Vec3, velocity: Vec3 = (0, 0, 0), *, keep_m: float = 0.0) -> str:
-    return refusal_of_change(NEW, (at, velocity), latency_s=0.5, braking_m_s2=2.5, keep_m=keep_m)
+    return refusal_of_change(
+        NEW, Motion(at, velocity), latency_s=0.5, braking_m_s2=2.5, keep_m=keep_m
+    )
 
 
 @pytest.mark.parametrize(

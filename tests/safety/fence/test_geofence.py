@@ -7,7 +7,8 @@ from hypothesis import assume, given, reject
 from hypothesis import strategies as st
 
 from safety.fence.areas import Region
-from safety.fence.geofence import Area, Circle, Fence, FenceError, Polygon, predict
+from safety.fence.geofence import Area, Circle, Fence, FenceError, Polygon
+from safety.fence.stopping import Motion, stopping_path
 from worlds.frames import Vec3, add, lerp
 
 BOX = Fence.box(north_m=(-1.2, 4.2), east_m=(-2.7, 2.7), up_m=(-0.5, 2.3))
@@ -119,9 +120,11 @@ def test_inside_means_in_an_inclusion_in_no_exclusion_and_between_the_heights(
 def test_a_breach_is_what_a_fine_search_of_the_way_finds(
     fence: Fence, position: Vec3, speed: Vec3, late: float, brake: float
 ) -> None:
-    end = predict(position, speed, latency_s=late, braking_m_s2=brake)
+    motion = Motion(position, speed)
+    path = stopping_path(motion, speed, latency_s=late, braking_m_s2=brake)
+    end = path.end_ned_m
     way = [fence.margin_m(lerp(position, end, i / 400)) for i in range(401)]
-    breach = fence.breached(position, speed, latency_s=late, braking_m_s2=brake)
+    breach = fence.breached(motion, latency_s=late, braking_m_s2=brake)
     # A graze thinner than the search's step, or than rounding, may be seen by one of the two.
     if min(way) < -1e-6:
         assert breach is not None
@@ -135,11 +138,11 @@ def test_a_breach_is_what_a_fine_search_of_the_way_finds(
 def test_a_thin_exclusion_is_not_jumped_over() -> None:
     wall = Polygon.rectangle((2.0, 2.02), (-5, 5))
     fence = Fence(inclusions=[Polygon.rectangle((-50, 50), (-50, 50))], exclusions=[wall])
-    breach = fence.breached((0, 0, -1), (10.0, 0, 0), latency_s=0.2, braking_m_s2=5)
+    breach = fence.breached(Motion((0, 0, -1), (10.0, 0, 0)), latency_s=0.2, braking_m_s2=5)
     assert breach is not None
     assert breach.predicted
     assert breach.point_ned_m[0] == pytest.approx(2.01, abs=0.02)
-    assert fence.breached((0, 0, -1), (0, 10.0, 0), latency_s=0.2, braking_m_s2=5) is None
+    assert fence.breached(Motion((0, 0, -1), (0, 10.0, 0)), latency_s=0.2, braking_m_s2=5) is None
 
 
 @pytest.mark.parametrize(
@@ -147,16 +150,16 @@ def test_a_thin_exclusion_is_not_jumped_over() -> None:
 )
 def test_prediction_counts_latency_and_braking(speed_m_s: float, breaks: bool) -> None:
     # 1.2 m of room north; 0.1 s and 2 m/s^2 make 1.93 m/s the most that stops in time.
-    breach = BOX.breached((3.0, 0, -1), (speed_m_s, 0, 0), latency_s=0.1, braking_m_s2=2.0)
+    breach = BOX.breached(Motion((3.0, 0, -1), (speed_m_s, 0, 0)), latency_s=0.1, braking_m_s2=2.0)
     assert (breach is not None) == breaks
 
 
 def test_keep_distance_and_words() -> None:
-    breach = BOX.breached((4.0, 0, -1), (0, 0, 0), latency_s=0, braking_m_s2=1, keep_m=0.3)
+    breach = BOX.breached(Motion((4.0, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1, keep_m=0.3)
     assert breach is not None
-    outside = BOX.breached((4.5, 0, -1), (0, 0, 0), latency_s=0, braking_m_s2=1)
+    outside = BOX.breached(Motion((4.5, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1)
     assert str(outside) == "0.30 m outside of the fence's side"
-    above = BOX.breached((0, 0, -2.2), (0, 0, -2), latency_s=0.1, braking_m_s2=2)
+    above = BOX.breached(Motion((0, 0, -2.2), (0, 0, -2)), latency_s=0.1, braking_m_s2=2)
     assert str(above) == "cannot stop before the fence's ceiling, 0.10 m away"
     assert BOX.boundary((0, 0, 1)) == "floor"
 

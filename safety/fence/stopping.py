@@ -1,0 +1,113 @@
+"""How a vehicle that is told to stop goes on: the prediction behind the geofence; pure.
+
+World frame, NED, metres and seconds.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from worlds.frames import Vec3, add, norm, scale, subtract
+
+__all__ = [
+    "AccelerationEstimate",
+    "Motion",
+    "StoppingPath",
+    "stopping_path",
+    "velocities_ahead",
+]
+
+_STEADY: Vec3 = (0.0, 0.0, 0.0)
+_SPAN_S = 0.3
+"""Over how long velocities are compared: a noise of 0.05 m/s is one of 0.24 m/s^2 then."""
+_LEAST_SPAN_S = 0.15
+_APART_S = 0.05
+"""How far apart the velocities are that are kept, whatever the rate of their source."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A vehicle's position and velocity in the world frame, and what moves it on.
+
+    acceleration_ned_m_s2: as observed. commanded_ned_m_s: the velocity that it is commanded; None
+    where it is commanded another thing, or where that is not known.
+    """
+
+    position_ned_m: Vec3
+    velocity_ned_m_s: Vec3
+    acceleration_ned_m_s2: Vec3 = _STEADY
+    commanded_ned_m_s: Vec3 | None = None
+
+
+class StoppingPath(NamedTuple):
+    """A predicted path to standstill: straight to where braking begins, then to where it ends."""
+
+    braking_from_ned_m: Vec3
+    end_ned_m: Vec3
+    length_m: float
+
+
+def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -> Iterator[Vec3]:
+    """Yield the velocities that a vehicle may have by the time that it brakes.
+
+    That of now; then the one that it is commanded or, where that is not known, the one that its
+    acceleration leads to in half of the latency: by then every autopilot has begun to end it. No
+    change is taken for harder than it brakes: a velocity that jumps is one of a bad reading.
+    """
+    velocity, most = motion.velocity_ned_m_s, braking_m_s2 * latency_s
+    yield velocity
+    if motion.commanded_ned_m_s is not None:
+        yield add(velocity, _at_most(subtract(motion.commanded_ned_m_s, velocity), most))
+    elif motion.acceleration_ned_m_s2 != _STEADY:
+        change = scale(motion.acceleration_ned_m_s2, 0.5 * latency_s)
+        yield add(velocity, _at_most(change, 0.5 * most))
+
+
+def stopping_path(
+    motion: Motion, velocity_then_ned_m_s: Vec3, *, latency_s: float, braking_m_s2: float
+) -> StoppingPath:
+    """Return the path of a vehicle that is commanded to stop now.
+
+    Over `latency_s` its velocity changes evenly to the one it has then, (v + v') t / 2; from that
+    it brakes evenly, v'^2 / (2 b).
+    """
+    half_s = 0.5 * latency_s
+    flown = scale(add(motion.velocity_ned_m_s, velocity_then_ned_m_s), half_s)
+    speed_m_s = norm(velocity_then_ned_m_s)
+    braking_s = speed_m_s / (2.0 * braking_m_s2)
+    begin = add(motion.position_ned_m, flown)
+    end = add(begin, scale(velocity_then_ned_m_s, braking_s))
+    return StoppingPath(begin, end, norm(flown) + speed_m_s * braking_s)
+
+
+class AccelerationEstimate:
+    """A vehicle's acceleration from its velocities: their change over the last 0.3 s.
+
+    Zero until velocities span 0.15 s, and again after a gap longer than the whole span.
+    """
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[float, Vec3]] = deque()
+
+    def update(self, velocity_ned_m_s: Vec3, t_s: float) -> Vec3:
+        """Take a finite velocity and its time; return the acceleration, NED m/s^2."""
+        kept = self._kept
+        if kept and not 0.0 <= t_s - kept[-1][0] <= _SPAN_S:
+            kept.clear()
+        # The oldest goes only when the next one is old enough by itself.
+        while len(kept) > 1 and t_s - kept[1][0] >= _SPAN_S:
+            kept.popleft()
+        if not kept or t_s - kept[-1][0] >= _APART_S:
+            kept.append((t_s, velocity_ned_m_s))
+        before_s, before = kept[0]
+        elapsed_s = t_s - before_s
+        if elapsed_s < _LEAST_SPAN_S:
+            return _STEADY
+        return scale(subtract(velocity_ned_m_s, before), 1.0 / elapsed_s)
+
+
+def _at_most(change: Vec3, most: float) -> Vec3:
+    """Return a change of velocity, no longer than `most`."""
+    size = norm(change)
+    return change if size <= most else scale(change, most / size)

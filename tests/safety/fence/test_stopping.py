@@ -1,0 +1,107 @@
+"""The path of a vehicle that is told to stop, and the acceleration that it is predicted from."""
+
+import math
+
+import pytest
+
+from safety.fence.geofence import Fence
+from safety.fence.stopping import (
+    AccelerationEstimate,
+    Motion,
+    stopping_path,
+    velocities_ahead,
+)
+from worlds.frames import Vec3
+
+HERE: Vec3 = (0.0, 0.0, -1.0)
+STANDING: Vec3 = (0.0, 0.0, 0.0)
+HALL = Fence.box(north_m=(-9, 2), east_m=(-9, 9), up_m=(0, 4))
+
+
+def breaks(motion: Motion) -> bool:
+    return HALL.breached(motion, latency_s=0.5, braking_m_s2=2.5) is not None
+
+
+def test_a_steady_vehicle_flies_on_for_the_latency_and_brakes() -> None:
+    motion = Motion(HERE, (2.0, 0.0, 0.0))
+    path = stopping_path(motion, (2.0, 0.0, 0.0), latency_s=0.5, braking_m_s2=2.5)
+    assert path.braking_from_ned_m == pytest.approx((1.0, 0.0, -1.0))
+    assert path.end_ned_m == pytest.approx((1.8, 0.0, -1.0))
+    assert path.length_m == pytest.approx(1.8)
+
+
+def test_a_vehicle_that_accelerates_is_stopped_sooner() -> None:
+    # 1.4 m/s: 0.7 m and 0.39 m. With 2 m/s^2: 0.83 m, then 1.9 m/s and 0.72 m.
+    assert not breaks(Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0)))
+    assert breaks(Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (2.0, 0.0, 0.0)))
+    assert not breaks(Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (-2.0, 0.0, 0.0)))
+    assert not breaks(Motion((0.6, 0.0, -1.0), (0.0, 1.4, 0.0), (2.5, 0.0, 0.0)))
+
+
+def test_a_known_command_takes_the_place_of_the_acceleration() -> None:
+    # It accelerates to 1.4 m/s, and no further.
+    motion = Motion((0.6, 0.0, -1.0), (1.4, 0.0, 0.0), (2.0, 0.0, 0.0), (1.4, 0.0, 0.0))
+    assert not breaks(motion)
+
+
+def test_a_slowing_vehicle_counts_as_steady() -> None:
+    assert breaks(Motion(HERE, (2.2, 0.0, 0.0), (-2.0, 0.0, 0.0)))
+    assert breaks(Motion(HERE, (2.2, 0.0, 0.0), commanded_ned_m_s=STANDING))
+
+
+def test_what_is_commanded_counts_as_far_as_it_is_reached_by_then() -> None:
+    near = (1.5, 0.0, -1.0)
+    assert not breaks(Motion(near, STANDING, commanded_ned_m_s=(0.8, 0.0, 0.0)))
+    assert breaks(Motion(near, STANDING, commanded_ned_m_s=(3.5, 0.0, 0.0)))
+    assert not breaks(Motion(near, STANDING, commanded_ned_m_s=(0.0, 3.5, 0.0)))
+    ahead = list(
+        velocities_ahead(
+            Motion(near, STANDING, commanded_ned_m_s=(9.0, 0.0, 0.0)),
+            latency_s=0.5,
+            braking_m_s2=2.0,
+        )
+    )
+    assert ahead == [STANDING, (1.0, 0.0, 0.0)]
+
+
+def test_a_reading_that_jumps_is_not_taken_for_an_acceleration_beyond_the_braking() -> None:
+    motion = Motion(HERE, STANDING, (500.0, 0.0, 0.0))
+    *_, then = velocities_ahead(motion, latency_s=0.5, braking_m_s2=2.0)
+    assert then == pytest.approx((0.5, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("east_m", [0.2, 0.4])
+def test_both_parts_of_the_path_count(east_m: float) -> None:
+    wall = Fence.box(north_m=(-9, 9), east_m=(-9, east_m), up_m=(0, 4))
+    turning = Motion(HERE, (0.0, 0.0, 0.0), commanded_ned_m_s=(0.0, 1.0, 0.0))
+    path = stopping_path(turning, (0.0, 1.0, 0.0), latency_s=0.5, braking_m_s2=2.5)
+    assert path.braking_from_ned_m[1] == pytest.approx(0.25)
+    assert path.end_ned_m[1] == pytest.approx(0.45)
+    assert wall.breached(turning, latency_s=0.5, braking_m_s2=2.5) is not None
+
+
+@pytest.mark.parametrize("rate_hz", [10, 30, 50, 120, 250])
+def test_the_acceleration_is_that_of_the_last_0_3_s_at_any_rate(rate_hz: int) -> None:
+    estimate = AccelerationEstimate()
+    got = STANDING
+    for i in range(rate_hz):
+        t_s = 100.0 + i / rate_hz
+        got = estimate.update((2.0 * max(0.0, t_s - 100.5), 0.0, 1.0), t_s)
+    assert got == pytest.approx((2.0, 0.0, 0.0))
+
+
+def test_without_a_span_of_velocities_there_is_no_acceleration() -> None:
+    estimate = AccelerationEstimate()
+    assert estimate.update((0.0, 0.0, 0.0), 1.0) == STANDING
+    assert estimate.update((5.0, 0.0, 0.0), 1.1) == STANDING
+    assert estimate.update((5.0, 0.0, 0.0), 1.2)[0] == pytest.approx(25.0)
+    # A gap, and a clock that goes back: nothing is compared across them.
+    assert estimate.update((0.0, 0.0, 0.0), 2.0) == STANDING
+    assert estimate.update((9.0, 0.0, 0.0), 1.0) == STANDING
+
+
+def test_no_more_velocities_are_kept_than_are_compared() -> None:
+    estimate = AccelerationEstimate()
+    for i in range(5000):
+        estimate.update((math.sin(i), 0.0, 0.0), i / 1000)
+    assert len(estimate._kept) <= 8
