@@ -14,6 +14,7 @@ from orchestrator.analysis.study import Study
 from orchestrator.api.campaign_results import CampaignResults, read_results
 from orchestrator.api.flying import CannotFlyError, run, run_async
 from orchestrator.api.loading import load, validate
+from orchestrator.api.mock_vehicle import MockVehicle, MockVehicleError, mock_vehicle
 from orchestrator.model.results import RunResult, Summary, Totals
 from safety.model.oracle_results import OracleResult
 from worlds.files.documents import BadInput, Problem
@@ -23,6 +24,8 @@ __all__ = [
     "Campaign",
     "CampaignResults",
     "CannotFlyError",
+    "MockVehicle",
+    "MockVehicleError",
     "OracleResult",
     "Problem",
     "ResultsFolderError",
@@ -32,6 +35,7 @@ __all__ = [
     "Summary",
     "Totals",
     "load",
+    "mock_vehicle",
     "read_results",
     "run",
     "run_async",

@@ -1,20 +1,29 @@
-"""The plugin of pytest: each run of a campaign file on its command line is a test.
+"""The plugin of pytest: runs of a campaign file are tests, and tests have mock vehicles.
 
     pytest campaigns/gate.yaml -k "large and wil"
 
-It does nothing unless a campaign file is named there, and imports what flies only then.
+It does nothing unless a campaign file is named there or a test asks for `mock_vehicle`, and
+imports what flies only then.
 """
 
 import importlib
 import re
+from collections.abc import Callable, Generator
+from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
+
+if TYPE_CHECKING:
+    from orchestrator.api.mock_vehicle import MockVehicle
 
 _CAMPAIGN = re.compile(rb"^[\"']?schema[\"']?\s*:\s*[\"']?wil/campaign/", re.MULTILINE)
 _MAX_BYTES = 1_000_000
 REPORTS = pytest.StashKey[list[Path]]()
 """The reports that were written in this session."""
+_MOCKS = pytest.StashKey[list["MockVehicle"]]()
+"""The mock vehicles of a test."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -60,3 +69,45 @@ def pytest_terminal_summary(
     """Print where the reports of the campaigns are."""
     for path in config.stash.get(REPORTS, []):
         terminalreporter.write_line(f"wil-campaign report: {path}")
+
+
+@pytest.fixture
+def mock_vehicle(request: pytest.FixtureRequest) -> Generator[Callable[..., "MockVehicle"]]:
+    """Start embedded vehicles, each a process on a real MAVLink link, which the test's end ends.
+
+    `mock_vehicle("px4", profile=..., world=..., speed=..., faults=...)` returns once it is ready;
+    programs connect to its `url` (MAVSDK) or `device` (pymavlink, MAVProxy). The arguments are
+    those of `wil_campaign.mock_vehicle`. What it printed is shown with a test that fails.
+    """
+    mock = importlib.import_module("orchestrator.api.mock_vehicle")
+    started: list[MockVehicle] = request.node.stash.setdefault(_MOCKS, [])
+    with ExitStack() as stack:
+
+        def start(autopilot: Any, **given: Any) -> "MockVehicle":
+            try:
+                vehicle: MockVehicle = mock.mock_vehicle(autopilot, **given)
+                started.append(vehicle)
+                return stack.enter_context(vehicle)
+            except mock.MOCK_ERRORS as error:
+                pytest.fail(f"mock_vehicle({autopilot!r}): {error}", pytrace=False)
+
+        try:
+            yield start
+        finally:
+            try:
+                stack.close()
+            except mock.MockVehicleError as error:
+                pytest.fail(str(error), pytrace=False)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Add to the report of a test that failed what its mock vehicles printed."""
+    report = yield
+    if report.failed:
+        for vehicle in item.stash.get(_MOCKS, []):
+            name = f"mock {vehicle.autopilot} at {vehicle.url}"
+            report.sections.append((name, vehicle.output))
+    return report

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class EmbeddedVehicle:
         self._alive = False
         self._fault: Exception | None = None
         self._on_fault: Callable[[], None] | None = None
+        self._on_sent: Callable[[float, Any], None] | None = None
         self._muted = False
         self._struck = False
         link.receive(self._on_bytes)
@@ -100,6 +101,10 @@ class EmbeddedVehicle:
     def on_fault(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the vehicle's physics fails."""
         self._on_fault = callback
+
+    def on_sent(self, callback: Callable[[float, Any], None]) -> None:
+        """Call `callback` with each MAVLink message that is sent, and seconds since boot."""
+        self._on_sent = callback
 
     def notify(self, event: str, t_s: float) -> None:
         """Pass an event of the world to the vehicle's surroundings."""
@@ -236,6 +241,9 @@ class EmbeddedVehicle:
     def _flush(self) -> None:
         messages = self._autopilot.outbox.take()
         if messages and self._alive and not self._muted:
+            if self._on_sent is not None:
+                for message in messages:
+                    self._on_sent((self._steps - self._boot_step) / PHYSICS_HZ, message)
             pack = self._codec.pack
             self._link.write(b"".join([pack(message) for message in messages]))
 

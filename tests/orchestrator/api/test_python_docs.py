@@ -23,7 +23,7 @@ def test_the_examples_of_the_page_run(
 ) -> None:
     write_cases(tmp_path).rename(tmp_path / "campaign.yaml")
     monkeypatch.chdir(tmp_path)
-    *examples, example_of_a_test = BLOCKS
+    *examples, example_of_a_fixture, example_of_a_test = BLOCKS
     names: dict[str, object] = {}
     for text in examples:
         exec(compile(text, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
@@ -32,6 +32,7 @@ def test_the_examples_of_the_page_run(
     assert "good PASS" in said
     assert "case,mode,rep,seed,verdict" in said
     assert len(list(tmp_path.glob("*/hover/*/report.html"))) == 2
+    assert "mock_vehicle" in example_of_a_fixture  # run by test_mock_vehicle.py
     compile(example_of_a_test, "docs/python.md", "exec")
 
 

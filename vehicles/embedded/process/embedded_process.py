@@ -108,6 +108,8 @@ async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
         surroundings=_contact_world(settings.surroundings),
     )
     vehicle.on_fault(stop.set)
+    if settings.print_texts:
+        vehicle.on_sent(_print_text)
     feed = FeedEnd(vehicle=vehicle, stop=stop)
     transport: asyncio.BaseTransport | None = None
     if settings.feed_port:
@@ -179,6 +181,16 @@ async def _await_stop(settings: ProcessSettings) -> None:
     await fly(settings, stop)
     if errors:
         raise errors[0]
+
+
+def _print_text(boot_s: float, message: Any) -> None:
+    """Print what an embedded vehicle reports in words, and its answers to commands."""
+    match message.get_type():
+        case "STATUSTEXT":
+            sys.stderr.write(f"{boot_s:9.3f} s STATUSTEXT {message.severity} {message.text}\n")
+        case "COMMAND_ACK":
+            answer = f"command {message.command} result {message.result}"
+            sys.stderr.write(f"{boot_s:9.3f} s COMMAND_ACK {answer}\n")
 
 
 def _on_stdin(stop: Callable[[], None]) -> None:

@@ -41,7 +41,7 @@ class ProcessSettings(_Part):
     end_with_parent: end when the process that started it ends; not where others hold the pipe as
     well, so that its failsafes can act. running_s: for how long its autopilot has been on when its
     link opens; ArduCopter's needs 42 s to be ready. boot_unix_us: the time of day, which its GPS
-    has, when it was switched on.
+    has, when it was switched on. print_texts: its STATUSTEXTs and acknowledgements go to stderr.
     """
 
     autopilot: AutopilotKind
@@ -66,6 +66,7 @@ class ProcessSettings(_Part):
     running_s: float = Field(default=0.0, ge=0.0, le=86_400.0)
     end_with_stdin: bool = False
     end_with_parent: bool = True
+    print_texts: bool = False
     never_ready: bool = False
     refuse_arm: str | None = None
 

@@ -1,0 +1,304 @@
+"""An embedded vehicle as a process on a real MAVLink link: for tests and notebooks of anybody."""
+
+import asyncio
+import contextlib
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import ValidationError
+
+from vehicles.embedded.process.feed import MakeFault, to_vehicle
+from vehicles.embedded.process.injected_faults import Fault, parse_fault
+from vehicles.embedded.process.process_settings import ProcessSettings
+from vehicles.embedded.process.standalone_settings import standalone_settings
+from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.processes.child import how_it_ended
+from vehicles.tasks import finish
+from worlds.files.documents import BadInput
+
+Autopilot = Literal["px4", "ardupilot"]
+
+_USUAL: dict[Autopilot, Literal["udpout", "tcpin"]] = {"px4": "udpout", "ardupilot": "tcpin"}
+_OTHER_END: dict[str, Literal["udpin", "udpout", "tcpin", "tcpout"]] = {
+    "udpout": "udpin",
+    "udpin": "udpout",
+    "tcpin": "tcpout",
+    "tcpout": "tcpin",
+}
+_DEVICE = {"udpin": "udpin", "udpout": "udpout", "tcpin": "tcpin", "tcpout": "tcp"}
+"""How pymavlink spells the kinds of links."""
+_PORT_TAKEN = "is taken by another program"
+_ATTEMPTS = 3
+_END_WITHIN_S = 5.0
+_LOOK_S = 0.1
+_DATAGRAM_BYTES = 65536
+
+
+class MockVehicleError(RuntimeError):
+    """A mock vehicle that cannot be started, or that ended by itself; says why."""
+
+
+class MockVehicle:
+    """An embedded vehicle in a process of its own; `with` and `async with` start and end it.
+
+    url: where programs connect, as MAVSDK and campaign files write it; device: the same as
+    pymavlink, MAVProxy and dronekit write it. Both are known once it is started.
+    """
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        settings: ProcessSettings,
+        *,
+        port_is_free_choice: bool,
+        faults: Iterable[Fault],
+        ready_within_s: float,
+    ) -> None:
+        self.autopilot: Autopilot = autopilot
+        self._settings = settings
+        self._chooses_port = port_is_free_choice
+        self._faults = tuple(faults)
+        self._ready_within_s = ready_within_s
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stack = contextlib.ExitStack()
+        self._feed: socket.socket | None = None
+        self._peer: tuple[str, int] | None = None
+        self._seq = 0
+        self._output_file: Path | None = None
+        self._output = ""
+
+    @property
+    def system_id(self) -> int:
+        """Return the mock vehicle's MAVLink system id."""
+        return self._settings.system_id
+
+    @property
+    def url(self) -> str:
+        """Return where programs connect, as `udpin://127.0.0.1:14540`."""
+        return str(_other_end(parse_link(self._settings.link)))
+
+    @property
+    def device(self) -> str:
+        """Return where programs connect, as pymavlink writes it: `udpin:127.0.0.1:14540`."""
+        address = _other_end(parse_link(self._settings.link))
+        return f"{_DEVICE[address.kind]}:{address.host}:{address.port}"
+
+    @property
+    def pid(self) -> int | None:
+        """Return the process id of the mock vehicle; None when it does not run."""
+        process = self._process
+        return None if process is None or process.poll() is not None else process.pid
+
+    @property
+    def output(self) -> str:
+        """Return what the mock vehicle has printed: its STATUSTEXTs, answers and errors."""
+        if self._output_file is not None:
+            self._output = self._output_file.read_text("utf-8", "replace")
+        return self._output
+
+    def fault(self, text: str) -> None:
+        """Inject a fault: `kill`, `mute`, `unmute`, `motor 2 0.5`. Raises FaultError."""
+        self._inject(parse_fault(text))
+
+    def start(self) -> None:
+        """Start the mock vehicle and wait until its link is open. Raises MockVehicleError."""
+        if self._process is not None:
+            raise MockVehicleError(f"the mock {self.autopilot} is started already")
+        for attempt in range(1, _ATTEMPTS + 1):
+            if self._chooses_port:
+                self._choose_port()
+            try:
+                self._launch()
+            except MockVehicleError as error:
+                if not (self._chooses_port and _PORT_TAKEN in str(error)) or attempt == _ATTEMPTS:
+                    raise
+            else:
+                break
+        for fault in self._faults:
+            self._inject(fault)
+
+    def stop(self) -> None:
+        """End the mock vehicle. Raises MockVehicleError when it had ended with an error."""
+        process = self._process
+        if process is None:
+            return
+        code = process.poll()
+        output = self._end()
+        if code:
+            raise MockVehicleError(
+                f"the mock {self.autopilot} {how_it_ended(code)} while it was used:\n{output}"
+            )
+
+    def __enter__(self) -> Self:
+        """Start the mock vehicle. Raises MockVehicleError."""
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End the mock vehicle; an error of its own is raised unless another passes."""
+        try:
+            self.stop()
+        except MockVehicleError:
+            if kind is None:
+                raise
+
+    async def __aenter__(self) -> Self:
+        """Start the mock vehicle while the event loop runs. Raises MockVehicleError."""
+        try:
+            await finish(asyncio.to_thread(self.start), name=f"start of a mock {self.autopilot}")
+        except asyncio.CancelledError:
+            self._end()
+            raise
+        return self
+
+    async def __aexit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End the mock vehicle as `with` does."""
+        self.__exit__(kind)
+
+    def _choose_port(self) -> None:
+        """Take a port of loopback that is free now."""
+        address = parse_link(self._settings.link)
+        kind = socket.SOCK_DGRAM if address.kind.startswith("udp") else socket.SOCK_STREAM
+        with socket.socket(socket.AF_INET, kind) as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = int(probe.getsockname()[1])
+        link = str(LinkAddress(address.kind, host="127.0.0.1", port=port))
+        self._settings = self._settings.model_copy(update={"link": link})
+
+    def _launch(self) -> None:
+        """Start the process and wait for its first datagram. Raises MockVehicleError."""
+        with contextlib.ExitStack() as stack:
+            feed = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            feed.bind(("127.0.0.1", 0))
+            feed.settimeout(_LOOK_S)
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="wil-mock-"))
+            self._output_file = Path(folder) / "output.txt"
+            output = stack.enter_context(self._output_file.open("wb"))
+            settings = self._settings.model_copy(update={"feed_port": feed.getsockname()[1]})
+            # The end of its stdin ends it, however this process ends.
+            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter
+                [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()],
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            self._feed = feed
+            self._stack = stack.pop_all()
+        try:
+            self._await_ready(self._process, feed)
+        except BaseException:
+            self._end()
+            raise
+
+    def _await_ready(self, process: subprocess.Popen[bytes], feed: socket.socket) -> None:
+        """Wait for the truth that the vehicle sends once its link is open."""
+        deadline_s = time.monotonic() + self._ready_within_s
+        while time.monotonic() < deadline_s:
+            with contextlib.suppress(TimeoutError):
+                _, self._peer = feed.recvfrom(_DATAGRAM_BYTES)
+                return
+            if process.poll() is not None:
+                how = how_it_ended(process.returncode)
+                raise MockVehicleError(
+                    f"the mock {self.autopilot} at {self._settings.link} did not start, it {how}:\n"
+                    f"{self.output}"
+                )
+        raise MockVehicleError(
+            f"the mock {self.autopilot} was not ready within {self._ready_within_s:g} s (the first "
+            f"start after installation compiles; give a longer ready_within_s):\n{self.output}"
+        )
+
+    def _inject(self, fault: Fault) -> None:
+        """Send a fault to the process. Raises MockVehicleError when there is none."""
+        if self._feed is None or self._peer is None or self.pid is None:
+            raise MockVehicleError(f"the mock {self.autopilot} does not run: no fault for it")
+        self._seq += 1
+        self._feed.sendto(to_vehicle.encode(MakeFault(self._seq, str(fault))), self._peer)
+
+    def _end(self) -> str:
+        """End the process for certain, and return what it had printed."""
+        process, self._process, self._peer, self._feed = self._process, None, None, None
+        if process is not None:
+            if process.stdin is not None:
+                process.stdin.close()
+            process.terminate()
+            try:
+                process.wait(_END_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        output = self.output
+        self._output_file = None
+        self._stack.close()
+        return output
+
+
+def mock_vehicle(
+    autopilot: Autopilot,
+    *,
+    link: str | None = None,
+    profile: str = "nominal",
+    world: str | Path | None = None,
+    speed: float = 1.0,
+    seed: int = 1,
+    system_id: int = 1,
+    running_s: float = 60.0,
+    parameters: Mapping[str, float] | None = None,
+    faults: Iterable[str] = (),
+    ready_within_s: float = 120.0,
+) -> MockVehicle:
+    """Return an embedded PX4 or ArduCopter, to be started by `with` or `async with`.
+
+    link: the vehicle's end; without one a free port of loopback, by UDP for px4 and by TCP for
+    ardupilot, as the firmwares have it. profile: a name, or a YAML file. world: a world file, for
+    its origin and obstacles. speed: how many times real time its clock runs. running_s: for how
+    long it has been on; ArduCopter needs 42 s until it can arm. faults: injected at its start; see
+    `MockVehicle.fault`. ready_within_s: how long the start may take, wall clock.
+
+    Raises BadInput for a world or profile file with faults, ValueError for any other argument that
+    is wrong.
+    """
+    if autopilot not in _USUAL:
+        raise ValueError(f"there is no mock {autopilot!r}: there are px4, ardupilot")
+    address = f"{_USUAL[autopilot]}://127.0.0.1:1" if link is None else link
+    _other_end(parse_link(address))
+    try:
+        settings = standalone_settings(
+            autopilot,
+            address,
+            profile=profile,
+            world=None if world is None else Path(world),
+            speed=speed,
+            seed=seed,
+            system_id=system_id,
+            running_s=running_s,
+            parameters=parameters,
+        )
+    except ValidationError as error:
+        faulty = ((str(one["loc"][0]), one["msg"]) for one in error.errors())
+        raise ValueError("; ".join(f"{name}: {text}" for name, text in faulty)) from None
+    return MockVehicle(
+        autopilot,
+        settings.model_copy(update={"end_with_stdin": True, "print_texts": True}),
+        port_is_free_choice=link is None,
+        faults=[parse_fault(text) for text in faults],
+        ready_within_s=ready_within_s,
+    )
+
+
+def _other_end(address: LinkAddress) -> LinkAddress:
+    """Return a program's end of a vehicle's link. Raises ValueError for no network link."""
+    if address.kind not in _OTHER_END:
+        raise ValueError(f"link {address}: a mock vehicle is at udp or tcp, as udpout://HOST:PORT")
+    return LinkAddress(_OTHER_END[address.kind], host=address.host, port=address.port)
+
+
+MOCK_ERRORS = (MockVehicleError, BadInput, ValueError)
+"""What starting a mock vehicle raises."""

@@ -1,0 +1,78 @@
+"""The settings of an embedded vehicle that flies alone, for other programs."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from vehicles.embedded.autopilot.known_parameters import known_parameters
+from vehicles.embedded.physics.config import AutopilotKind
+from vehicles.embedded.physics.contact_world import as_argument
+from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
+from vehicles.embedded.profile import load_profile
+from vehicles.links.link_strings import parse_link
+from worlds.files.documents import closest, load
+from worlds.world_file.world import World
+
+
+def standalone_settings(
+    autopilot: AutopilotKind,
+    link: str,
+    *,
+    profile: str = "nominal",
+    world: Path | None = None,
+    speed: float = 1.0,
+    seed: int = 1,
+    system_id: int = 1,
+    running_s: float = 0.0,
+    parameters: Mapping[str, float] | None = None,
+) -> ProcessSettings:
+    """Return the settings of an embedded vehicle at a link, with the streams of its firmware.
+
+    link: seen from the vehicle. profile: a name, or a YAML file. world: a world file, for its
+    origin and its obstacles. Raises LinkAddressError, ProfileError, BadInput, pydantic's
+    ValidationError, and ValueError for an unknown parameter.
+    """
+    parse_link(link)
+    load_profile(profile)
+    for name in parameters or {}:
+        check_parameter(autopilot, name)
+    settings = ProcessSettings(
+        autopilot=autopilot,
+        link=link,
+        seed=seed,
+        profile=profile,
+        system_id=system_id,
+        parameters=dict(parameters or {}),
+        full_streams=True,
+        speed=speed,
+        running_s=running_s,
+        boot_unix_us=time.time_ns() // 1000 - round(running_s * 1e6),
+        end_with_parent=False,
+    )
+    return settings if world is None else _in_world(settings, world)
+
+
+def check_parameter(autopilot: AutopilotKind, name: str) -> None:
+    """Raise ValueError for a parameter that the embedded autopilot does not have."""
+    known = known_parameters(autopilot)
+    if name not in known:
+        meant = closest(name, known)
+        hint = f"; did you mean '{meant}'?" if meant else ""
+        raise ValueError(f"the embedded {autopilot} has no parameter '{name}'{hint}")
+
+
+def _in_world(settings: ProcessSettings, file: Path) -> ProcessSettings:
+    """Return a vehicle's settings with a world's origin and obstacles. Raises BadInput."""
+    document = load(file)
+    frame = World.parse(document).frame
+    return settings.model_copy(
+        update={
+            "latitude_deg": frame.latitude_deg,
+            "longitude_deg": frame.longitude_deg,
+            "altitude_m": frame.altitude_m,
+            "surroundings": ContactWorldSettings(
+                use="vehicles.embedded.physics.contact_world:from_argument",
+                argument=as_argument(document, "real", "W"),
+            ),
+        }
+    )
