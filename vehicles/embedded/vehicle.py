@@ -198,7 +198,6 @@ class EmbeddedVehicle:
         if body.contact is not None and not self._struck:
             self._struck = True
             self._autopilot.strike(body.contact)
-        self._autopilot.state.truth = body.truth
         self._thrusts = self._autopilot.step(
             estimate,
             (steps - self._boot_step) / PHYSICS_HZ * self._drift,
@@ -277,6 +276,7 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
             charge=charge,
             overrides=config.parameters,
         )
+    autopilot.state.simulator = lambda: body.truth
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:
         autopilot.state.gps_unix_offset_us = config.boot_unix_us - autopilot.state.boot_us

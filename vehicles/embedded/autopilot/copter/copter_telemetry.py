@@ -73,23 +73,24 @@ def sim_state(s: State) -> Any | None:
 
     Its Location holds whole 1e-7 degrees and centimetres.
     """
-    if s.truth is None:
+    truth = s.truth
+    if truth is None:
         return None
-    north_m, east_m, down_m = s.truth.position_ned_m
+    north_m, east_m, down_m = truth.position_ned_m
     projection = ArduPilotProjection(s.frame.latitude_deg, s.frame.longitude_deg)
     latitude_deg, longitude_deg = projection.to_degrees(north_m, east_m)
     altitude_m = int((s.frame.altitude_m - down_m) * 100.0) / 100.0
     return mavlink.MAVLink_sim_state_message(
-        *quat_from_euler(*s.truth.euler_rad),
-        *s.truth.euler_rad,
-        *s.truth.specific_force_m_s2,
-        *s.truth.rates_rad_s,
+        *quat_from_euler(*truth.euler_rad),
+        *truth.euler_rad,
+        *truth.specific_force_m_s2,
+        *truth.rates_rad_s,
         latitude_deg,
         longitude_deg,
         altitude_m,
         0.0,
         0.0,
-        *s.truth.velocity_ned_m_s,
+        *truth.velocity_ned_m_s,
         int(latitude_deg * 1e7),
         int(longitude_deg * 1e7),
     )

@@ -1,5 +1,6 @@
 """What telemetry reports: one mutable record that an autopilot keeps of itself."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,9 +44,8 @@ class State:
     """The estimate's motion array (see motion_kernel)."""
     known: Motion | None = None
     """The estimate as `now`; None until it is looked at."""
-    truth: Motion | None = None
-    """The motion in the autopilot's simulator, which it reports and never flies by; None without
-    one."""
+    simulator: Callable[[], Motion] | None = None
+    """Gives the motion in the autopilot's simulator; None without one."""
     touching: bool = True
     home_ned_m: Vec3 | None = None
     target: Target | None = None
@@ -65,6 +65,11 @@ class State:
         if known is None:
             known = self.known = motion_of(self.estimate)
         return known
+
+    @property
+    def truth(self) -> Motion | None:
+        """Return the motion in the simulator, which is reported and never flown by, if any."""
+        return None if self.simulator is None else self.simulator()
 
     @property
     def boot_ms(self) -> int:

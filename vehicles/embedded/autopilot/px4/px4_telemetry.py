@@ -103,19 +103,20 @@ def hil_state_quaternion(s: State) -> Any | None:
 
     The C++ cuts to whole numbers, and sets neither time nor airspeeds.
     """
-    if s.truth is None:
+    truth = s.truth
+    if truth is None:
         return None
-    north_m, east_m, down_m = s.truth.position_ned_m
+    north_m, east_m, down_m = truth.position_ned_m
     projection = Px4Projection(s.frame.latitude_deg, s.frame.longitude_deg)
     latitude_deg, longitude_deg = projection.to_degrees(north_m, east_m)
     return mavlink.MAVLink_hil_state_quaternion_message(
         0,
-        quat_from_euler(*s.truth.euler_rad),
-        *s.truth.rates_rad_s,
+        quat_from_euler(*truth.euler_rad),
+        *truth.rates_rad_s,
         int(latitude_deg * 1e7),
         int(longitude_deg * 1e7),
         int((s.frame.altitude_m - down_m) * 1e3),
-        *(max(-32768, min(32767, int(value * 100.0))) for value in s.truth.velocity_ned_m_s),
+        *(max(-32768, min(32767, int(value * 100.0))) for value in truth.velocity_ned_m_s),
         0,
         0,
         0,
