@@ -2,10 +2,10 @@
 
 `python bench/fidelity.py [px4|ardupilot] [--profile NAME]`; virtual time. Flight and figures are
 those with which the firmwares were measured: the least and the most of each figure over four
-flights, and a 50 Hz series of one, lie in tests/vehicles/embedded/fidelity. A figure is off by its
-distance from the firmware's range relative to the nearer end; an overshoot by its distance over
-0.15 m or 5 degrees. Beside it, the RMS distance between the series of each segment, counted from
-the segment's start.
+flights lie in vehicles/step_response, a 50 Hz series of one in tests/vehicles/embedded/fidelity. A
+figure is off by its distance from the firmware's range relative to the nearer end; an overshoot by
+its distance over 0.15 m or 5 degrees. Beside it, the RMS distance between the series of each
+segment, counted from the segment's start, and the orders of events.
 """
 
 import argparse
@@ -15,13 +15,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.vehicles.embedded.fidelity.comparison import (
-    compare,
-    distances,
-    load_figures,
-    load_series,
-)
-from tests.vehicles.embedded.fidelity.step_flight import figures_of, fly_steps
+from tests.vehicles.embedded.fidelity.comparison import distances, load_series
+from tests.vehicles.embedded.fidelity.step_flight import fly_steps
+from vehicles.step_response.comparison import compare, load_ranges
+from vehicles.step_response.figures import figures_of
 
 
 def main() -> None:
@@ -31,18 +28,21 @@ def main() -> None:
     arguments = parser.parse_args()
     for autopilot in arguments.autopilot:
         began_s = time.process_time()
-        flown = fly_steps(autopilot, arguments.profile)
+        flown, orders = fly_steps(autopilot, arguments.profile)
         cpu_s = time.process_time() - began_s
-        rows = compare(load_figures(autopilot), figures_of(flown))
+        rows = compare(load_ranges(autopilot), figures_of(flown))
         for row in rows:
             least, most = row.firmware
             mark = "  <--" if row.beyond else ""
             print(
                 f"{autopilot:9s} {row.segment:12s} {row.name:14s} firmware {least:>6} to {most:<6} "
-                f"embedded {row.embedded:>6} off {row.off:+.0%}{mark}"
+                f"embedded {row.flown!s:>6} off {row.off:+.0%}{mark}"
             )
         for segment, metres in distances(load_series(autopilot), flown).items():
             print(f"{autopilot:9s} {segment:13s} RMS {metres:.3f} m")
+        for order in orders:
+            mark = f"  <-- firmware {order.firmware}" if order.beyond else ""
+            print(f"{autopilot:9s} {order.name:13s} {' > '.join(order.flown)}{mark}")
         beyond = sum(row.beyond for row in rows)
         print(f"{autopilot}: {beyond} of {len(rows)} figures beyond 15 %, {cpu_s:.1f} s of CPU")
 

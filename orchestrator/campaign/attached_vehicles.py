@@ -18,6 +18,7 @@ from vehicles.errors import IdentifyError
 from vehicles.links.link import Link
 from vehicles.links.link_conditions import LinkConditions, under_conditions
 from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress
 from vehicles.links.udp import UdpLink
 
 _PLACE_S = 3.0
@@ -120,6 +121,23 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
         system_id=vehicle.system_id,
         rates=vehicle.rates,
     )
+    return await _look(driver, raw, address=link.name, timeout_s=timeout_s)
+
+
+async def find_at(address: LinkAddress, timeout_s: float) -> AttachedVehicle:
+    """Connect to the vehicle at an address and identify it. Raises VehicleError.
+
+    Nothing is changed in it, and the link is closed again.
+    """
+    link = open_link(address)
+    driver = Driver(name="vehicle", link=link)
+    return await _look(driver, [link], address=str(address), timeout_s=timeout_s)
+
+
+async def _look(
+    driver: Driver, links: Iterable[Link], *, address: str, timeout_s: float
+) -> AttachedVehicle:
+    """Identify a driver's vehicle, wait for its place and battery. Raises VehicleError."""
     loop = asyncio.get_running_loop()
     async with driver:
         began_s = loop.time()
@@ -128,11 +146,11 @@ async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
             if _complete(driver) and loop.time() - began_s >= _HEARTBEATS_S:
                 break
             await asyncio.sleep(_LOOK_S)
-        _refuse_rivals(vehicle.name, raw)
+        _refuse_rivals(driver.name, links)
         state = driver.state
         return AttachedVehicle(
-            name=vehicle.name,
-            address=link.name,
+            name=driver.name,
+            address=address,
             identity=identity,
             place_deg=driver.place_deg,
             battery=None if state.battery is None else state.battery.remaining,

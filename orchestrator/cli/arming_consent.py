@@ -1,4 +1,4 @@
-"""What has to be settled before `run` flies vehicles that are not our own."""
+"""What has to be settled before vehicles are flown that are not our own."""
 
 import asyncio
 import os
@@ -10,6 +10,7 @@ from orchestrator.campaign.attached_vehicles import (
     AttachedVehicle,
     attached_vehicles,
     find_all,
+    find_at,
     flown_vehicles,
     kind_of_real,
 )
@@ -18,6 +19,7 @@ from orchestrator.cli.standard_streams import err
 from orchestrator.model.clock import Clock
 from orchestrator.model.results import VehicleKind
 from vehicles.errors import VehicleError
+from vehicles.links.link_strings import LinkAddress
 
 REFUSED = 2
 NOT_HAD = 3
@@ -102,6 +104,38 @@ def _clock(campaign: Campaign, asked: Clock | None) -> Clock:
     return asked or ("wall" if outside and able == "virtual" else able)
 
 
+def clear_vehicle(address: LinkAddress, *, purpose: str, arm_real: bool) -> AttachedVehicle:
+    """Identify the simulator at an address, and get the consent to arm it. Raises RefusedError.
+
+    purpose: what it is armed for. What does not say that it is a simulation is refused.
+    """
+    if not arm_real:
+        raise RefusedError(
+            f"{address}: it may be hardware, and is armed only with --arm-real; without --fly it "
+            "is identified alone",
+            REFUSED,
+        )
+    found = find_vehicle(address)
+    err(found)
+    if not found.identity.simulation:
+        raise RefusedError(
+            f"{found.name} reports a board ({found.identity.uid}), not a simulation: {purpose} is "
+            "for simulators alone; start the firmware as SITL and give its link",
+            REFUSED,
+        )
+    _refuse_armed(found)
+    _ask_person(f"{purpose}. Arm {found.name} ({found.where}) and take off? [y/N] ")
+    return found
+
+
+def find_vehicle(address: LinkAddress) -> AttachedVehicle:
+    """Return the vehicle at an address, identified. Raises RefusedError."""
+    try:
+        return asyncio.run(find_at(address, _IDENTIFY_S))
+    except VehicleError as error:
+        raise RefusedError(str(error), NOT_HAD) from error
+
+
 def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
     """Return the attached vehicles to be armed, identified. Raises RefusedError."""
     try:
@@ -110,19 +144,29 @@ def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
         raise RefusedError(str(error), NOT_HAD) from error
     for one in found:
         err(one)
-        if one.armed:
-            raise RefusedError(f"{one.name} is armed already; disarm it and start again", NOT_HAD)
+        _refuse_armed(one)
     return found
 
 
+def _refuse_armed(vehicle: AttachedVehicle) -> None:
+    """Refuse a vehicle that is armed. Raises RefusedError."""
+    if vehicle.armed:
+        raise RefusedError(f"{vehicle.name} is armed already; disarm it and start again", NOT_HAD)
+
+
 def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
-    """Ask the person at the terminal for consent to arm, if there is one."""
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        return
+    """Ask the person at the terminal for consent to arm a campaign's vehicles."""
     names = " and ".join(f"{one.name} ({one.where})" for one in found)
     count = len(campaign.plans)
     runs = f"{count} run{'' if count == 1 else 's'}"
-    sys.stderr.write(f"campaign '{campaign.name}', {runs}. Arm {names} and take off? [y/N] ")
+    _ask_person(f"campaign '{campaign.name}', {runs}. Arm {names} and take off? [y/N] ")
+
+
+def _ask_person(question: str) -> None:
+    """Ask the person at the terminal, if there is one. Raises RefusedError without a yes."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return
+    sys.stderr.write(question)
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in {"y", "yes"}:
         raise RefusedError("not confirmed; nothing was armed", REFUSED)

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from orchestrator.cli.standard_streams import out
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.vehicle_check import check_vehicle
 from orchestrator.doctor import installed, links, machine, ports, programs
 from orchestrator.doctor.findings import Finding, as_text
 from orchestrator.state.parameter_backups import parameter_backup_folder
@@ -17,17 +18,22 @@ from safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
 from vehicles.launch.launch_records import find_orphans
 from vehicles.links.serial_port import ports as serial_ports
 
-TROUBLE = 3
+REFUSED, TROUBLE = 2, 3
 
 
 def doctor(
     *files: Path,
     out_: Annotated[Path, Parameter(name="--out")] = Path("results"),
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    vehicle: str | None = None,
+    fly: Annotated[bool, Parameter(negative=())] = False,
+    arm_real: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Look at what is installed, at ports, autopilots, brokers, clocks and permissions.
 
-    Exits with 3 when something is in the way of every campaign, or of those named.
+    Exits with 3 when something is in the way of every campaign, or of those named. With --vehicle
+    it looks at that vehicle alone; with --fly it exits with 1 when the vehicle differs from the
+    firmware that the embedded vehicles emulate.
 
     Parameters
     ----------
@@ -37,7 +43,19 @@ def doctor(
         The folder where results are to go.
     json_
         Print one JSON document.
+    vehicle
+        The link to a vehicle, as udpin://127.0.0.1:14540, to be identified.
+    fly
+        Fly that vehicle, which must be a simulator, through step responses in real time (about
+        three minutes), and compare its figures and the order of its events with the firmware's.
+    arm_real
+        Consent that the vehicle is armed.
     """
+    if vehicle is not None or fly:
+        if files:
+            err("--vehicle and --fly look at a vehicle alone; leave the campaign files out")
+            return REFUSED
+        return check_vehicle(vehicle, fly=fly, arm_real=arm_real, results=out_, as_json=json_)
     findings = [*_findings(out_), *links.campaign_links(files)]
     if json_:
         out(json.dumps([asdict(one) for one in findings], indent=2, ensure_ascii=False))

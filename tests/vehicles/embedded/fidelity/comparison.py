@@ -1,71 +1,25 @@
-"""Figures and series of a flight held against the firmware's."""
+"""The series of a flight held against the firmware's."""
 
 import csv
 import gzip
-import json
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from tests.vehicles.embedded.fidelity.step_flight import Autopilot, Figures, Sample, Series
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.step_response.segments import Sample, Series
 
-LIMIT = 0.15
 _HERE = Path(__file__).parent
-_OVERSHOOT = {"m": 0.15, "g": 5.0}
-"""An overshoot, which may be near zero, is off by its distance over 0.15 m, or 5 degrees."""
-
-Ranges = dict[str, dict[str, tuple[float, float]]]
 
 
-class Row(NamedTuple):
-    """A figure: of the firmware (least, most), of the embedded vehicle, and how far off it is."""
-
-    segment: str
-    name: str
-    firmware: tuple[float, float]
-    embedded: float | None
-    off: float
-
-    @property
-    def beyond(self) -> bool:
-        """Return whether the figure is beyond the limit."""
-        return abs(self.off) > LIMIT
-
-
-def load_figures(autopilot: Autopilot) -> Ranges:
-    """Return the least and the most of each figure over four flights of the firmware."""
-    ranges: Ranges = json.loads((_HERE / f"{autopilot}.json").read_text("utf-8"))
-    return ranges
-
-
-def load_series(autopilot: Autopilot) -> Series:
+def load_series(autopilot: AutopilotName) -> Series:
     """Return the series of one flight of the firmware."""
     flown: Series = {}
     with gzip.open(_HERE / f"{autopilot}.csv.gz", "rt", newline="") as file:
         for segment, *values in list(csv.reader(file))[1:]:
             flown.setdefault(segment, []).append(Sample(*map(float, values)))
     return flown
-
-
-def compare(firmware: Ranges, embedded: Figures) -> list[Row]:
-    """Return how far each figure is off the firmware's range."""
-    rows = []
-    for segment, figures in firmware.items():
-        for name, (least, most) in figures.items():
-            here = embedded.get(segment, {}).get(name)
-            rows.append(Row(segment, name, (least, most), here, _off(name, here, least, most)))
-    return rows
-
-
-def _off(name: str, here: float | None, least: float, most: float) -> float:
-    if here is None:
-        return math.inf
-    end = min(max(here, least), most)
-    if name.startswith("overshoot"):
-        return (here - end) / _OVERSHOOT[name[-1]] * LIMIT
-    return here / end - 1.0
 
 
 def distances(firmware: Series, embedded: Series) -> dict[str, float]:

@@ -2,38 +2,54 @@
 
 import pytest
 
-from tests.vehicles.embedded.fidelity.comparison import (
-    LIMIT,
-    compare,
-    distances,
-    load_figures,
-    load_series,
-)
-from tests.vehicles.embedded.fidelity.step_flight import Autopilot, Series, figures_of, fly_steps
+from tests.vehicles.embedded.fidelity.comparison import distances, load_series
+from tests.vehicles.embedded.fidelity.step_flight import fly_steps
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.step_response.comparison import LIMIT, compare, load_ranges
+from vehicles.step_response.event_order import OrderRow
+from vehicles.step_response.figures import figures_of
+from vehicles.step_response.segments import Series
 
 FARTHEST_M = 0.15
 SCATTERS = {"px4": {"back 0.4", "back 0.8", "back 1.5"}, "ardupilot": set()}
 """They begin where the stop before ended, which differs by 0.25 m between PX4's own flights."""
 
+Flight = tuple[AutopilotName, Series, list[OrderRow]]
+
 
 @pytest.fixture(scope="module", params=["px4", "ardupilot"])
-def flight(request: pytest.FixtureRequest) -> tuple[Autopilot, Series]:
-    return request.param, fly_steps(request.param)
+def flight(request: pytest.FixtureRequest) -> Flight:
+    return request.param, *fly_steps(request.param)
 
 
-def test_every_figure_is_within_reach_of_the_firmware(flight: tuple[Autopilot, Series]) -> None:
-    autopilot, flown = flight
-    rows = compare(load_figures(autopilot), figures_of(flown))
+def test_every_figure_is_within_reach_of_the_firmware(flight: Flight) -> None:
+    autopilot, flown, _ = flight
+    rows = compare(load_ranges(autopilot), figures_of(flown))
     assert len(rows) == 22
     assert [row for row in rows if row.beyond] == []
 
 
-def test_each_segment_is_where_the_firmware_is(flight: tuple[Autopilot, Series]) -> None:
-    autopilot, flown = flight
+def test_each_segment_is_where_the_firmware_is(flight: Flight) -> None:
+    autopilot, flown, _ = flight
     apart = distances(load_series(autopilot), flown)
     assert len(apart) == 16
     far = {k: v for k, v in apart.items() if v > FARTHEST_M and k not in SCATTERS[autopilot]}
     assert far == {}
+
+
+def test_events_follow_each_other_as_the_firmware_has_them(flight: Flight) -> None:
+    assert len(flight[2]) == 7
+    assert [row for row in flight[2] if row.beyond] == []
+
+
+def test_another_gain_is_seen() -> None:
+    flown, _ = fly_steps("px4", parameters={"MPC_XY_VEL_P_ACC": 1.2})
+    off = {
+        (row.segment, row.name)
+        for row in compare(load_ranges("px4"), figures_of(flown))
+        if row.beyond
+    }
+    assert ("speed 0.8", "t63_s") in off
 
 
 def test_a_figure_beyond_the_limit_is_seen() -> None:

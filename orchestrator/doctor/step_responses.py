@@ -1,0 +1,169 @@
+"""Flies the step responses with a simulator at a link, under a guard that lands it for certain."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchestrator.campaign.attached_vehicles import AttachedVehicle
+from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings, decisive
+from safety.guard.guard import Guard
+from safety.guard.process.guard_config import GuardConfig, Guarded
+from safety.guard.process.remote_guard import RemoteGuard
+from vehicles.autopilots.autopilot import Autopilot, Target
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.driver import Driver
+from vehicles.errors import VehicleError
+from vehicles.links.link_strings import LinkAddress
+from vehicles.links.tapped import TappedLink
+from vehicles.step_response.comparison import Row, compare, load_ranges
+from vehicles.step_response.event_order import EventTrace, OrderRow, order_rows
+from vehicles.step_response.figures import figures_of
+from vehicles.step_response.flight import StepFlight
+from vehicles.step_response.segments import Series
+from vehicles.tasks import finish, start, stop
+
+_NAME = "vehicle"
+_IDENTIFY_S = 10.0
+_AT_REST_S = 3.0
+_ALL_DOWN_S = 60.0
+_HANGING_S = 1.0
+"""How long this process may be silent until the guard lands, as in runs."""
+
+Progress = Callable[[str], None]
+
+
+class NotDownError(VehicleError):
+    """The vehicle is not seen on the ground and disarmed at the end."""
+
+
+class OperatorAbortError(VehicleError):
+    """An operator aborted the flight by a command."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """What a flight of step responses came to: figures and orders beside the firmware's."""
+
+    figures: tuple[Row, ...]
+    orders: tuple[OrderRow, ...]
+
+    @property
+    def beyond(self) -> int:
+        """Return how many figures and orders differ from the firmware's."""
+        orders = sum(one.beyond for one in self.orders)
+        return sum(one.beyond for one in self.figures) + orders
+
+    @property
+    def total(self) -> int:
+        """Return how many figures and orders there are."""
+        return len(self.figures) + len(self.orders)
+
+
+def fly_step_responses(
+    found: AttachedVehicle, address: LinkAddress, *, folder: Path, progress: Progress
+) -> Flown:
+    """Fly the step responses in real time; it is landed and disarmed when this returns or raises.
+
+    folder: where the guard writes the log of frames. Raises VehicleError; KeyboardInterrupt after
+    SIGINT, SIGTERM or SIGHUP.
+    """
+    try:
+        return asyncio.run(_fly(found, address, folder, progress))
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+
+
+async def _fly(
+    found: AttachedVehicle, address: LinkAddress, folder: Path, progress: Progress
+) -> Flown:
+    autopilot = autopilot_named(found.identity.autopilot)
+    target = Target(found.identity.system_id, found.identity.component_id)
+    guard = _guard(autopilot, target, address, folder)
+    link = TappedLink(guard.link(_NAME))
+    trace = EventTrace(autopilot=autopilot, target=target)
+    link.tap(trace.take)
+    driver = Driver(name=_NAME, link=link, autopilot=autopilot.name, system_id=target.system)
+    with _interrupts_cancel():
+        async with guard, driver:
+            await driver.identify(_IDENTIFY_S)
+            flight = StepFlight(driver, progress=progress)
+            try:
+                flown = await _unless_taken_over(flight, guard)
+            except BaseException as error:
+                progress("bring down")
+                await finish(_bring_down(guard, str(error) or "interrupted"), name="landing")
+                raise
+            if not await guard.at_rest(_AT_REST_S):
+                why = f"{_NAME} reported disarmed, and armed after that"
+                await finish(_bring_down(guard, why), name="landing")
+    rows = compare(load_ranges(autopilot.name), figures_of(flown))
+    return Flown(tuple(rows), tuple(order_rows(trace.events, autopilot.name)))
+
+
+def _guard(autopilot: Autopilot, target: Target, address: LinkAddress, folder: Path) -> RemoteGuard:
+    """Return the guard in a process of its own, which lands also without this one."""
+    vehicle = GuardedVehicle(autopilot=autopilot, target=target, attached=True)
+    return RemoteGuard(
+        guard_config=GuardConfig(
+            run="doctor",
+            folder=str(folder.absolute()),
+            epoch_s=time.time() - asyncio.get_running_loop().time(),
+            vehicles={_NAME: Guarded(vehicle=vehicle, link=str(address))},
+            settings=GuardSettings(orchestrator_silent_s=_HANGING_S),
+        )
+    )
+
+
+async def _unless_taken_over(flight: StepFlight, guard: RemoteGuard) -> Series:
+    """Fly until the guard takes over. Raises VehicleError with the guard's reason."""
+    task = start(flight.fly(), name="step responses")
+    causes: list[GuardEvent] = []
+
+    def heed(event: GuardEvent) -> None:
+        if decisive(event) is not None:
+            causes.append(event)
+            task.cancel()
+
+    guard.on_event(heed)
+    try:
+        await asyncio.wait([task])
+    finally:
+        if not task.done():
+            await stop(task)
+    if causes:
+        kind = OperatorAbortError if causes[0].kind == "abort" else VehicleError
+        raise kind(f"the guard lands {_NAME}: {causes[0].text}")
+    return task.result()
+
+
+async def _bring_down(guard: Guard, reason: str) -> None:
+    """Have the guard land and disarm the vehicle. Raises NotDownError."""
+    guard.bring_down(reason)
+    if not await guard.all_down(_ALL_DOWN_S):
+        raise NotDownError(
+            f"{reason}; {_NAME} is not seen on the ground and disarmed {_ALL_DOWN_S:g} s after the "
+            "guard took over; look at the simulator"
+        )
+
+
+@contextmanager
+def _interrupts_cancel() -> Iterator[None]:
+    """Have SIGINT, SIGTERM and SIGHUP, however often, cancel the task that is inside."""
+    loop, task = asyncio.get_running_loop(), asyncio.current_task()
+    numbers = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) is not signal.SIG_IGN
+    ]
+    for number in numbers:
+        if task is not None:
+            loop.add_signal_handler(number, task.cancel)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            loop.remove_signal_handler(number)

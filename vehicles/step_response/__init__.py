@@ -1,0 +1,1 @@
+"""Step responses by which vehicles are compared with firmwares: flight, figures, ranges."""

@@ -1,0 +1,65 @@
+"""Figures of a flight held against the firmware's ranges; pure but for reading the ranges."""
+
+import json
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.step_response.figures import Figures
+
+LIMIT = 0.15
+"""How far off the firmware's range a figure may be, relative to the range's nearer end."""
+FIRMWARES: dict[AutopilotName, str] = {
+    "px4": "PX4 of August 2026 in SIH",
+    "ardupilot": "ArduCopter 4.7 in SITL",
+}
+"""What was flown four times for the ranges, and what the embedded vehicles emulate."""
+_OVERSHOOT = {"m": 0.15, "g": 5.0}
+"""An overshoot, which may be near zero, is off by its distance over 0.15 m, or 5 degrees."""
+
+Ranges = dict[str, dict[str, tuple[float, float]]]
+
+
+class Row(NamedTuple):
+    """A figure: of the firmware (least, most), of the vehicle, and how far off it is.
+
+    off: relative to the range's nearer end; infinite without a figure.
+    """
+
+    segment: str
+    name: str
+    firmware: tuple[float, float]
+    flown: float | None
+    off: float
+
+    @property
+    def beyond(self) -> bool:
+        """Return whether the figure is beyond the limit."""
+        return abs(self.off) > LIMIT
+
+
+def load_ranges(autopilot: AutopilotName) -> Ranges:
+    """Return the least and the most of each figure over four flights of the firmware."""
+    file = Path(__file__).with_name(f"{autopilot}.json")
+    ranges: Ranges = json.loads(file.read_text("utf-8"))
+    return ranges
+
+
+def compare(firmware: Ranges, flown: Figures) -> list[Row]:
+    """Return how far each figure is off the firmware's range."""
+    rows = []
+    for segment, figures in firmware.items():
+        for name, (least, most) in figures.items():
+            here = flown.get(segment, {}).get(name)
+            rows.append(Row(segment, name, (least, most), here, _off(name, here, least, most)))
+    return rows
+
+
+def _off(name: str, here: float | None, least: float, most: float) -> float:
+    if here is None or not math.isfinite(here):
+        return math.inf
+    end = min(max(here, least), most)
+    if name.startswith("overshoot"):
+        return (here - end) / _OVERSHOOT[name[-1]] * LIMIT
+    return here / end - 1.0
