@@ -1,8 +1,8 @@
 """The runs of a campaign file as tests of pytest.
 
 A FAIL is a failed test. INVALID, ERROR and ABORTED are errors, for they prove nothing about the
-autonomy. What does not count against the campaign is skipped, with its verdict as the reason, as
-in junit.xml.
+autonomy; so is a run in which an exception of this program came up. What does not count against the
+campaign is skipped, with its verdict as the reason, as in junit.xml.
 """
 
 from collections.abc import Iterator
@@ -104,6 +104,9 @@ class RunItem(pytest.Item):
         self.user_properties += [("seed", result.seed), ("verdict", result.verdict)]
         proves = result.verdict in {"PASS", "FAIL"}
         is_met = result.control is not None and result.control.met
+        if result.exceptions:
+            # No share forgives it, and `wil-campaign run` ends with 3 whatever the run counts.
+            pytest.fail("\n".join([_text(result), *result.exceptions]), pytrace=False)
         if not (proves or is_met):
             self._skip_reported(result)
             pytest.fail(_text(result), pytrace=False)

@@ -2,7 +2,9 @@
 
 FAIL is a failure; ERROR, INVALID and ABORTED are errors. A run that does not count against the
 campaign (reported only, or a FAIL that its share forgives) is `skipped` with what happened as its
-message: visible, and the suite stays green. Required runs that were not flown are an error.
+message: visible, and the suite stays green. Required runs that were not flown are an error; so is
+whatever else keeps the campaign from being accepted: an exception of ours, an operator, controls
+that were not flown. The suite is green with an accepted campaign, or where nothing was required.
 """
 
 import xml.etree.ElementTree as ET
@@ -20,7 +22,7 @@ from orchestrator.model.caveats import (
     unshown_texts,
 )
 from orchestrator.model.control_results import control_faults
-from orchestrator.model.results import RunResult, Summary, standings_of
+from orchestrator.model.results import NOT_ARMED, RunResult, Summary, standings_of
 from safety.model.oracle_results import OracleResult
 
 
@@ -35,6 +37,8 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         if not standing.is_complete
     ]
     cases += [_control(summary.campaign, run) for run in summary.controls]
+    if summary.accepted is False and not any(map(_is_red, cases)):
+        cases.append(_unaccepted_case(summary))
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
     said = {
@@ -74,7 +78,11 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
         time=_seconds(run.duration_s or 0.0),
     )
     said = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
-    if run.verdict != "PASS":
+    if run.exceptions or _is_stopped(run):
+        # No share forgives it, and the exit code has it whether or not the run is required.
+        message = "; ".join([run.reason, *_untold(run)])
+        ET.SubElement(case, "error", message=_clean(message), type=run.verdict)
+    elif run.verdict != "PASS":
         if not run.required:
             ET.SubElement(case, "skipped", message=_clean(f"reported only: {said}"))
         elif run.verdict == "FAIL" and met:
@@ -86,14 +94,30 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
     return case
 
 
+def _is_stopped(run: RunResult) -> bool:
+    """Return whether an operator or pilot ended a run, and the campaign with it."""
+    return run.verdict == "ABORTED" and run.reason != NOT_ARMED
+
+
+def _untold(run: RunResult) -> list[str]:
+    """Return the exceptions of ours in a run that its reason does not name."""
+    return [text for text in run.exceptions if text not in run.reason]
+
+
+def _is_red(case: ET.Element) -> bool:
+    """Return whether a JUnit test case failed."""
+    return any(case.find(tag) is not None for tag in ("failure", "error"))
+
+
 def _control(campaign: str, run: RunResult) -> ET.Element:
     """Return a control as a JUnit test case, which succeeds when it ended as expected."""
     classname = _clean(f"{campaign}.controls.{run.case}.{run.mode}")
     seconds = _seconds(run.duration_s or 0.0)
     case = ET.Element("testcase", classname=classname, name=_name(run), time=seconds)
-    for fault in control_faults([run]):
-        tag = "error" if run.verdict in {"ERROR", "INVALID", "ABORTED"} else "failure"
-        ET.SubElement(case, tag, message=_clean(fault), type=run.verdict)
+    if faults := [*control_faults([run]), *run.exceptions]:
+        is_error = run.exceptions or run.verdict in {"ERROR", "INVALID", "ABORTED"}
+        tag = "error" if is_error else "failure"
+        ET.SubElement(case, tag, message=_clean("; ".join(faults)), type=run.verdict)
     _write_out(case, run, f"{run.verdict}, and must not pass: {run.reason}")
     return case
 
@@ -117,6 +141,17 @@ def _missing_case(campaign: str, standing: Standing) -> ET.Element:
     classname = _clean(f"{campaign}.{wanted.case}.{wanted.mode}")
     case = ET.Element("testcase", classname=classname, name="not flown", time="0.000")
     ET.SubElement(case, "error", message=_clean(str(standing)), type="NOT_FLOWN")
+    return case
+
+
+def _unaccepted_case(summary: Summary) -> ET.Element:
+    """Return a JUnit test case for a campaign that is not accepted though no run failed."""
+    why = "it was stopped, or an exception of this program came up: its log.jsonl has them"
+    if summary.not_flown:
+        why = f"never flown: {', '.join(summary.not_flown)}"
+    case = ET.Element("testcase", classname=_clean(summary.campaign), name="accepted", time="0.000")
+    message = _clean(f"the campaign is not accepted; {why}")
+    ET.SubElement(case, "error", message=message, type="NOT_ACCEPTED")
     return case
 
 

@@ -3,12 +3,13 @@
 import subprocess
 import sys
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
 import wil_campaign
+from orchestrator.api import pytest_items
 from orchestrator.api.flight_process import only_runs
 from tests.orchestrator.hover import write_hover
 from tests.test_house import ROOT
@@ -142,6 +143,23 @@ def test_a_campaign_that_cannot_be_flown_is_an_error_of_each_run(inner: pytest.P
     result = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml", "--wil-jobs", "0", "-k", "good")
     result.assert_outcomes(errors=1, deselected=4)
     result.stdout.fnmatch_lines(["*--jobs 0: must be at least 1"])
+
+
+def test_an_exception_of_this_program_is_an_error_that_no_share_forgives(
+    inner: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, session: Session
+) -> None:
+    write_cases(inner.path)
+    flown = session.results
+    spoilt = {"good": "PASS", "spare": "FAIL"}
+    runs = tuple(
+        replace(one, exceptions=("RuntimeError: boom",)) if one.case in spoilt else one
+        for one in flown.runs
+    )
+    results = replace(flown, summary=replace(flown.summary, runs=runs))
+    monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)
+    result = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml", "-k", "good or spare")
+    result.assert_outcomes(errors=2, deselected=3)
+    result.stdout.fnmatch_lines(["RuntimeError: boom"])
 
 
 def test_some_runs_of_a_campaign_are_a_campaign_that_says_what_is_missing(tmp_path: Path) -> None:

@@ -1,10 +1,24 @@
 """junit.xml: what counts is red, what is only reported is visible, and nothing breaks the XML."""
 
+import itertools
 import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import Any
+
+import pytest
 
 from campaigns.values.acceptance import Requirement, Share
+from orchestrator.model.control_results import ControlResult
 from orchestrator.model.junit import junit_xml
-from orchestrator.model.results import Also, RunResult, SyncResult, summarize
+from orchestrator.model.results import (
+    NOT_ARMED,
+    Also,
+    RunResult,
+    SyncResult,
+    accepted,
+    exit_code,
+    summarize,
+)
 from safety.model.oracle_results import OracleResult, Verdict
 
 REQUIRED = (Requirement("large", "sim", Share(2, 2)),)
@@ -34,6 +48,7 @@ def suite(
     *runs: RunResult,
     requirements: tuple[Requirement, ...] = REQUIRED,
     left_out: tuple[str, ...] = (),
+    **ended: Any,
 ) -> ET.Element:
     summary = summarize(
         runs,
@@ -44,6 +59,7 @@ def suite(
         real_kind="embedded",
         sensors={},
         left_out=left_out,
+        **ended,
     )
     root = ET.fromstring(junit_xml(summary, requirements))  # noqa: S314 - our own document
     found = root.find("testsuite")
@@ -124,3 +140,57 @@ def test_any_reason_is_good_xml() -> None:
     failure = case.find("failure")
     assert failure is not None
     assert failure.get("message") == "<b>&\"'???? \u00e9\U0001f600 ]]>"
+
+
+HALF = (Requirement("large", "sim", Share(1, 2)),)
+BOOM = ("RuntimeError: boom, in the guard",)
+CONTROL = ControlResult("large", "FAIL", "collision", None, met=True)
+BOTH = (run("PASS", 1), run("PASS", 2))
+
+
+@pytest.mark.parametrize(
+    ("runs", "ended", "code"),
+    [
+        ((run("PASS", 1), replace(run("FAIL", 2), exceptions=BOOM)), {}, 3),
+        ((*BOTH, replace(run("ERROR", 1, required=False), exceptions=BOOM)), {}, 3),
+        ((*BOTH, replace(run("FAIL", 1), control=CONTROL, exceptions=BOOM)), {}, 3),
+        ((*BOTH, run("ABORTED", 1, required=False)), {}, 4),
+        (BOTH, {"broken": True}, 3),
+        (BOTH, {"controls_due": 1}, 3),
+        (BOTH, {"controls_due": 1, "stopped": "signal"}, 130),
+        (BOTH, {"missing": 1}, 3),
+    ],
+)
+def test_what_is_not_accepted_is_never_green(
+    runs: tuple[RunResult, ...], ended: dict[str, Any], code: int
+) -> None:
+    assert exit_code(runs, HALF, **ended) == code
+    found = suite(*runs, requirements=HALF, **ended)
+    assert int(found.get("errors", "0")) == 1, [outcome(case) for case in found]
+    assert found.get("failures") == "0"
+
+
+def test_a_suite_is_red_exactly_where_the_campaign_is_not_accepted() -> None:
+    verdicts: tuple[Verdict, ...] = ("PASS", "FAIL", "ERROR")
+    of_runs = [
+        replace(run(verdict, rep), exceptions=exceptions)
+        for rep, verdict, exceptions in itertools.product((1, 2), verdicts, ((), BOOM))
+    ]
+    ends: tuple[dict[str, Any], ...] = ({}, {"broken": True}, {"controls_due": 1}, {"missing": 1})
+    pairs = itertools.product(of_runs[:6], of_runs[6:])
+    for pair, requirements, ended in itertools.product(pairs, (REQUIRED, HALF), ends):
+        found = suite(*pair, requirements=requirements, **ended)
+        red = any(outcome(case) in {"failure", "error"} for case in found)
+        assert red is not accepted(pair, requirements, **ended), (pair, requirements, ended)
+
+
+def test_a_campaign_that_is_not_accepted_says_what_was_never_flown() -> None:
+    found = suite(*BOTH, controls_due=1, not_flown=("bare/sim/1",))
+    error = found[-1].find("error")
+    assert error is not None
+    assert error.get("message") == "the campaign is not accepted; never flown: bare/sim/1"
+
+
+def test_what_was_not_armed_as_asked_is_no_error() -> None:
+    (case,) = suite(run("ABORTED", 1, required=False, reason=NOT_ARMED), requirements=())
+    assert outcome(case) == "skipped"
