@@ -1,11 +1,12 @@
 """The twin beside the judged flight: how far it is from its vehicle, and whether it drops out."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from orchestrator.model.results import percentiles
 from orchestrator.model.twin_results import DropOut, TwinResult
-from orchestrator.state.run_state import RunState
+from orchestrator.state.run_state import RunState, Stage
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.coupling import Coupling
@@ -13,14 +14,17 @@ from worlds.frames import norm, subtract
 
 _HZ = 20.0
 _DELAY_S = 0.1
-"""How long after a moment both vehicles' poses of it have come."""
+"""How long after a moment both vehicles' poses of it have mostly come; a radio may take longer."""
+_WAIT_S = 1.5
+"""How long poses of a moment are waited for: as long as a vehicle's history has it."""
 
 
 class TwinMonitor:
     """Measures the distance of a pair while its goal is flown; one beyond its limit is INVALID.
 
-    So is a twin that drops out, where the mixture is made of readings from the twin's own place.
-    Neither ends the flight of the real vehicle, which is flown and judged as it is.
+    So is one that could never be measured, for then nothing shows that the limit was kept, and a
+    twin that drops out, where the mixture is made of readings from the twin's own place.
+    None of it ends the flight of the real vehicle, which is flown and judged as it is.
     """
 
     def __init__(self, *, coupling: Coupling, limit_m: float, run_state: RunState) -> None:
@@ -29,6 +33,8 @@ class TwinMonitor:
         self._run_state = run_state
         self._distances_m: list[float] = []
         self._is_beyond = False
+        self._waiting: deque[float] = deque()
+        self._asked_for = 0
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
@@ -36,6 +42,7 @@ class TwinMonitor:
         """Take who the twin is, and which mixtures need it to be where its vehicle is."""
         self._twin, self._needed_by = twin, tuple(needed_by)
         self._run_state.on_drop_out(self._drop_out)
+        self._run_state.on_stage(self._stage)
 
     async def run(self, contexts: Sequence[VehicleContext], alive: Callable[[], None]) -> None:
         """Measure until the goal is done; go on until cancelled. alive: called at each tick."""
@@ -47,7 +54,9 @@ class TwinMonitor:
             await sleep_until(t0_s + _DELAY_S + count / _HZ)
             alive()
             if not self._is_over():
-                self._measure(contexts, t0_s + count / _HZ)
+                self._asked_for += 1
+                self._waiting.append(t0_s + count / _HZ)
+            self._measure_waiting(contexts, loop.time())
 
     def result(self) -> TwinResult:
         """Return what was measured so far."""
@@ -65,16 +74,22 @@ class TwinMonitor:
         ended = any(self._run_state.reached(stage) for stage in ("done", "land", "end"))
         return ended or self._twin in self._run_state.dropped_out
 
-    def _measure(self, contexts: Sequence[VehicleContext], t_s: float) -> None:
-        found = [context.poses.at(t_s) for context in contexts]
-        places = [
-            one.pose.position_ned_m
-            for one in found
-            if one.pose is not None and one.kind == "interpolated"
-        ]
-        if len(places) != 2:
-            return
-        distance_m = norm(subtract(places[0], places[1]))
+    def _measure_waiting(self, contexts: Sequence[VehicleContext], now_s: float) -> None:
+        """Measure at the moments of which poses have come by now, of a late vehicle too."""
+        for _ in range(len(self._waiting)):
+            t_s = self._waiting.popleft()
+            found = [context.poses.at(t_s) for context in contexts]
+            places = [
+                one.pose.position_ned_m
+                for one in found
+                if one.pose is not None and one.kind == "interpolated"
+            ]
+            if len(places) == 2:
+                self._take(norm(subtract(places[0], places[1])), t_s)
+            elif now_s - t_s < _WAIT_S:
+                self._waiting.append(t_s)
+
+    def _take(self, distance_m: float, t_s: float) -> None:
         self._distances_m.append(distance_m)
         if distance_m <= self._limit_m or self._is_beyond:
             return
@@ -83,6 +98,20 @@ class TwinMonitor:
             "INVALID",
             f"real and twin were {distance_m:.2f} m apart; sync.max_twin_distance_m is "
             f"{self._limit_m:g} m",
+            t_s=t_s,
+            source="sync/twin",
+            ends_flight=False,
+        )
+
+    def _stage(self, stage: Stage, t_s: float) -> None:
+        """Decide at the landing: a limit that was never looked at was not kept."""
+        unseen = self._asked_for and not self._distances_m and self._twin
+        if stage != "landed" or not unseen or self._twin in self._run_state.dropped_out:
+            return
+        self._run_state.decide(
+            "INVALID",
+            f"the distance of real and twin was never measured, for at {self._asked_for} moments "
+            f"there were no poses of both; sync.max_twin_distance_m is {self._limit_m:g} m",
             t_s=t_s,
             source="sync/twin",
             ends_flight=False,
