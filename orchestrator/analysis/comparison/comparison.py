@@ -55,7 +55,9 @@ class Comparison:
     """What two sets of flights share, and how it changed.
 
     only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
-    that proved nothing in one of them. flips: runs whose verdict changed under the same seed.
+    that proved nothing in one of them. fewer_proven: cells of whose flights a larger share proves
+    nothing than before, in words: what rates and margins rest on are the others. flips: runs whose
+    verdict changed under the same seed.
     """
 
     changes: tuple[Change, ...]
@@ -63,6 +65,7 @@ class Comparison:
     only_after: tuple[str, ...] = ()
     unproven: tuple[str, ...] = ()
     flips: tuple[str, ...] = ()
+    fewer_proven: tuple[str, ...] = ()
 
     @property
     def worse(self) -> tuple[Change, ...]:
@@ -89,10 +92,12 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
         raise ComparisonError(f"they share no case and mode: {had}; and {has}")
     changes: list[Change] = []
     unproven: list[str] = []
+    fewer_proven: list[str] = []
     for cell in shared:
         old, new = ([run for run in each[cell] if is_proven(run)] for each in (before, after))
         if old and new:
             changes += _cell_changes(cell, old, new, limits)
+            fewer_proven += _fewer_proven(cell, before[cell], after[cell])
         else:
             unproven.append("/".join(cell))
     return Comparison(
@@ -101,7 +106,18 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
         only_after=tuple("/".join(cell) for cell in after if cell not in before),
         unproven=tuple(unproven),
         flips=tuple(text for cell in shared for text in _flips(before[cell], after[cell])),
+        fewer_proven=tuple(fewer_proven),
     )
+
+
+def _fewer_proven(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
+) -> list[str]:
+    """Return in words that more of a cell's flights prove nothing than before; empty if not."""
+    was, now = (sum(not is_proven(run) for run in runs) for runs in (old, new))
+    if now * len(old) <= was * len(new):
+        return []
+    return [f"{'/'.join(cell)}: {now} of {len(new)} flights, {was} of {len(old)} before"]
 
 
 def _cell_changes(

@@ -32,7 +32,7 @@ def compare(
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
     2: a folder is no campaign's, or they share no case and mode; 3: something is damaged, or a
-    shared case proves nothing.
+    shared case, or a larger share of its flights than before, proves nothing.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def compare(
     out(_as_json(found, baseline) if json_ else _as_text(found, baseline, after))
     for text in problems:
         err(printable(text))
-    if problems or found.unproven:
+    if problems or found.unproven or found.fewer_proven:
         return 3
     return 1 if found.worse else 0
 
@@ -90,6 +90,7 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
     lines = [f"{after.name} against {names}", "", table(head, rows), ""]
     lines += [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
+    lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
     lines += [f"not flown before: {cell}" for cell in found.only_after]
     worse = [f"{one.case}/{one.mode} {one.what}" for one in found.worse]

@@ -74,6 +74,22 @@ def test_equal_runs_that_differ_are_no_chance() -> None:
     assert change.why.startswith("the flights before are equal")
 
 
+def test_flights_that_prove_nothing_any_more_do_not_leave_the_rest_as_good_as_before(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    spoilt = [*flights("a", "wil", "PIIII", TEN[:5]), *flights("b", "wil", "PP", TEN[:2])]
+    sound = [*flights("a", "wil", "PPPPP", TEN[:5]), *flights("b", "wil", "PP", TEN[:2])]
+    said = "a/wil: 4 of 5 flights, 0 of 5 before"
+    assert compared(sound, spoilt).fewer_proven == (said,)
+    assert compared(spoilt, sound).fewer_proven == ()
+    assert compared(spoilt, spoilt).fewer_proven == (), "no more than before"
+    old = write_flown(tmp_path / "old", sound, with_motion=False)
+    new = write_flown(tmp_path / "new", spoilt, with_motion=False)
+    assert main(["compare", str(old), str(new)]) == 3
+    assert f"more flights that prove nothing: {said}" in capsys.readouterr().out
+    assert main(["compare", str(new), str(old)]) == 0
+
+
 def test_the_command_exits_1_when_a_case_became_worse(tmp_path: Path, capsys: Capture) -> None:
     old = write_flown(tmp_path / "old", flights("a", "wil", "P" * 10, TEN), with_motion=False)
     bad = write_flown(
