@@ -5,8 +5,6 @@ import json
 import os
 import platform
 import time
-from collections.abc import Iterator
-from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -14,9 +12,9 @@ from typing import Any
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_files import CaseFiles
 from orchestrator.campaign.imported_files import imported_by
+from orchestrator.campaign.named_files import named_files
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
-from worlds.files.documents import Data
 
 _VERSIONED = (
     "wil-campaign",
@@ -95,13 +93,13 @@ def _files(campaign: Campaign) -> set[Path]:
     """Return every file that the campaign reads or names.
 
     The campaign, its worlds and recipes, and what a text in one of them names beside it: the
-    autonomy, profiles, meshes, textures, steps, models.
+    autonomy, profiles, meshes with what these name, steps, models, programs, firmware, pictures.
     """
     files = {path.resolve() for path in campaign.paths}
     for case in _files_by_case(campaign).values():
         for document in (case.campaign, case.world, case.recipe):
             if document is not None:
-                files.update(_name_paths(document.data, document.path))
+                files.update(named_files(document.data, document.path))
     return files
 
 
@@ -137,25 +135,9 @@ def world_digest(files: CaseFiles) -> str:
     if files.world is None:
         return ""
     digest = hashlib.sha256(json.dumps(files.world.data, sort_keys=True, default=str).encode())
-    for path in _name_paths(files.world.data, files.world.path):
+    for path in named_files(files.world.data, files.world.path):
         digest.update(path.read_bytes())
     return f"sha256:{digest.hexdigest()}"
-
-
-def _name_paths(value: Data, beside: Path) -> Iterator[Path]:
-    """Yield the files that texts in a value name, `file.py:Name` included."""
-    if isinstance(value, dict):
-        for inner in value.values():
-            yield from _name_paths(inner, beside)
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _name_paths(inner, beside)
-    elif isinstance(value, str) and "." in value:
-        name = value.rpartition(":")[0] if ".py:" in value else value
-        with suppress(OSError, ValueError):  # a text that is no path at all
-            path = (beside.parent / name).resolve()
-            if path.is_file():
-                yield path
 
 
 def _versions(imported: frozenset[str]) -> dict[str, str]:

@@ -6,18 +6,14 @@ so that every relative name in them holds.
 
 import hashlib
 import os
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.setup.case_files import CaseFiles
+from orchestrator.campaign.named_files import with_companions
 from orchestrator.state.run_setup import RunOrder
 from worlds.files.documents import Document
-from worlds.files.paths import is_file
-
-_NAMING = frozenset({".obj", ".mtl", ".dae", ".gltf"})
-_NAMED = re.compile(r"[^\"'<>\t\r\n]+\.(?:mtl|png|jpg|jpeg|bmp|tga|bin)\b", re.IGNORECASE)
 
 
 class DamagedFileError(Exception):
@@ -47,30 +43,10 @@ def pack_files(paths: Iterable[Path], search_path: Iterable[str]) -> TravellingF
 
     search_path: `sys.path` of this process; of it only folders above one of the files travel.
     """
-    found: set[Path] = set()
-    waiting = list(paths)
-    while waiting:
-        path = waiting.pop()
-        if path not in found:
-            found.add(path)
-            waiting.extend(companions_of(path))
-    packed = tuple(_packed(path) for path in sorted(found))
+    packed = tuple(_packed(path) for path in with_companions(paths))
     folders = dict.fromkeys(str(Path(entry).resolve()) for entry in search_path)
     needed = [one for one in folders if any(Path(f.path).is_relative_to(one) for f in packed)]
     return TravellingFiles(packed, tuple(needed))
-
-
-def companions_of(path: Path) -> list[Path]:
-    """Return the materials and pictures that a mesh's file names, where they are."""
-    if path.suffix.lower() not in _NAMING:
-        return []
-    found: list[Path] = []
-    for name in _NAMED.findall(path.read_text("utf-8", "replace")):
-        words = name.split(" ")
-        # A keyword and options stand before a name, which may have blanks of its own.
-        tried = (path.parent / " ".join(words[k:]) for k in range(len(words)))
-        found.extend(one.resolve() for one in tried if one.name and is_file(one))
-    return found
 
 
 def unpack_files(sent: TravellingFiles, folder: Path) -> None:
