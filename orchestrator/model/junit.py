@@ -22,7 +22,13 @@ from orchestrator.model.caveats import (
     unshown_texts,
 )
 from orchestrator.model.control_results import control_faults
-from orchestrator.model.results import NOT_ARMED, RunResult, Summary, standings_of
+from orchestrator.model.results import (
+    NOT_ARMED,
+    RunResult,
+    Summary,
+    is_rehearsed,
+    standings_of,
+)
 from safety.model.oracle_results import OracleResult
 
 
@@ -78,7 +84,7 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
         time=_seconds(run.duration_s or 0.0),
     )
     said = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
-    if run.exceptions or _is_stopped(run):
+    if run.exceptions or (run.verdict == "ABORTED" and not is_rehearsed(run)):
         # No share forgives it, and the exit code has it whether or not the run is required.
         message = "; ".join([run.reason, *_untold(run)])
         ET.SubElement(case, "error", message=_clean(message), type=run.verdict)
@@ -94,14 +100,11 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
     return case
 
 
-def _is_stopped(run: RunResult) -> bool:
-    """Return whether an operator or pilot ended a run, and the campaign with it."""
-    return run.verdict == "ABORTED" and run.reason != NOT_ARMED
-
-
 def _untold(run: RunResult) -> list[str]:
-    """Return the exceptions of ours in a run that its reason does not name."""
-    return [text for text in run.exceptions if text not in run.reason]
+    """Return the exceptions of ours in a run, and what went wrong after one that was not armed."""
+    later = [one.reason for one in run.also if one.verdict == "ERROR" and run.reason == NOT_ARMED]
+    told = dict.fromkeys((*run.exceptions, *later))
+    return [text for text in told if text not in run.reason]
 
 
 def _is_red(case: ET.Element) -> bool:

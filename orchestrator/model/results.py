@@ -420,15 +420,23 @@ def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -
     return [standing for standing in standings_of(required, wanted) if not standing.met]
 
 
+def is_rehearsed(run: RunResult) -> bool:
+    """Return whether a run came to arming as --no-arm asks, and nothing went wrong after that.
+
+    An ERROR of its end is one: a vehicle may have kept parameters and fence of the run.
+    """
+    came_there = run.verdict == "ABORTED" and run.reason == NOT_ARMED
+    return came_there and not run.exceptions and all(one.verdict != "ERROR" for one in run.also)
+
+
 def rehearsal_code(runs: Sequence[RunResult]) -> int:
     """Return the exit code of results without arming (--no-arm): 5 when all works.
 
     A run that was aborted for another reason than that has shown nothing.
     """
-    aborted = [run.reason for run in runs if run.verdict == "ABORTED"]
-    if any(reason != NOT_ARMED for reason in aborted):
+    if any(run.verdict == "ABORTED" and run.reason != NOT_ARMED for run in runs):
         return 4
-    return 5 if len(aborted) == len(runs) else 3
+    return 5 if all(map(is_rehearsed, runs)) else 3
 
 
 def exit_code(

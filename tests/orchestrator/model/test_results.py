@@ -16,6 +16,7 @@ from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import (
     NOT_ARMED,
     VERDICTS,
+    Also,
     MixingResult,
     Percentiles,
     RunResult,
@@ -183,6 +184,17 @@ def test_a_rehearsal_is_good_only_when_all_came_to_arming(
         for reason in reasons
     ]
     assert rehearsal_code(runs) == code
+
+
+def test_a_rehearsal_that_left_something_on_a_vehicle_is_not_good() -> None:
+    good = replace(result("ABORTED"), reason=NOT_ARMED)
+    unjudged = replace(
+        good, also=(Also("INVALID", "collision cannot be judged: no pose seen", 9.0),)
+    )
+    kept = Also("ERROR", "real keeps the onboard configuration of this run: no answer", 9.0)
+    assert rehearsal_code([good, unjudged]) == 5
+    assert rehearsal_code([good, replace(unjudged, also=(*unjudged.also, kept))]) == 3
+    assert rehearsal_code([replace(good, exceptions=("RuntimeError: boom",))]) == 3
 
 
 @pytest.mark.parametrize(

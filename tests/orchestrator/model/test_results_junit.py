@@ -191,6 +191,11 @@ def test_a_campaign_that_is_not_accepted_says_what_was_never_flown() -> None:
     assert error.get("message") == "the campaign is not accepted; never flown: bare/sim/1"
 
 
-def test_what_was_not_armed_as_asked_is_no_error() -> None:
-    (case,) = suite(run("ABORTED", 1, required=False, reason=NOT_ARMED), requirements=())
+def test_what_was_not_armed_as_asked_is_no_error_unless_it_left_something_behind() -> None:
+    good = run("ABORTED", 1, required=False, reason=NOT_ARMED)
+    (case,) = suite(good, requirements=())
     assert outcome(case) == "skipped"
+    left = replace(good, also=(Also("ERROR", "real keeps its fence", 9.0),))
+    error = suite(left, requirements=())[0].find("error")
+    assert error is not None
+    assert error.get("message") == f"{NOT_ARMED}; real keeps its fence"
