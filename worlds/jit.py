@@ -72,6 +72,12 @@ def compiled(function: Function) -> Function:
     return kernel
 
 
+def is_kept(kernel: Callable[..., object]) -> bool:
+    """Return whether a JIT-compiled kernel is on disk already: its first call loads it."""
+    folder = cache_folder(Path(kernel.__code__.co_filename).parent)
+    return folder is not None and any(folder.rglob(f"*.{kernel.__name__}-*.nbi"))
+
+
 def inlined(function: Function) -> Function:
     """Return a helper that is JIT-compiled into each kernel that calls it.
 

@@ -10,6 +10,7 @@ from worlds.render.arrays import U32, Geometry, Looks
 from worlds.scene.meshes import BgrTexture, Material, Mesh
 from worlds.scene.scene import Scene
 
+_WHITE = (255, 255, 255)
 _SKY_HIGH, _SKY_LOW = (222, 176, 128), (238, 226, 212)
 _GROUND_FAR, _GROUND_NEAR = (168, 176, 172), (96, 108, 104)
 
@@ -96,8 +97,10 @@ def _mip_levels(texture: BgrTexture, material: Material) -> list[U32]:
     height, width = texture.shape[:2]
     if height & (height - 1) or width & (width - 1):
         raise ValueError(f"texture of {width} x {height}: sides must be powers of two")
-    tint = np.array(material.rgb[::-1], np.float64) / 255.0
-    level = np.round(texture * tint).astype(np.uint8)
+    level = texture
+    if material.rgb != _WHITE:
+        tint = np.array(material.rgb[::-1], np.float64) / 255.0
+        level = np.round(texture * tint).astype(np.uint8)
     chain = [_packed_texels(level)]
     while max(level.shape[:2]) > 1:
         size = (max(1, level.shape[1] // 2), max(1, level.shape[0] // 2))

@@ -6,6 +6,7 @@ has nothing kept and much to do it takes minutes: the pool would take that for a
 """
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -14,14 +15,30 @@ from orchestrator.state.run_setup import RunSetup
 from recipes.visibility.ranges import nearest_m
 from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.physics.contact_world import BODY
+from vehicles.embedded.physics.motion_kernel import estimate
 from vehicles.perception.hsv import NAMED_COLORS, HsvMask
 from worlds.camera import Intrinsics
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose
+from worlds.jit import is_kept
 from worlds.render.renderer import Renderer
+from worlds.render.shading import write_ids
+from worlds.scene.scene import Scene
 
 _FAR_M = 1000.0
 _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
+
+
+def load_kept_kernels() -> None:
+    """Load the kernels that this machine has compiled before, and compile none.
+
+    Run by the run server, whose forks so have them: half a second less for each run. What is
+    missing a run compiles, for a run can be aborted meanwhile.
+    """
+    if is_kept(estimate):
+        load_kernels()
+    if is_kept(write_ids):
+        load_rendering()
 
 
 def warm_up(setup: RunSetup) -> None:
@@ -34,11 +51,19 @@ def warm_up(setup: RunSetup) -> None:
     probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
     probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
     if any(vehicle.cameras for vehicle in setup.vehicles):
-        for scene in (setup.real_scene, setup.virtual_scene):
-            renderer = Renderer(scene)
-            for ids in (False, True):
-                seen = renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)
-        HsvMask(NAMED_COLORS["orange"]).of(seen.image_bgr)
+        load_rendering()
     sensors = [sensor for vehicle in setup.with_sensors for sensor in vehicle.sensors]
     if any(isinstance(sensor, LidarPointsSetup) for sensor in sensors):
         nearest_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))
+
+
+@cache
+def load_rendering() -> None:
+    """Load the kernels of rendering and of the search for colours, or compile them, once.
+
+    An empty scene serves: kernels are compiled for the types of their arguments.
+    """
+    renderer = Renderer(Scene(()))
+    for ids in (False, True):
+        seen = renderer.render(Pose((0.0, 0.0, -1.0)), _SMALL, 0.0, {}, want_ids=ids)
+    HsvMask(NAMED_COLORS["orange"]).of(seen.image_bgr)
