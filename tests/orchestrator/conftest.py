@@ -2,8 +2,9 @@
 
 import multiprocessing
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
 from orchestrator.run.flight.run import Disturb, fly
+from orchestrator.run.vehicles import vehicle_backends
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from safety.guard.core.operator_command import OperatorCommand
 
@@ -84,6 +86,18 @@ def forked_workers(fork_server: None) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def vehicles_on() -> Iterator[None]:
+    """Have embedded vehicles in this process on for a minute already, as those on the wall clock.
+
+    Their boot is no matter of most flights: 6 s of each with PX4, 40 s with ArduCopter.
+    """
+    on = partial(vehicle_backends.EmbeddedConfig, running_s=60.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vehicle_backends, "EmbeddedConfig", on)
+        yield
+
+
 GATE_FLOWN = (
     *("--case", "large", "--case", "blind", "--mode", "sim"),
     *(option for value in SMALL_CAMERAS for option in ("--set", value)),
@@ -105,7 +119,10 @@ def flown_gate(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> P
 
 @pytest.fixture
 def fly_run(tmp_path: Path) -> Fly:
-    """Return a function that flies one run of a shipped campaign in virtual time."""
+    """Return a function that flies one run of a shipped campaign in virtual time.
+
+    boots: vehicles are switched on with the run, as in campaigns; else they are on already.
+    """
     flown = 0
 
     def fly_one(
@@ -119,6 +136,7 @@ def fly_run(tmp_path: Path) -> Fly:
         disturb: Disturb | None = None,
         report: Report = lambda _: None,
         has_cameras: bool = True,
+        boots: bool = False,
     ) -> Flown:
         nonlocal flown
         flown += 1
@@ -133,6 +151,7 @@ def fly_run(tmp_path: Path) -> Fly:
         folder.mkdir()
         order = RunOrder(plan=plan, folder=folder, clock="virtual")
         setup = RunSetup.of(order)
-        return fly(setup, report, inbox or NoCommands(), disturb=disturb), folder
+        with nullcontext() if boots else vehicles_on():
+            return fly(setup, report, inbox or NoCommands(), disturb=disturb), folder
 
     return fly_one

@@ -14,8 +14,10 @@ from tests.orchestrator.flights import all_landed, rows_of
 Fly = Callable[..., tuple[RunResult, Path]]
 
 
-def flown(fly_run: Fly, *sets: str, mode: str = "wil") -> tuple[RunResult, Path]:
-    return fly_run("avoid-ardupilot", "default", mode, has_cameras=False, sets=sets)
+def flown(
+    fly_run: Fly, *sets: str, mode: str = "wil", boots: bool = False
+) -> tuple[RunResult, Path]:
+    return fly_run("avoid-ardupilot", "default", mode, has_cameras=False, sets=sets, boots=boots)
 
 
 def messages(log: Path) -> Counter[tuple[str, int]]:
@@ -35,7 +37,7 @@ def farthest_north_m(folder: Path, vehicle: str) -> float:
 
 
 def test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again(fly_run: Fly) -> None:
-    result, folder = flown(fly_run)
+    result, folder = flown(fly_run, boots=True)
     assert (result.verdict, result.reason) == ("PASS", "")
     farthest_m = farthest_north_m(folder, "real")
     # Ten seconds at 1 m/s would end behind the wall at 4.9 m; AVOID_MARGIN is 1.5 m.
@@ -45,7 +47,7 @@ def test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again(fly_
     assert {one.vehicle for one in result.outside.injected} == {"real", "twin"}
     assert all(one.sent > 100 and one.stale == 0 for one in result.outside.injected)
     assert all_landed(folder)
-    again, beside = flown(fly_run)
+    again, beside = flown(fly_run, boots=True)
     assert again.outside == result.outside, "the same seed injects the same"
     assert rows_of(beside) == rows_of(folder)
 

@@ -51,7 +51,7 @@ def guard_events(folder: Path) -> list[tuple[str, str]]:
 
 
 def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None:
-    result, folder = fly_run(inbox=Asks(TIGHTER), sets=AHEAD)
+    result, folder = fly_run(boots=True, inbox=Asks(TIGHTER), sets=AHEAD)
     assert (result.verdict, result.reason) == ("PASS", "")
     assert guard_events(folder) == [("geofence", "anna changed the fence of real and twin")]
     (asked,) = [line for line in log_of(folder) if line["event"] == "operator"]
@@ -63,14 +63,14 @@ def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None
 
 
 def test_whoever_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:
-    result, folder = fly_run(inbox=Asks(NARROW), sets=FEW_PICTURES)
+    result, folder = fly_run(boots=True, inbox=Asks(NARROW), sets=FEW_PICTURES)
     assert result.verdict == "FAIL"
     assert [kind for kind, _ in guard_events(folder)][:2] == ["geofence", "fence"]
     assert all_landed(folder)
 
 
 def test_fences_that_cannot_be_are_refused_and_the_old_one_holds(fly_run: Fly) -> None:
-    result, folder = fly_run(inbox=Asks(*BAD), mode="sim", sets=AHEAD)
+    result, folder = fly_run(boots=True, inbox=Asks(*BAD), mode="sim", sets=AHEAD)
     assert (result.verdict, result.reason) == ("PASS", "")
     answers = [line for line in log_of(folder) if line["event"] == "answer"]
     assert [line["ok"] for line in answers] == [False] * len(BAD)

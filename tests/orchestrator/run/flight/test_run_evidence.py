@@ -17,7 +17,7 @@ from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import Stage
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, frozen, relay, stopped
-from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, NoCommands
+from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, NoCommands, vehicles_on
 from tests.orchestrator.wall import write_wall
 from vehicles.mavlink.framing import Frame
 from vehicles.readings import PoseReading
@@ -34,7 +34,8 @@ def plan(tmp_path: Path) -> RunPlan:
 def flown(plan: RunPlan, folder: Path, disturb: Disturb | None = None) -> RunResult:
     folder.mkdir()
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
-    return fly(RunSetup.of(order), lambda _: None, NoCommands(), disturb=disturb)
+    with vehicles_on():
+        return fly(RunSetup.of(order), lambda _: None, NoCommands(), disturb=disturb)
 
 
 def test_the_wall_is_touched(plan: RunPlan, tmp_path: Path) -> None:
@@ -112,7 +113,8 @@ def test_motion_capture_counts_from_takeoff_to_landed(
     fly_run: Callable[..., tuple[RunResult, Path]], alter: Alter, stage: Stage, said: str
 ) -> None:
     sets = FEW_PICTURES if stage == "goal" else BRIEF
-    result, _ = fly_run(disturb=captured("real", alter, stage=stage, after_s=0.3), sets=sets)
+    disturb = captured("real", alter, stage=stage, after_s=0.3)
+    result, _ = fly_run(disturb=disturb, sets=sets, boots=stage == "goal")
     assert result.verdict == "INVALID"
     assert result.reason.startswith("pose of real from mocap: ")
     assert said in result.reason
