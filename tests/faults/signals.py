@@ -46,6 +46,7 @@ from tests.faults.missions import (
 from tests.faults.motion_capture import captured
 from tests.faults.relay import Change, lost_position, relay
 from tests.faults.truth_changes import truth_change
+from tests.orchestrator.conftest import vehicles_on
 
 _STAGES: tuple[Stage, ...] = ("takeoff", "at_height", "goal", "land")
 _SIGNALS = (
@@ -200,7 +201,8 @@ def fly_mission(
     run_folder.mkdir()
     plan = _plan(fault, folder)
     order = RunOrder(plan=plan, folder=run_folder, clock="virtual")
-    return fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=begin)
+    with vehicles_on():
+        return fly(RunSetup.of(order), lambda _: None, _Nobody(), disturb=begin)
 
 
 def fails_for_its_cause(fault: SignalFault, result: RunResult) -> bool:

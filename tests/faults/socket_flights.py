@@ -243,6 +243,7 @@ async def _vehicle(
         autopilot=fault.autopilot,
         link=f"udpout://127.0.0.1:{mavlink_port}",
         seed=fault.seed,
+        running_s=60.0,
         profile=profile,
         source="real" if is_real else "twin",
         system_id=1 if is_real else 2,

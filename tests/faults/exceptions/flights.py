@@ -23,6 +23,7 @@ from orchestrator.state.run_state import RunState
 from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.exceptions.injection import InjectingLoop, Injection, Probe, calls_pass_by
 from tests.faults.witness import Witness
+from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import STILL, WORLD
 
 _VEHICLE = (
@@ -150,6 +151,7 @@ class Flights:
 
         result, raised = None, ""
         with ExitStack() as stack:
+            stack.enter_context(vehicles_on())
             stack.enter_context(
                 mock.patch.object(clock, "VirtualLoop", partial(InjectingLoop, probe))
             )
