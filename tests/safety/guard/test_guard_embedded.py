@@ -46,7 +46,7 @@ class Pair:
         for system_id, (name, kind) in enumerate(KINDS.items(), start=1):
             far, near = memory_pair(latency_s=0.003, name=name)
             inner, outer = memory_pair(name=f"{name} guard")
-            config = EmbeddedConfig(autopilot=kind, system_id=system_id)
+            config = EmbeddedConfig(autopilot=kind, system_id=system_id, running_s=30.0)
             self.vehicles[name] = EmbeddedVehicle(config=config, link=far, seed=seed)
             self.drivers[name] = Driver(name=name, link=outer, autopilot=kind)
             links[name] = GuardLinks(near, inner)
@@ -188,6 +188,7 @@ def test_a_fence_that_is_met_in_the_acceleration_holds() -> None:
 def test_interrupted_at_any_moment_both_come_down(case: int) -> None:
     generator = np.random.default_rng([5, case])
     cause = CAUSES[case % len(CAUSES)]
-    # The takeoff command comes at about 42 s: ArduCopter's estimator takes 41 s to trust its GPS.
-    at_s = float(generator.uniform(0.5, 66.0))
+    # The takeoff command comes at about 12 s: ArduCopter's estimator takes 41 s to trust its GPS,
+    # and has been on for 30.
+    at_s = float(generator.uniform(0.5, 36.0))
     run_virtual(interrupt(cause, at_s, seed=case))
