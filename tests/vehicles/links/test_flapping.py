@@ -105,7 +105,9 @@ def test_a_flight_by_a_link_that_flaps(
         # To a port that is closed in between, "unreachable" comes back for each datagram.
         # It is up for longer than heartbeats are apart: with none for 3 s nothing is seen done.
         theirs = FlappingLink(f"{kind}in://127.0.0.1:{port}", up_s=1.25, down_s=0.25)
-        config = EmbeddedConfig(autopilot=autopilot, system_id=7)
+        # ArduCopter boots for 40 s, of which the last ten show as much.
+        running_s = 30.0 if autopilot == "ardupilot" else 0.0
+        config = EmbeddedConfig(autopilot=autopilot, system_id=7, running_s=running_s)
         async with (
             EmbeddedVehicle(config=config, link=theirs, seed=1) as vehicle,
             Driver(name="real", link=open_link(parse_link(f"{kind}out://127.0.0.1:{port}"))) as one,
