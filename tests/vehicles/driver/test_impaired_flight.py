@@ -37,7 +37,8 @@ def _fly(autopilot: AutopilotName, script: Script, *, bad: Impairment, seed: int
     async def fly() -> Any:
         ours, theirs = memory_pair(latency_s=0.003)
         link = ImpairedLink(link=ours, outgoing=bad, incoming=bad, rng=np.random.default_rng(seed))
-        config = EmbeddedConfig(autopilot=autopilot)
+        # ArduCopter boots for 40 s, of which the last ten show as much.
+        config = EmbeddedConfig(autopilot=autopilot, running_s=30.0)
         async with (
             EmbeddedVehicle(config=config, link=theirs, seed=seed) as vehicle,
             Driver(name="real", link=link) as driver,

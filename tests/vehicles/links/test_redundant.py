@@ -203,7 +203,7 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
             outgoing=Impairment(loss=0.05), incoming=Impairment(loss=0.05), may_go_dark=True
         )
         both = under_conditions(one, conditions, utc_s=0.0, spares=[two], told=told.append)
-        config = EmbeddedConfig(autopilot=autopilot)
+        config = EmbeddedConfig(autopilot=autopilot, running_s=60.0)
         async with (
             EmbeddedVehicle(config=config, link=TwoRadios([far_one, far_two]), seed=1) as vehicle,
             Driver(name="real", link=both.link) as driver,
