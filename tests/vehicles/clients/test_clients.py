@@ -33,7 +33,13 @@ def free_port(kind: socket.SocketKind) -> int:
 
 @asynccontextmanager
 async def vehicle(link: str, autopilot: str) -> AsyncIterator[None]:
-    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1, speed=SPEED)  # type: ignore[arg-type]  # one of the two
+    settings = ProcessSettings(
+        autopilot=autopilot,  # type: ignore[arg-type]  # one of the two
+        link=link,
+        seed=1,
+        speed=SPEED,
+        running_s=30.0,  # ArduCopter boots for 40 s
+    )
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
         env={**os.environ, "PYTHONPATH": str(ROOT)},
