@@ -29,7 +29,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 @asynccontextmanager
 async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
     """A vehicle that is there before the program is, and after it."""
-    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1)  # type: ignore[arg-type]  # one of the two
+    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1, running_s=60.0)  # type: ignore[arg-type]  # one of the two
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
         env={**os.environ, "PYTHONPATH": str(ROOT)},
