@@ -92,7 +92,7 @@ def vehicles_on() -> Iterator[None]:
 
     Their boot is no matter of most flights: 6 s of each with PX4, 40 s with ArduCopter.
     """
-    on = partial(vehicle_backends.EmbeddedConfig, running_s=60.0)
+    on = partial(vars(vehicle_backends)["EmbeddedConfig"], running_s=60.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(vehicle_backends, "EmbeddedConfig", on)
         yield
