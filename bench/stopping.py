@@ -9,7 +9,7 @@ that of the present speed alone.
 """
 
 import argparse
-import math
+import asyncio
 import sys
 from pathlib import Path
 
@@ -19,114 +19,106 @@ from orchestrator.model.clock import run_virtual
 from safety.fence.stopping import AccelerationEstimate, Motion, stopping_path, velocities_ahead
 from safety.guard.core.events import GuardSettings
 from safety.guard.core.velocity_command import VelocityCommand
-from tests.vehicles.embedded.fidelity.step_flight import (
-    PROFILES,
-    SETPOINT_HZ,
-    VELOCITY,
-    Autopilot,
-    Sample,
-    StepFlight,
-)
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Mode, Target
-from vehicles.autopilots.px4 import Px4
+from tests.vehicles.embedded.fidelity.step_flight import PROFILES
+from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.driver import Driver
+from vehicles.driver.vehicle_state import EstimateSample
 from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.profile import load_profile
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.links.memory import memory_pair
-from vehicles.setpoints import VelocitySetpoint
-from vehicles.tasks import start, stop
-from worlds.frames import Vec3
+from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from vehicles.step_response.flight import SETPOINT_HZ, StepFlight
+from vehicles.step_response.segments import HEIGHT_M
+from worlds.frames import norm
 
 SPEEDS_M_S = (0.85, 1.5, 2.5, 3.5, 5.0)
 AFTER_S = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 5.0)
-AUTOPILOTS = {"px4": Px4(), "ardupilot": ArduCopter()}
+STILL = VelocitySetpoint((0.0, 0.0, 0.0), yaw_rad=0.0)
+START = PositionSetpoint((0.0, 0.0, -HEIGHT_M), 0.0)
 SETTINGS = GuardSettings()
 
 
-class StopFlight(StepFlight):
-    """A vehicle that is stopped again and again."""
+class Stops:
+    """A vehicle in hover at its start, looking north, that is stopped again and again."""
 
-    async def fly_stops(self) -> int:
-        """Print a line for each speed and moment; return how many paths were underestimated."""
-        beating = start(self._beat(), name="heartbeats")
-        try:
-            await self._get_ready()
-            short = 0
-            for speed_m_s in SPEEDS_M_S:
-                for after_s in AFTER_S:
-                    short += await self._stop_at(speed_m_s, after_s)
-                    await self._return()
-            return short
-        finally:
-            await stop(beating)
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
+        self._acceleration = AccelerationEstimate()
+        self._command = VelocityCommand()
+        self._motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._farthest_m = 0.0
+        driver.on_estimate(self._take)
 
-    async def _stop_at(self, speed_m_s: float, after_s: float) -> bool:
-        ahead = (math.cos(self._yaw_rad), math.sin(self._yaw_rad))
-        asked = (speed_m_s * ahead[0], speed_m_s * ahead[1], 0.0)
-        estimate, command = AccelerationEstimate(), VelocityCommand()
-        samples: list[Sample] = []
-        motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        for i in range(round(after_s * SETPOINT_HZ)):
-            command.note(VelocitySetpoint(asked), motion, i / SETPOINT_HZ)
-            new = await self._stream(1.0 / SETPOINT_HZ, lambda: self._move(asked))
-            samples = new or samples
-            for q in new:
-                velocity = (q.vn_m_s, q.ve_m_s, q.vd_m_s)
-                acceleration = estimate.update(velocity, q.t_s)
-                commanded = command.velocity(i / SETPOINT_HZ)
-                motion = Motion((0.0, 0.0, 0.0), velocity, acceleration, commanded)
-        autopilot, here = AUTOPILOTS[self._autopilot], samples[-1]
-        self._send(autopilot.set_mode(Target(1, 1), Mode.HOLD))
-        flown = await self._stream(6.0, lambda: self._move((0.0, 0.0, 0.0)))
-        path_m = max(
-            (q.north_m - here.north_m) * ahead[0] + (q.east_m - here.east_m) * ahead[1]
-            for q in flown
-        )
-        lengths = [_length_m(motion, then) for then in _ahead(motion)]
+    def _take(self, sample: EstimateSample) -> None:
+        now_s, velocity = asyncio.get_running_loop().time(), sample.velocity_ned_m_s
+        acceleration = self._acceleration.update(velocity, now_s)
+        place = sample.pose.position_ned_m
+        self._motion = Motion(place, velocity, acceleration, self._command.velocity(now_s))
+        self._farthest_m = max(self._farthest_m, place[0])
+
+    async def _send(self, setpoint: VelocitySetpoint | PositionSetpoint, seconds: float) -> None:
+        for _ in range(round(seconds * SETPOINT_HZ)):
+            self._driver.send(setpoint)
+            self._command.note(setpoint, self._motion, asyncio.get_running_loop().time())
+            await asyncio.sleep(1.0 / SETPOINT_HZ)
+
+    async def stop_at(self, speed_m_s: float, after_s: float) -> bool:
+        """Print how far it flew on; return whether that is longer than predicted."""
+        await self._send(VelocitySetpoint((speed_m_s, 0.0, 0.0), yaw_rad=0.0), after_s)
+        motion, name = self._motion, self._driver.name
+        self._farthest_m = motion.position_ned_m[0]
+        self._driver.send(STILL)
+        await self._driver.hold()
+        await asyncio.sleep(6.0)
+        path_m = self._farthest_m - motion.position_ned_m[0]
+        lengths = _predicted_m(motion)
+        short = "  <-- short" if path_m > max(lengths) else ""
         print(
-            f"{self._autopilot:9s} {speed_m_s:4.2f} m/s for {after_s:3.1f} s: "
-            f"at {math.hypot(here.vn_m_s, here.ve_m_s):4.2f} m/s, path {path_m:4.2f} m, "
-            f"by speed {lengths[0]:4.2f} m, predicted {max(lengths):5.2f} m"
-            f"{'  <-- short' if path_m > max(lengths) else ''}",
+            f"{name:9s} {speed_m_s:4.2f} m/s for {after_s:3.1f} s: at "
+            f"{norm(motion.velocity_ned_m_s):4.2f} m/s, path {path_m:4.2f} m, by speed "
+            f"{lengths[0]:4.2f} m, predicted {max(lengths):5.2f} m{short}",
             flush=True,
         )
-        return path_m > max(lengths)
+        return bool(short)
 
-    def _move(self, velocity: Vec3) -> None:
-        self._setpoint(VELOCITY, velocity=velocity, yaw_rad=self._yaw_rad)
-
-    async def _return(self) -> None:
+    async def go_back(self) -> None:
+        """Fly back to the start and stand still there."""
+        await self._send(START, 0.2)
+        await self._driver.enter_guided()
         while True:
-            await self._stream(1.0, self._hold)
-            number = AUTOPILOTS[self._autopilot].set_mode(Target(1, 1), Mode.GUIDED)
-            self._send(number)
-            await self._stream(11.0, self._hold)
-            place = self._last["LOCAL_POSITION_NED"]
-            if math.dist((place.x, place.y), self._hover[:2]) < 0.2:
+            await self._send(START, 6.0)
+            motion = self._motion
+            if abs(motion.position_ned_m[0]) + norm(motion.velocity_ned_m_s) < 0.2:
                 return
 
 
-def _ahead(motion: Motion) -> list[Vec3]:
-    return list(
-        velocities_ahead(motion, latency_s=SETTINGS.latency_s, braking_m_s2=SETTINGS.braking_m_s2)
-    )
+def _predicted_m(motion: Motion) -> list[float]:
+    """Return the lengths of the predicted paths, the one by the present speed first."""
+    late_s, braking = SETTINGS.latency_s, SETTINGS.braking_m_s2
+    ahead = velocities_ahead(motion, latency_s=late_s, braking_m_s2=braking)
+    return [
+        stopping_path(motion, then, latency_s=late_s, braking_m_s2=braking).length_m
+        for then in ahead
+    ]
 
 
-def _length_m(motion: Motion, then: Vec3) -> float:
-    return stopping_path(
-        motion, then, latency_s=SETTINGS.latency_s, braking_m_s2=SETTINGS.braking_m_s2
-    ).length_m
-
-
-async def fly(autopilot: Autopilot, profile: str | None) -> int:
+async def fly(autopilot: AutopilotName, profile: str | None) -> int:
+    """Return how many paths were longer than predicted."""
     near, far = memory_pair(latency_s=0.003)
     config = EmbeddedConfig(
         autopilot=autopilot, profile=load_profile(profile or PROFILES[autopilot])
     )
-    flight = StopFlight(far, autopilot)
-    async with far, EmbeddedVehicle(config=config, link=near, seed=1):
-        return await flight.fly_stops()
+    driver = Driver(name=autopilot, link=far, max_clock_drift=0.02)
+    async with EmbeddedVehicle(config=config, link=near, seed=1), driver:
+        await driver.identify(10.0)
+        await StepFlight(driver).take_off()
+        stops, short = Stops(driver), 0
+        for speed_m_s in SPEEDS_M_S:
+            for after_s in AFTER_S:
+                await stops.go_back()
+                short += await stops.stop_at(speed_m_s, after_s)
+        return short
 
 
 def main() -> None:
