@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import os
 import socket
 import subprocess
 import sys
@@ -70,7 +71,7 @@ class MockVehicle:
         self._feed: socket.socket | None = None
         self._peer: tuple[str, int] | None = None
         self._seq = 0
-        self._output_file: Path | None = None
+        self._output_file: int | None = None
         self._output = ""
 
     @property
@@ -99,7 +100,8 @@ class MockVehicle:
     def output(self) -> str:
         """Return what the mock vehicle has printed: its STATUSTEXTs, answers and errors."""
         if self._output_file is not None:
-            self._output = self._output_file.read_text("utf-8", "replace")
+            size = os.fstat(self._output_file).st_size
+            self._output = os.pread(self._output_file, size, 0).decode("utf-8", "replace")
         return self._output
 
     def fault(self, text: str) -> None:
@@ -177,9 +179,8 @@ class MockVehicle:
             feed = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             feed.bind(("127.0.0.1", 0))
             feed.settimeout(_LOOK_S)
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="wil-mock-"))
-            self._output_file = Path(folder) / "output.txt"
-            output = stack.enter_context(self._output_file.open("wb"))
+            output = stack.enter_context(tempfile.TemporaryFile())  # nothing of it stays behind
+            self._output_file = output.fileno()
             settings = self._settings.model_copy(update={"feed_port": feed.getsockname()[1]})
             # The end of its stdin ends it, however this process ends.
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter

@@ -13,17 +13,21 @@ _NAMING = frozenset({".obj", ".mtl", ".dae", ".gltf"})
 _NAMED = re.compile(r"[^\"'<>\t\r\n]+\.(?:mtl|png|jpg|jpeg|bmp|tga|bin)\b", re.IGNORECASE)
 _PROGRAM_OF_A_BUILD = Path("bin") / "px4"
 """What is started of a folder in which PX4 was built."""
+_SIGNING = "signing"
+"""The key of a vehicle's link: a digest of a passphrase is a place to try guesses at."""
 
 
 def named_files(value: Data, beside: Path) -> Iterator[Path]:
     """Yield the files that texts in a value name, `file.py:Name` included, with their companions.
 
     Of a folder the images in it, which are a camera's source, and the program of a PX4 build. A
-    text without a file of its name yields nothing. beside: the document's path.
+    text without a file of its name yields nothing, and the keys that sign links none at all.
+    beside: the document's path.
     """
     if isinstance(value, dict):
-        for inner in value.values():
-            yield from named_files(inner, beside)
+        for key, inner in value.items():
+            if key != _SIGNING:
+                yield from named_files(inner, beside)
     elif isinstance(value, list):
         for inner in value:
             yield from named_files(inner, beside)

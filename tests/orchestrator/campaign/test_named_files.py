@@ -66,3 +66,11 @@ def test_programs_firmware_and_pictures_are_files_that_a_text_names(
     (tmp_path / "picture.png").write_text("beside the campaign")
     found = named_files({"use": [text]}, tmp_path / "campaign.yaml")
     assert {one.relative_to(tmp_path.resolve()).as_posix() for one in found} == files
+
+
+def test_a_key_that_signs_a_link_leaves_no_digest(tmp_path: Path) -> None:
+    (tmp_path / "key").write_text("passphrase: a word that can be guessed")
+    (tmp_path / "firmware").write_text("firmware")
+    document = {"real": {"signing": {"file": "key"}, "use": "firmware"}}
+    found = list(named_files(document, tmp_path / "campaign.yaml"))
+    assert [one.name for one in found] == ["firmware"]
