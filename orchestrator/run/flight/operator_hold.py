@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from orchestrator.state.run_state import FlightError, RunState
 from safety.guard.core.events import GuardEvent, decisive
 from vehicles.errors import VehicleError
+from vehicles.tasks import start, stop
 
 Do = Callable[[], Awaitable[object]]
 
@@ -46,20 +47,34 @@ class OperatorHold:
     async def through(self, do: Do, *, again: Do | None = None) -> None:
         """Do a repeatable stage until no operator hold came between.
 
-        again: how to do it when it may have been half done; by default in the same way.
+        A resume ends what a hold interrupted, and does it again. again: how to do it when it may
+        have been half done; by default in the same way.
         """
         attempt = do
         while True:
             await self._free.wait()
             before = self.count
             try:
-                await attempt()
+                await self._unless_resumed(attempt, after=before)
             except (VehicleError, FlightError):
                 if self.count == before:
                     raise
             if self.count == before:
                 return
             attempt = again or do
+
+    async def _unless_resumed(self, do: Do, *, after: int) -> None:
+        """Do a stage to its end, or until the operator resumes after a hold beyond the first."""
+
+        async def doing() -> None:
+            await do()
+
+        stage = start(doing(), name="stage")
+        resumed = start(self.resumed(after=after), name="resumed")
+        try:
+            await asyncio.wait([stage, resumed], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            await stop(stage, resumed)
 
     def _hold(self, event: GuardEvent) -> None:
         self.count += 1

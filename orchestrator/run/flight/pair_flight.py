@@ -162,6 +162,8 @@ async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> N
         while not there.done():
             context.driver.send(place)
             await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
+    # The other one may not be up yet: without setpoints PX4 falls into its failsafe meanwhile.
+    context.driver.keep_still()
 
 
 async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> None:
