@@ -21,10 +21,13 @@ class ConsoleAddress:
     port: int
 
     @classmethod
-    def parse(cls, text: str) -> "ConsoleAddress":
-        """Return the address in HOST, HOST:PORT or :PORT. Raises ConsoleError."""
+    def parse(cls, text: str, *, port: int = 0) -> "ConsoleAddress":
+        """Return the address in HOST, HOST:PORT or :PORT; port: where none is named.
+
+        Raises ConsoleError.
+        """
         found = _ADDRESS.fullmatch(text)
-        port = int((found and found["port"]) or 0)
+        port = int((found and found["port"]) or port)
         if found is None or port > _MAX_PORT:
             raise ConsoleError(f"{text!r} is no address for the console: say HOST, :PORT or both")
         return cls((found["host"] or _LOOPBACK[0]).strip("[]"), port)

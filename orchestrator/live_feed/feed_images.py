@@ -27,4 +27,7 @@ def image_view(run: str, name: str, reading: CameraReading, at_s: float) -> Imag
         height_px=height_px,
         rendered=reading.rendered,
         jpeg=jpeg.tobytes(),
+        source=reading.source,
+        sensor=reading.sensor,
+        arrived_s=reading.arrived_s,
     )

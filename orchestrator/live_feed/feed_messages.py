@@ -20,7 +20,8 @@ class VehicleView(msgspec.Struct, frozen=True):
     """One vehicle as the live feed shows it.
 
     silent_s: since when nothing came of it. battery_fraction: 0 to 1. setpoint_kind: position,
-    velocity, or empty. faults: of its estimator, in its own words. note: of its autonomy.
+    velocity, or empty. faults: of its estimator, in its own words. note: of its autonomy. pose_t_s:
+    when it was where position_ned_m and q_wxyz say.
     """
 
     name: str
@@ -40,6 +41,7 @@ class VehicleView(msgspec.Struct, frozen=True):
     setpoint_kind: str = ""
     setpoint: Vec3 | None = None
     note: str = ""
+    pose_t_s: float | None = None
 
 
 class MarginView(msgspec.Struct, frozen=True):
@@ -126,14 +128,20 @@ class EventView(Message, frozen=True):
 
 
 class FactsView(Message, frozen=True):
-    """The facts of a run in the live feed, as run.mcap has them: world, campaign, case, mode."""
+    """The facts of a run in the live feed, as run.mcap has them: world, campaign, case, mode.
+
+    epoch_ns is among them: UTC of the run clock's zero, nanoseconds since 1970.
+    """
 
     run: str
     facts: dict[str, str]
 
 
 class ImageView(Message, frozen=True):
-    """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent."""
+    """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent.
+
+    source, sensor, arrived_s: of the reading that it shows.
+    """
 
     run: str
     name: str
@@ -144,6 +152,9 @@ class ImageView(Message, frozen=True):
     height_px: int
     rendered: bool
     jpeg: bytes
+    source: str = ""
+    sensor: str = ""
+    arrived_s: float = 0.0
 
 
 FeedMessage = RunView | EventView | FactsView | ImageView

@@ -34,7 +34,7 @@ _IDLE_S = 0.25
 _JOIN_S = 2.0
 _KEPT_EVENTS = 1000
 _LONGEST_TEXT = 2000
-_NAMES = ("case", "mode", "rep", "seed")
+_NAMES = ("case", "mode", "rep", "seed", "epoch_ns")
 
 Note = Callable[[str], None]
 
@@ -208,6 +208,8 @@ class FeedPublisher:
         """Send a console the facts and events that it lacks, as far as it takes them."""
         if not console.knows_facts:
             console.knows_facts = console.sender.send(self._encoded_facts())
+            if not console.knows_facts:
+                return
         for event in tuple(self._events):
             if event.number > console.sent:
                 if not console.sender.send(_encode(event)):

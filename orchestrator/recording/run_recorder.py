@@ -149,6 +149,11 @@ class RunRecorder:
             self._incomplete(why + (f" ({report.fault})" if report.fault else ""))
 
     @property
+    def epoch_ns(self) -> int:
+        """Return UTC of the run clock's zero as run.mcap has it, nanoseconds since 1970."""
+        return self._mcap.epoch_ns
+
+    @property
     def artifacts(self) -> tuple[str, ...]:
         """Return the names of the recorded files in the run's folder, sorted."""
         return tuple(sorted(path.name for path in self._folder.iterdir()))

@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,8 @@ from orchestrator.cli.standard_streams import err, out
 from orchestrator.console.console_address import ConsoleAddress
 from orchestrator.console.console_process import ConsoleSettings, serve_console
 from orchestrator.console.errors import ConsoleError
+from orchestrator.foxglove_bridge.bridge_beside import foxglove_beside
+from orchestrator.foxglove_bridge.errors import BridgeError
 from orchestrator.recording.errors import RecordingError
 
 _UNAVAILABLE = 3
@@ -25,6 +28,7 @@ def console(
     tls_cert: Path | None = None,
     tls_key: Path | None = None,
     speed: float = 1.0,
+    foxglove: str | None = None,
     beside: Annotated[int | None, Parameter(show=False)] = None,
 ) -> int:
     """Show what flies on this machine in the browser, and take an operator's commands there.
@@ -45,6 +49,9 @@ def console(
         The certificate's key.
     speed
         Of a finished run, in times the pace at which it was flown.
+    foxglove
+        What flies, live for Foxglove too: HOST, HOST:PORT or :PORT of loopback; auto for
+        127.0.0.1:8765. It needs the extra foxglove.
     """
     if (tls_cert is None) != (tls_key is None):
         err("--tls-cert and --tls-key go together")
@@ -52,15 +59,23 @@ def console(
     if not _SLOWEST <= speed <= _FASTEST:
         err(f"--speed is between {_SLOWEST} and {_FASTEST}")
         return 2
+    recorded = _recorded(folder)
+    if recorded is not None and foxglove is not None:
+        err(f"--foxglove shows what flies: open {recorded / _RECORDING} itself in Foxglove")
+        return 2
     try:
         settings = ConsoleSettings(
             address=ConsoleAddress.parse(address),
             folder=folder,
-            recorded=_recorded(folder),
+            recorded=recorded,
             speed=speed,
             tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
         )
-        asyncio.run(serve_console(settings, _announce, beside=beside))
+        with nullcontext() if foxglove is None else foxglove_beside(foxglove, _announce):
+            asyncio.run(serve_console(settings, _announce, beside=beside))
+    except BridgeError as error:
+        err(error)
+        return 2
     except (ConsoleError, RecordingError) as error:
         err(error)
         return _UNAVAILABLE

@@ -1,6 +1,7 @@
 """`wil-campaign run`: fly a campaign."""
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -33,6 +34,8 @@ from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.console.console_beside import console_beside
 from orchestrator.console.errors import ConsoleError
 from orchestrator.engines.ray_engine import engine_address, ray_engine
+from orchestrator.foxglove_bridge.bridge_beside import foxglove_beside
+from orchestrator.foxglove_bridge.errors import BridgeError
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json
 from orchestrator.operator.errors import OperatingError
@@ -70,6 +73,9 @@ class Flights:
     console
         A page in the browser beside the flight, to watch and to stop it: HOST, HOST:PORT or :PORT
         of this machine; auto for a free port of 127.0.0.1. Its links are printed.
+    foxglove
+        What flies, live for Foxglove, which commands nothing: HOST, HOST:PORT or :PORT of loopback;
+        auto for 127.0.0.1:8765. It needs the extra foxglove.
     engine
         Where runs fly: local, in processes of this machine; ray, by a Ray that is started here for
         the campaign; ray://HOST:PORT, over the nodes of a Ray cluster that this machine is one of.
@@ -83,6 +89,7 @@ class Flights:
     no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False
     arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False
     console: str | None = None
+    foxglove: str | None = None
     engine: str = LOCAL
 
 
@@ -147,14 +154,14 @@ def run(
         hardware=cleared.hardware,
     )
     if flights.engine == LOCAL:
-        return _fly_selected(campaign, settings, json=json_, console=flights.console)
+        return _fly_selected(campaign, settings, flights, json=json_)
     # Over a cluster there is place for more than the cores of this machine.
     is_open = address is not None and flights.jobs is None and not shared_of(campaign)
     jobs = None if is_open else min(cleared.jobs, len(planned(campaign, settings)))
     try:
         with ray_engine(address, jobs=jobs, cores=1 if cleared.clock == "virtual" else 2) as engine:
             settings = replace(settings, engine=engine, jobs=len(engine.idle))
-            return _fly_selected(campaign, settings, json=json_, console=flights.console)
+            return _fly_selected(campaign, settings, flights, json=json_)
     except EngineError as error:
         err(error)
         return error.code
@@ -190,18 +197,18 @@ def _sets(flights: Flights) -> list[str]:
 
 
 def _fly_selected(
-    campaign: Campaign, settings: FlyingSettings, *, json: bool, console: str | None
+    campaign: Campaign, settings: FlyingSettings, flights: Flights, *, json: bool
 ) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
     display = display_of(json=json, total=len(planned(campaign, settings)))
     try:
-        with display, _console(console, display, json=json):
+        with display, _beside(flights, display, json=json):
             display.say(_announcement(campaign, settings))
             outcome = fly_campaign(campaign, settings, display)
     except (OutputError, OperatingError, ConsoleError) as error:
         err(error)
         return 3
-    except ResumeError as error:
+    except (ResumeError, BridgeError) as error:
         err(error)
         return 2
     report = write_final_report(outcome.folder)
@@ -212,12 +219,17 @@ def _fly_selected(
     return outcome.exit_code
 
 
-def _console(address: str | None, display: Display, *, json: bool) -> AbstractContextManager[None]:
-    """Return the console beside a campaign, where `run` was asked for one."""
-    if address is None:
-        return nullcontext()
+@contextmanager
+def _beside(flights: Flights, display: Display, *, json: bool) -> Iterator[None]:
+    """Have beside a campaign what `run` was asked for: a console, a Foxglove bridge, or none."""
     # Standard output is one document with --json, and the links have to be seen.
-    return console_beside("127.0.0.1" if address == AUTO else address, err if json else display.say)
+    say = err if json else display.say
+    with ExitStack() as stack:
+        if flights.foxglove is not None:
+            stack.enter_context(foxglove_beside(flights.foxglove, say))
+        if (address := flights.console) is not None:
+            stack.enter_context(console_beside("127.0.0.1" if address == AUTO else address, say))
+        yield
 
 
 def _gcs_sets(links: tuple[str, ...]) -> list[str]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from orchestrator.recording.mcap.mcap_bodies import (
     Body,
@@ -54,6 +55,13 @@ class Message:
     publish_ns: int
     sequence: int
     data: bytes
+
+
+TRANSFORMS = Channel("/tf", "foxglove.FrameTransform", "", "", "transform")
+LOG = Channel("/log", "foxglove.Log", "", "", "event")
+LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
+_LEVELS: Mapping[LogLevel, int] = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
+"""foxglove.Log."""
 
 
 class Stamps:
@@ -128,7 +136,7 @@ class Encoder:
     def _transform(self, reading: PoseReading) -> Message:
         pose = pose_out(reading.pose)
         return self.message(
-            Channel("/tf", "foxglove.FrameTransform", "", "", "transform"),
+            TRANSFORMS,
             {
                 "parent_frame_id": NED_FRAME,
                 "child_frame_id": _body_frame(reading),
@@ -144,7 +152,7 @@ class Encoder:
         """Return the encoded transform with which viewers draw north-east-down upright."""
         half = math.sqrt(0.5)
         return self.message(
-            Channel("/tf", "foxglove.FrameTransform", "", "", "transform"),
+            TRANSFORMS,
             {
                 "parent_frame_id": MAP_FRAME,
                 "child_frame_id": NED_FRAME,
@@ -154,6 +162,11 @@ class Encoder:
             t_s=0.0,
             arrived_s=0.0,
         )
+
+    def event(self, t_s: float, level: LogLevel, name: str, text: str) -> Message:
+        """Return an encoded line of the run's log."""
+        fields = {"level": _LEVELS[level], "message": text, "name": name, "file": "", "line": 0}
+        return self.message(LOG, fields, t_s=t_s, arrived_s=t_s)
 
     def message(
         self,

@@ -11,6 +11,8 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
 from vehicles.readings import SENSOR_TYPES
 from vehicles.readings.numbers import is_numbers, number_fields
 
@@ -137,15 +139,17 @@ SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
 
 
 def schema_of(title: str, kind: type) -> bytes:
-    """Return the JSON schema of a dataclass, with a timestamp: its fields by name and type."""
+    """Return the JSON schema of a dataclass or struct, with a timestamp: names and types."""
     properties = _fields_of(kind)
     schema = _object(title, timestamp=_TIME, **properties)
     return json.dumps(schema, separators=(",", ":")).encode()
 
 
 def _fields_of(kind: type) -> dict[str, Schema]:
-    """Return the JSON schemas of a dataclass's fields."""
+    """Return the JSON schemas of the fields of a dataclass or a struct."""
     hints = typing.get_type_hints(kind)
+    if issubclass(kind, msgspec.Struct):
+        return {name: _schema_of_hint(hints[name]) for name in kind.__struct_fields__}
     return {field.name: _schema_of_hint(hints[field.name]) for field in dataclasses.fields(kind)}
 
 
@@ -157,7 +161,9 @@ _PLAIN: Mapping[Any, Schema] = types.MappingProxyType(
 def _schema_of_hint(hint: Any) -> Schema:
     if hint in _PLAIN:
         return _PLAIN[hint]
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+    if isinstance(hint, type) and (
+        dataclasses.is_dataclass(hint) or issubclass(hint, msgspec.Struct)
+    ):
         return _object(hint.__name__, **_fields_of(hint))
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):

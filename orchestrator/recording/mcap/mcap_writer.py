@@ -13,10 +13,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from orchestrator.model.clock import Clock
-from orchestrator.recording.mcap.mcap_encode import Channel, Encoder, Message
+from orchestrator.recording.mcap.mcap_encode import LOG, Channel, Encoder, LogLevel, Message
 from orchestrator.recording.mcap.mcap_file import ChunkedFile
 from orchestrator.recording.mcap.mcap_json import plain
 from orchestrator.recording.mcap.mcap_schemas import schema_of
@@ -24,10 +24,6 @@ from orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from vehicles.readings import Reading
 
 SCHEMA = "wil/recording/1"
-
-LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
-_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
-"""foxglove.Log."""
 
 _SMALL_BYTES = 1024
 """What a reading without arrays, or a note, counts for in the backlog."""
@@ -115,6 +111,11 @@ class McapRecorder:
         self._fault: str | None = None
         self._errors: list[BaseException] = []
 
+    @property
+    def epoch_ns(self) -> int:
+        """Return UTC of the run clock's zero, nanoseconds since 1970."""
+        return self._encoder.stamps.epoch_ns
+
     def __enter__(self) -> Self:
         self._file = ChunkedFile(
             path=self._path,
@@ -158,15 +159,9 @@ class McapRecorder:
 
     def event(self, t_s: float, level: LogLevel, name: str, message: str) -> None:
         """Write a line of the run's log to the MCAP file: a stage, a contact, a warning."""
-        channel = Channel("/log", "foxglove.Log", "", "", "event")
-        fields = {
-            "level": _LEVELS[level],
-            "message": message,
-            "name": name,
-            "file": "",
-            "line": 0,
-        }
-        self._note(channel, lambda: fields, t_s, None)
+        encode = self._encoder.event
+        item = _Item(LOG.topic, t_s, _SMALL_BYTES, lambda: [encode(t_s, level, name, message)])
+        self._enqueue(item)
 
     def close(self) -> RecordingReport:
         """Wait until all is written, close the MCAP file, and return the report."""
@@ -203,7 +198,7 @@ class McapRecorder:
         channel: Channel,
         fields: Callable[[], dict[str, Any]],
         t_s: float,
-        schema: bytes | None,
+        schema: bytes,
     ) -> None:
         def encode() -> list[Message]:
             return [self._encoder.message(channel, fields(), t_s=t_s, arrived_s=t_s)]
@@ -288,9 +283,7 @@ class McapRecorder:
 
     def _count_missing(self, t_s: float, why: str) -> None:
         """Write to the MCAP file that a reading is missing."""
-        channel = Channel("/log", "foxglove.Log", "", "", "event")
-        fields = {"level": 4, "message": why, "name": "recorder", "file": "", "line": 0}
-        message = self._encoder.message(channel, fields, t_s=t_s, arrived_s=t_s)
+        message = self._encoder.event(t_s, "error", "recorder", why)
         self._run_guarded(lambda: self._append([message], None))
 
     def _run_guarded(self, write: Callable[[], None]) -> bool:

@@ -212,6 +212,7 @@ def _ground_of(setup: RunSetup, run_state: RunState, report: Report, streams: Ex
             setup=setup,
             run_state=run_state,
             events=events,
+            epoch_ns=recorder.epoch_ns,
             note=lambda text: recorder.note("live feed", fault=text),
         )
     )

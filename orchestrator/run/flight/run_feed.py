@@ -1,5 +1,6 @@
 """What a run publishes of itself to consoles while it flies; nothing in it waits for one."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Self
 
@@ -26,12 +27,18 @@ from worlds.frames import Vec3
 class RunFeed:
     """The live feed of one run; a context manager.
 
-    events: when what moves the world's objects happened. note: records, in words, that the feed
-    ended early.
+    events: when what moves the world's objects happened. epoch_ns: UTC of the run clock's zero.
+    note: records, in words, that the feed ended early.
     """
 
     def __init__(
-        self, *, setup: RunSetup, run_state: RunState, events: Mapping[str, float], note: Note
+        self,
+        *,
+        setup: RunSetup,
+        run_state: RunState,
+        events: Mapping[str, float],
+        epoch_ns: int,
+        note: Note,
     ) -> None:
         self._setup = setup
         self._run_state = run_state
@@ -43,7 +50,7 @@ class RunFeed:
         self._publisher = FeedPublisher(
             run=str(setup.order.folder.absolute()),
             time=self._time,
-            facts=lambda: facts_of(setup),
+            facts=lambda: {**facts_of(setup), "epoch_ns": str(epoch_ns)},
             note=note,
         )
         run_state.on_stage(self._stage)
@@ -131,7 +138,8 @@ class RunFeed:
 
 def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:
     """Return a vehicle of a run as the live feed shows it."""
-    state, pose = context.driver.state, context.poses.latest().pose
+    state = context.driver.state
+    pose_t_s, pose = context.poses.sample_before(math.inf) or (None, None)
     estimate, battery = state.estimate, state.battery
     kind, vector = _setpoint(context.setpoint)
     return VehicleView(
@@ -152,6 +160,7 @@ def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:
         setpoint_kind=kind,
         setpoint=vector,
         note=context.note,
+        pose_t_s=pose_t_s,
     )
 
 

@@ -1,0 +1,49 @@
+"""Passes the live feeds of this user's runs on to Foxglove, one run at a time."""
+
+from collections import OrderedDict
+
+from orchestrator.foxglove_bridge.followed_run import FollowedRun
+from orchestrator.foxglove_bridge.foxglove_server import FoxgloveServer
+from orchestrator.foxglove_bridge.live_messages import LiveMessages
+from orchestrator.live_feed.feed_messages import FactsView, FeedMessage, RunView
+
+_MOST_RUNS = 64
+"""Runs whose clocks are remembered; the one that was silent longest yields."""
+_UPRIGHT_S = 1.0
+"""How often the transform from `map` is sent again: for clients that came later."""
+
+
+class Bridge:
+    """Sends what a live feed says to a Foxglove server."""
+
+    def __init__(self, server: FoxgloveServer) -> None:
+        self._server = server
+        self._followed = FollowedRun()
+        self._begun = ""
+        self._runs: OrderedDict[str, LiveMessages] = OrderedDict()
+        self._upright_s = 0.0
+
+    def take(self, message: FeedMessage, now_s: float) -> None:
+        """Take a message of a live feed. now_s: of a clock that goes on."""
+        if isinstance(message, FactsView):
+            epoch_ns = message.facts.get("epoch_ns", "")
+            if epoch_ns.isdecimal():
+                self._runs[message.run] = LiveMessages(int(epoch_ns))
+                self._runs.move_to_end(message.run)
+            if len(self._runs) > _MOST_RUNS:
+                self._runs.popitem(last=False)
+            return
+        # Without its facts nobody knows when a run's clock began.
+        messages = self._runs.get(message.run)
+        if messages is None or not self._followed.follows(message, now_s):
+            return
+        if message.run != self._begun:
+            self._begun, self._upright_s = message.run, now_s
+            self._server.begin(message.run)
+        if now_s >= self._upright_s:
+            self._upright_s = now_s + _UPRIGHT_S
+            self._server.send(messages.upright())
+        if isinstance(message, RunView):
+            self._server.show_time(messages.ns(message.t_s))
+        for one in messages.of(message):
+            self._server.send(one)

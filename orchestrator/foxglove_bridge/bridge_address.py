@@ -1,0 +1,27 @@
+"""Where Foxglove is served: on this machine alone, for there is no token."""
+
+from orchestrator.console.console_address import ConsoleAddress
+from orchestrator.console.errors import ConsoleError
+from orchestrator.foxglove_bridge.errors import BridgeError
+
+AUTO = "auto"
+PORT = 8765
+"""Which Foxglove looks at unless told otherwise."""
+
+
+def bridge_address(text: str) -> ConsoleAddress:
+    """Return the address in HOST, HOST:PORT, :PORT or auto. Raises BridgeError."""
+    try:
+        address = ConsoleAddress.parse("" if text == AUTO else text, port=PORT)
+    except ConsoleError as error:
+        raise BridgeError(
+            f"{text!r} is no address for Foxglove: say HOST, :PORT or both, or auto for "
+            f"127.0.0.1:{PORT}"
+        ) from error
+    if not address.is_loopback:
+        raise BridgeError(
+            f"{address.host} can be reached by other machines, and Foxglove asks for no token: "
+            f"serve it at an address of loopback, and forward the port (ssh -L "
+            f"{address.port}:127.0.0.1:{address.port} HOST)"
+        )
+    return address

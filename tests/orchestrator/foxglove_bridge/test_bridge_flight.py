@@ -1,0 +1,84 @@
+"""A flight in virtual time for Foxglove: what is live is what run.mcap has."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from orchestrator.foxglove_bridge.bridge_beside import foxglove_beside
+from orchestrator.model.results import RunResult
+from tests.orchestrator.conftest import BRIEF
+from tests.orchestrator.foxglove_bridge.foxglove_client import Received, listening, never_reading
+
+Fly = Callable[..., tuple[RunResult, Path]]
+POSES = tuple(f"vehicles.{name}.sensors.pose={{type: pose}}" for name in ("real", "twin"))
+CAPTURED = tuple(f"vehicles.{name}.pose_source=mocap" for name in ("real", "twin"))
+CLIENT_PUBLISHES = {
+    "op": "advertise",
+    "channels": [{"id": 1, "topic": "/cmd", "encoding": "json", "schemaName": ""}],
+}
+
+
+def recorded(folder: Path) -> tuple[dict[str, tuple[str, bytes, str]], dict[str, list[Any]]]:
+    """Return of each topic of run.mcap its schema and encoding, and its messages."""
+    channels: dict[str, tuple[str, bytes, str]] = {}
+    messages: dict[str, list[Any]] = {}
+    with (folder / "run.mcap").open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            channels[channel.topic] = (schema.name, schema.data, channel.message_encoding)
+            messages.setdefault(channel.topic, []).append(json.loads(message.data))
+    return channels, messages
+
+
+def assert_live_as_recorded(seen: Received, folder: Path) -> None:
+    channels, messages = recorded(folder)
+    live = {one["topic"]: one for one in seen.channels.values()}
+    assert live.keys() - channels.keys() == {"/run"}
+    for topic in live.keys() & channels.keys():
+        one = live[topic]
+        assert (one["schemaName"], one["schema"].encode(), one["encoding"]) == channels[topic]
+    for name in ("real", "twin"):
+        poses = {one["wil"]["t_s"]: one for one in messages[f"/{name}/pose"]}
+        # Readings are recorded from the takeoff on; vehicles are shown before, too.
+        shown = [one for one in seen.of(f"/{name}/pose") if one["wil"]["t_s"] >= min(poses)]
+        assert len({one["wil"]["t_s"] for one in shown}) > 3
+        for one in shown:
+            same = poses[one["wil"]["t_s"]]
+            for key in ("timestamp", "frame_id", "pose"):
+                assert one[key] == same[key]
+        places = [one for one in messages["/tf"] if one["child_frame_id"] == name]
+        moved = [one for one in seen.of("/tf") if one["child_frame_id"] == name]
+        assert [one for one in moved if one in places] == moved[-len(shown) :]
+        taken = {(one["wil"]["seq"], one["wil"]["t_s"]) for one in messages[f"/{name}/camera"]}
+        images = seen.of(f"/{name}/camera")
+        assert {(one["wil"]["seq"], one["wil"]["t_s"]) for one in images} <= taken
+    assert messages["/tf"][0] in seen.of("/tf")
+    lines = [one for one in messages["/log"] if one["name"] != "recorder"]
+    assert [one for one in seen.of("/log") if one in lines] == lines
+
+
+def test_what_is_live_is_what_run_mcap_has_and_no_client_changes_the_flight(
+    fly_run: Fly, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+    sets = (*BRIEF, *POSES, *CAPTURED)
+    said: list[str] = []
+    with foxglove_beside("127.0.0.1:0", said.append):
+        url = said[0].removeprefix("foxglove: ")
+        port = int(url.rpartition(":")[2])
+        with listening(url, (CLIENT_PUBLISHES,)) as seen, never_reading(port, channels=5):
+            watched, folder = fly_run(sets=sets)
+    assert watched.verdict == "PASS"
+    assert_live_as_recorded(seen, folder)
+    assert {tuple(one["capabilities"]) for one in seen.greetings} == {("time",)}
+    assert [one["message"] for one in seen.statuses] == [
+        "Server does not support clientPublish capability"
+    ]
+    states = seen.of("/run")
+    assert {one["name"] for one in states} == {"large/wil/1"}
+    assert any(one["margins"] and len(one["vehicles"]) == 2 for one in states)
+    assert seen.of("/log")[-1]["message"] == "end"
