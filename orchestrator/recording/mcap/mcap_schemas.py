@@ -148,9 +148,9 @@ def schema_of(title: str, kind: type) -> bytes:
 def _fields_of(kind: type) -> dict[str, Schema]:
     """Return the JSON schemas of the fields of a dataclass or a struct."""
     hints = typing.get_type_hints(kind)
-    if issubclass(kind, msgspec.Struct):
-        return {name: _schema_of_hint(hints[name]) for name in kind.__struct_fields__}
-    return {field.name: _schema_of_hint(hints[field.name]) for field in dataclasses.fields(kind)}
+    if (names := getattr(kind, "__struct_fields__", None)) is None:
+        names = tuple(field.name for field in dataclasses.fields(kind))
+    return {name: _schema_of_hint(hints[name]) for name in names}
 
 
 _PLAIN: Mapping[Any, Schema] = types.MappingProxyType(
