@@ -16,8 +16,8 @@ if TYPE_CHECKING:  # of an extra
     import foxglove
     from foxglove.websocket import WebSocketServer
 
-_BACKLOG = 128
-"""Messages that wait for one client: some seconds of images, below 10 MB."""
+_BACKLOG = 512
+"""Messages that wait for one client: some seconds of a flight, some 20 MB."""
 
 
 class FoxgloveServer:

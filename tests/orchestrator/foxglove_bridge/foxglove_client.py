@@ -5,6 +5,7 @@ import json
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -31,6 +32,17 @@ class Received:
 
     def of(self, topic: str) -> list[dict[str, Any]]:
         return [document for _, document in self.messages.get(topic, [])]
+
+    def has(self, topic: str, *, name: str = "", text: str = "") -> bool:
+        """Wait for a line of a log, or for any message of a topic; False where none comes."""
+        give_up_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < give_up_s:
+            if any(
+                not name or (one["name"], one["message"]) == (name, text) for one in self.of(topic)
+            ):
+                return True
+            time.sleep(0.01)
+        return False
 
     def take(self, message: aiohttp.WSMessage) -> list[int]:
         """Take a message; return the channels that are new."""
