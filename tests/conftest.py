@@ -62,6 +62,7 @@ FLIGHTS = (
     "faults/test_socket_flights.py",
     "orchestrator/campaign/test_attached_run.py",
     "orchestrator/console/test_console_flight.py",
+    "orchestrator/engines/bench/test_bench_flight.py",
     "orchestrator/external/test_external_flights.py",
     "orchestrator/recording/test_wall_recording.py",
     "orchestrator/run/flight/test_mavsdk_run.py",

@@ -19,7 +19,7 @@ RETIRED = frozenset(
     re.findall(
         r"\w+",
         """
-        hangar course stations bench telling aboard journal journals arranging sensing seeing
+        hangar course stations telling aboard journal journals arranging sensing seeing
         perceiving lifting desk reservations honesty honest honoured ward charter leftover
         leftovers steering tape taped insist insisting insistence keeper felt surround surroundings
         stranger strangers told said heard blackout blackouts voice voices pilot pilots pictures

@@ -94,6 +94,7 @@ def _part_options(own: Document, part: CompositionPart, options: "Options") -> "
         repetitions=part.repetitions if options.repetitions is None else options.repetitions,
         seed=part.seed if options.seed is None else options.seed,
         sets=(*sets, *options.sets),
+        benches=() if own.get(("bench",)) is None else options.benches,
     )
 
 
@@ -193,6 +194,7 @@ def _merge(
             dict.fromkeys(f"{name}: {said}" for name, one in each for said in one.caveats)
         ),
         options=options,
+        benches=tuple({one.name: one for part in parts.values() for one in part.benches}.values()),
     )
 
 

@@ -1,7 +1,7 @@
 """Controls of a campaign: what each changes, and how it must end."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
 from campaigns.expansion.case_reader import gathered
@@ -46,10 +46,12 @@ def files_of_controls(
     part: CampaignPart | None,
     overrides: Iterable[Override],
     problems: list[Problem],
+    complete: Callable[[Document], Document],
 ) -> dict[str, CaseFiles]:
     """Return the case files of every control, with what it changes.
 
-    What a control sets wins over --set: else a control would no longer be one.
+    What a control sets wins over --set: else a control would no longer be one. complete: as of
+    `case_files`.
     """
     found: dict[str, CaseFiles] = {}
     ordered = tuple(overrides)
@@ -57,7 +59,7 @@ def files_of_controls(
         case = control.case or next(iter(part.cases if part is not None else ()))
         of_case = gathered(problems, partial(overrides_of_case, base, case)) or ()
         own = gathered(problems, partial(overrides_at, base, ("controls", name, "set"))) or ()
-        found[name], wrong = case_files(base, (*of_case, *ordered, *own))
+        found[name], wrong = case_files(base, (*of_case, *ordered, *own), complete)
         problems += wrong
     return found
 

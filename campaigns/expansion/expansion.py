@@ -19,7 +19,10 @@ from campaigns.expansion.controls import (
 )
 from campaigns.expansion.omissions import left_out
 from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
+from campaigns.schema.bench import BenchRequestPart
 from campaigns.schema.between_runs import BetweenRunsPart
+from campaigns.setup.bench_file import Bench
+from campaigns.setup.bench_resolution import bench_request, choose_bench, with_bench
 from campaigns.setup.case_files import (
     CaseFiles,
     Override,
@@ -34,6 +37,7 @@ from campaigns.values.acceptance import DECIDED, Requirement, Share, parse_share
 from campaigns.values.expectation import Expectation
 from campaigns.values.seeds import run_seed
 from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
+from worlds.files.paths import is_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +47,7 @@ class Options:
     cases: globs. sets: KEY=VALUE as given to --set, stronger than what a case overrides.
     is_autonomy_isolated: whether the autonomy is tried in a child process, for a limited time.
     loads_code: False: neither the autonomy nor a step of the user's is loaded, nor can be flown.
+    benches: those on which the campaign may be flown, where it asks for one.
     """
 
     cases: tuple[str, ...] = ()
@@ -52,6 +57,7 @@ class Options:
     sets: tuple[str, ...] = ()
     is_autonomy_isolated: bool = False
     loads_code: bool = True
+    benches: tuple[Bench, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +100,8 @@ class Campaign:
     operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
     to its start; None where nothing is said. controls: the runs that must not pass. warnings: what
     is legal in its files and probably not meant. caveats: those of them that a verdict has to be
-    read with, in words. options: what the command line selected and overrode.
+    read with, in words. options: what the command line selected and overrode. benches: those on
+    which it is flown, one for each campaign that it is made of and that asks for one.
     """
 
     name: str
@@ -117,6 +124,7 @@ class Campaign:
     warnings: tuple[Problem, ...] = ()
     caveats: tuple[str, ...] = ()
     options: Options = Options()
+    benches: tuple[Bench, ...] = ()
 
     @property
     def plans(self) -> tuple[RunPlan, ...]:
@@ -131,12 +139,15 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     if is_composition(original):
         return compose(original, options, load_campaign)
     overrides = _option_overrides(options)
-    base = _with_overrides(original, overrides)
+    plain = _with_overrides(original, overrides)
+    bench = choose_bench(plain, options.benches)
+    complete = _completion(bench)
+    base = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
     part = gathered(problems, partial(check, base, CampaignPart))
-    files = _files_of_cases(base, overrides, problems)
-    of_controls = files_of_controls(base, part, overrides, problems)
+    files = _files_of_cases(plain, overrides, problems, complete)
+    of_controls = files_of_controls(plain, part, overrides, problems, complete)
     read = partial(
         read_setup,
         builds=IsolatedBuilds() if options.is_autonomy_isolated else None,
@@ -180,7 +191,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         name=part.campaign,
         description=part.description,
         document=base,
-        paths=tuple(dict.fromkeys(p for name in names for p in files[name].paths)),
+        paths=_paths([files[name] for name in names], bench),
         cases=case_names,
         modes=modes,
         repetitions=part.most_repetitions,
@@ -194,14 +205,42 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         ),
         left_out=left_out(original, part, selected, shares),
         mqtt=mqtt,
-        retries=part.retries,
+        # With a real vehicle a person looks first what went wrong.
+        retries=part.retries if bench is None else 0,
         test=part.sequential_test,
         between=part.between_runs,
         controls=controls,
         warnings=unique([*doubtful, *odd]),
         caveats=tuple(dict.fromkeys([one.message for one in doubtful] + injected)),
         options=options,
+        benches=() if bench is None else (bench,),
     )
+
+
+def requested_bench(path: Path, options: Options) -> tuple[Document, BenchRequestPart] | None:
+    """Return the document of a campaign that asks for a bench, and for which. Raises BadInput.
+
+    None for one that asks for none; a campaign of campaigns asks by its parts, of this machine.
+    """
+    original = load(path)
+    if is_composition(original):
+        return None
+    document = _with_overrides(original, _option_overrides(options))
+    request = bench_request(document)
+    return None if request is None else (document, request)
+
+
+def _completion(bench: Bench | None) -> Callable[[Document], Document]:
+    """Return what adds to a campaign's document what its bench has."""
+    return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
+
+
+def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
+    """Return the paths of all files of cases, and of the bench where it is of this machine."""
+    found = [path for one in files for path in one.paths]
+    if bench is not None and is_file(bench.document.path):
+        found.append(bench.document.path)
+    return tuple(dict.fromkeys(found))
 
 
 def _odd(
@@ -238,7 +277,10 @@ def _with_overrides(document: Document, overrides: Iterable[Override]) -> Docume
 
 
 def _files_of_cases(
-    base: Document, overrides: tuple[Override, ...], problems: list[Problem]
+    base: Document,
+    overrides: tuple[Override, ...],
+    problems: list[Problem],
+    complete: Callable[[Document], Document],
 ) -> dict[str, CaseFiles]:
     """Return the files of every expanded case; the command line's overrides win."""
     given = base.get(("cases",))
@@ -246,7 +288,7 @@ def _files_of_cases(
     found: dict[str, CaseFiles] = {}
     for name in names:
         own = gathered(problems, partial(overrides_of_case, base, name)) or ()
-        found[name], wrong = case_files(base, (*own, *overrides))
+        found[name], wrong = case_files(base, (*own, *overrides), complete)
         problems += wrong
     return found
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
 from campaigns.schema.autonomy import AutonomyPart
+from campaigns.schema.bench import BenchRequestPart
 from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
@@ -42,6 +43,7 @@ MATRIX_KEYS = frozenset(
         "clock",
         "between_runs",
         "search",
+        "bench",
     }
 )
 """What makes the matrix of runs, and so cannot differ from case to case."""
@@ -218,13 +220,16 @@ class CampaignPart(Part):
     outgoing link of one that gets video streams and contacts. accept: by case and mode how many
     must pass, "4/5"; without it every run. published: counts of others, shown beside the
     campaign's own. retries: how often a run that came to ERROR or INVALID is flown again; never
-    with hardware. collision_always: whether a contact fails a run whatever `oracles` says of
-    `collision`. search: which variants `wil-campaign search` tries to find one that fails.
+    with hardware. bench: the place with the real vehicle, by name or properties; its file says
+    vehicles.real and the geofence. collision_always: whether a contact fails a run whatever
+    `oracles` says of `collision`. search: which variants `wil-campaign search` tries to find one
+    that fails.
     """
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")
     campaign: SafeName
     description: str = ""
+    bench: BenchRequestPart | None = None
     vehicles: VehiclesPart
     world: str
     recipe: str | None = None

@@ -1,4 +1,4 @@
-"""JSON Schemas of campaign, world and recipe files, for completion and hover in editors.
+"""JSON Schemas of campaign, world, recipe and bench files, for completion and hover in editors.
 
 They are made from the models that check the files (draft 2020-12), with what the docstrings say of
 each key. A schema knows one file; what `wil-campaign validate` finds beside that (names of other
@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, models_json_schema
 from pydantic_core import core_schema
 
+from campaigns.schema.bench import BenchPart
 from campaigns.schema.campaign import CampaignPart
 from campaigns.schema.composition import CompositionPart
 from recipes.language.recipe_document import CombinePart, RecipePart
@@ -110,10 +111,22 @@ def recipe_schema() -> Schema:
     }
 
 
+def bench_schema() -> Schema:
+    """Return the schema of bench files."""
+    refs, definitions = _definitions(BenchPart)
+    return {
+        "$schema": DIALECT,
+        "title": "wil-campaign: bench file",
+        **refs[BenchPart],
+        "$defs": definitions,
+    }
+
+
 SCHEMAS: Mapping[str, Callable[[], Schema]] = {
     "campaign.schema.json": campaign_schema,
     "world.schema.json": world_schema,
     "recipe.schema.json": recipe_schema,
+    "bench.schema.json": bench_schema,
 }
 """The files of schemas, each with what makes it."""
 

@@ -1,7 +1,7 @@
 """The files of one case: campaign, world and recipe, with what the case and --set override."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -120,15 +120,22 @@ def overrides_at(campaign: Document, path: DocumentPath) -> tuple[Override, ...]
 
 
 def case_files(
-    campaign: Document, overrides: Iterable[Override]
+    campaign: Document,
+    overrides: Iterable[Override],
+    complete: Callable[[Document], Document] = lambda document: document,
 ) -> tuple[CaseFiles, list[Problem]]:
     """Return the files of a case, and the problems of the files or the overrides.
 
-    A file that cannot be had is None. Later overrides win.
+    A file that cannot be had is None. Later overrides win. complete: adds what the overridden
+    campaign takes from its bench; raises BadInput.
     """
     problems: list[Problem] = []
     ordered = tuple(overrides)
     campaign = _apply_overrides(campaign, (o for o in ordered if o.file == "campaign"), problems)
+    try:
+        campaign = complete(campaign)
+    except BadInput as error:
+        problems += error.problems
     found: dict[str, Document | None] = {}
     for key in _INTO:
         inner = [override for override in ordered if override.file == key]
@@ -141,7 +148,7 @@ def case_files(
                 for override in inner
             ]
         found[key] = document
-    fences = _fence_files(campaign, problems)
+    fences = fence_files(campaign, problems)
     return CaseFiles(campaign, found["world"], found["recipe"], fences), problems
 
 
@@ -157,7 +164,8 @@ def _apply_overrides(
     return document
 
 
-def _fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Document]:
+def fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Document]:
+    """Return the files that a geofence names, by their names there; problems are collected."""
     found: dict[str, Document] = {}
     for place in (("geofence",), ("geofence", "real"), ("geofence", "twin")):
         document = _named_file(campaign, (*place, "file"), problems, json=True)

@@ -110,11 +110,25 @@ _COMMANDS = (
         "orchestrator.cli.commands.vehicle:vehicle",
         "Fly an embedded PX4 or ArduCopter alone, for other programs.",
     ),
+    ("bench", "", "Check files of benches, and serve one to a cluster."),
     ("doctor", "orchestrator.cli.commands.doctor:doctor", "Check what this machine has and lacks."),
     (
         "list",
         "orchestrator.cli.commands.listing:list_available",
         "List campaigns, operators, autonomies, oracles and signals.",
+    ),
+)
+
+_BENCH_COMMANDS = (
+    (
+        "check",
+        "orchestrator.cli.commands.bench:check",
+        "Report every fault of bench files; nothing is connected to.",
+    ),
+    (
+        "serve",
+        "orchestrator.cli.commands.bench:serve",
+        "Join a cluster, and fly its campaigns on a bench of this machine.",
     ),
 )
 
@@ -181,7 +195,18 @@ def build_app() -> App:
         default_parameter=Parameter(negative=()),
     )
     for name, function, summary in _COMMANDS:
-        app.command(function, name=name, help=summary)
+        if function:
+            app.command(function, name=name, help=summary)
+        else:
+            app.command(_bench_app(name, summary))
+    return app
+
+
+def _bench_app(name: str, summary: str) -> App:
+    """Return the command `bench`, which has commands of its own."""
+    app = App(name=name, help=summary)
+    for inner, function, text in _BENCH_COMMANDS:
+        app.command(function, name=inner, help=text)
     return app
 
 

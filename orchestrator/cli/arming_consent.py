@@ -2,10 +2,15 @@
 
 import asyncio
 import os
+import pwd
 import sys
+import termios
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
+from campaigns.setup.bench_file import Bench
+from campaigns.setup.case_setup import VehicleSetup
 from orchestrator.campaign.attached_vehicles import (
     AttachedVehicle,
     attached_vehicles,
@@ -16,10 +21,12 @@ from orchestrator.campaign.attached_vehicles import (
 )
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
+from orchestrator.engines.bench.bench_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.clock import Clock
 from orchestrator.model.results import VehicleKind
 from vehicles.errors import VehicleError
 from vehicles.links.link_strings import LinkAddress
+from worlds.files.problems import printable
 
 REFUSED = 2
 NOT_HAD = 3
@@ -60,7 +67,7 @@ def clear(
     arm: whether anything is armed at all. arm_real: whether attached vehicles may be.
     """
     attached = attached_vehicles(campaign)
-    wanted = _clock(campaign, clock)
+    wanted = settled_clock(campaign, clock)
     shared = shared_of(campaign)
     if jobs is not None and jobs < 1:
         raise RefusedError(f"--jobs {jobs}: must be at least 1", REFUSED)
@@ -78,11 +85,32 @@ def clear(
             "everything else against it",
             REFUSED,
         )
-    found = _find_vehicles(campaign)
+    if arm:
+        require_may_arm(campaign.benches, user_name())
+    found = _find_vehicles(attached)
     if arm:
         _confirm(campaign, found)
     hardware = " and ".join(one.name for one in found if not one.identity.simulation)
     return Cleared(wanted, 1, kind_of_real(campaign, found), hardware)
+
+
+def require_may_arm(benches: Iterable[Bench], user: str) -> None:
+    """Raise RefusedError where a bench does not let this user consent to arm."""
+    for bench in benches:
+        if bench.users is not None and not bench.may_arm(user):
+            raise RefusedError(
+                f"bench {bench.name}: {user} may not arm there, only {', '.join(bench.users)} "
+                f"({bench.document.name}, arming.users); --no-arm tries everything else",
+                REFUSED,
+            )
+
+
+def user_name() -> str:
+    """Return the name of the user that this process belongs to; its number where it has none."""
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:
+        return str(os.getuid())
 
 
 def _default_jobs(clock: Clock) -> int:
@@ -91,7 +119,7 @@ def _default_jobs(clock: Clock) -> int:
     return cores if clock == "virtual" else max(1, cores // 2)
 
 
-def _clock(campaign: Campaign, asked: Clock | None) -> Clock:
+def settled_clock(campaign: Campaign, asked: Clock | None) -> Clock:
     """Return the clock of a campaign to be armed. Raises RefusedError, BadInput."""
     able = clock_for(campaign, asked)
     outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
@@ -124,7 +152,8 @@ def clear_vehicle(address: LinkAddress, *, purpose: str, arm_real: bool) -> Atta
             REFUSED,
         )
     _refuse_armed(found)
-    _ask_person(f"{purpose}. Arm {found.name} ({found.where}) and take off? [y/N] ")
+    if has_terminal():
+        _ask_person(f"{purpose}. Arm {found.name} ({found.where}) and take off? [y/N] ")
     return found
 
 
@@ -136,10 +165,10 @@ def find_vehicle(address: LinkAddress) -> AttachedVehicle:
         raise RefusedError(str(error), NOT_HAD) from error
 
 
-def _find_vehicles(campaign: Campaign) -> tuple[AttachedVehicle, ...]:
+def _find_vehicles(vehicles: Iterable[VehicleSetup]) -> tuple[AttachedVehicle, ...]:
     """Return the attached vehicles to be armed, identified. Raises RefusedError."""
     try:
-        found = asyncio.run(find_all(attached_vehicles(campaign), _IDENTIFY_S))
+        found = asyncio.run(find_all(vehicles, _IDENTIFY_S))
     except VehicleError as error:
         raise RefusedError(str(error), NOT_HAD) from error
     for one in found:
@@ -155,18 +184,51 @@ def _refuse_armed(vehicle: AttachedVehicle) -> None:
 
 
 def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
-    """Ask the person at the terminal for consent to arm a campaign's vehicles."""
+    """Ask the person at the terminal for consent to arm, if there is one."""
+    if has_terminal():
+        _ask_to_arm(f"campaign '{campaign.name}'", len(campaign.plans), found)
+
+
+def has_terminal() -> bool:
+    """Return whether a person can be asked."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> None:
+    """Ask the person at the terminal for consent to arm vehicles. Raises RefusedError without."""
     names = " and ".join(f"{one.name} ({one.where})" for one in found)
-    count = len(campaign.plans)
     runs = f"{count} run{'' if count == 1 else 's'}"
-    _ask_person(f"campaign '{campaign.name}', {runs}. Arm {names} and take off? [y/N] ")
+    _ask_person(f"{what}, {runs}. Arm {names} and take off? [y/N] ")
 
 
 def _ask_person(question: str) -> None:
-    """Ask the person at the terminal, if there is one. Raises RefusedError without a yes."""
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
-        return
+    """Ask the person at the terminal. Raises RefusedError without a yes."""
     sys.stderr.write(question)
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in {"y", "yes"}:
         raise RefusedError("not confirmed; nothing was armed", REFUSED)
+
+
+def consent_at_bench(bench: Bench, asked: ConsentAsked) -> ConsentAnswer:
+    """Return what this bench answers a campaign of the cluster, asking the person at its terminal.
+
+    Its vehicle is identified first. What was typed before the question is no answer to it.
+    """
+    what = printable(f"campaign '{asked.campaign}' of {asked.place}")
+    try:
+        if asked.arm:
+            require_may_arm((bench,), user_name())
+        found = _find_vehicles((bench.vehicle,))
+        if asked.arm:
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+            _ask_to_arm(what, asked.runs, found)
+    except RefusedError as error:
+        err(f"{what}: {error}")
+        return ConsentAnswer(f"bench {bench.name}: {error}", error.code)
+    is_hardware = not all(one.identity.simulation for one in found)
+    return ConsentAnswer(
+        code=0,
+        real_kind="hardware" if is_hardware else "sitl",
+        hardware=bench.vehicle.name if is_hardware else "",
+        vehicle=" and ".join(map(str, found)),
+    )

@@ -1,11 +1,13 @@
 """The options that choose which runs of a campaign there are; of several commands."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from campaigns.expansion.expansion import Options
+from campaigns.setup.bench_file import load_benches
 
 
 @Parameter(name="*")
@@ -25,6 +27,8 @@ class Choice:
         The seed from which those of the runs derive.
     set_
         KEY=VALUE: a dotted key of the campaign, or of world.* or recipe.*, and its value.
+    bench_file
+        A bench of this machine, for a campaign that asks for one; may be given several times.
     """
 
     case: Annotated[tuple[str, ...], Parameter(negative=())] = ()
@@ -32,15 +36,20 @@ class Choice:
     repetitions: int | None = None
     seed: int | None = None
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = ()
+    bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = ()
 
     def options(self, *further: str) -> Options:
-        """Return the run selection as options with further KEY=VALUE after it."""
+        """Return the run selection as options with further KEY=VALUE after it.
+
+        Raises BadInput for the bench files.
+        """
         return Options(
             cases=self.case,
             modes=self.mode,
             repetitions=self.repetitions,
             seed=self.seed,
             sets=(*self.set_, *further),
+            benches=load_benches(self.bench_file),
         )
 
 

@@ -15,24 +15,12 @@ _OF_RAY = ("RAY_", "OMP_NUM_THREADS")
 """Of the environment: a token of the cluster, and what Ray sets for its own workers."""
 
 
-class NodeAgent:
-    """Relays between the machine of a campaign and the process on this node."""
+class PipeAgent:
+    """Passes messages on to a process of this node and back."""
 
-    def __init__(self) -> None:
-        kept = {name: text for name, text in os.environ.items() if not name.startswith(_OF_RAY)}
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "orchestrator.engines.node_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            env={**kept, "PYTHONPATH": os.pathsep.join(sys.path)},
-        )
-        if self._process.stdin is None or self._process.stdout is None:
-            raise OSError("the process of the node has no pipes")
-        self._to = Connection(os.dup(self._process.stdin.fileno()), readable=False)
-        self._from = Connection(os.dup(self._process.stdout.fileno()), writable=False)
-        for stream in (self._process.stdin, self._process.stdout):
-            stream.close()
+    def __init__(self, to: Connection, back: Connection) -> None:
+        self._to = to
+        self._from = back
         self._sending = threading.Lock()
 
     def send(self, message: bytes) -> None:
@@ -56,6 +44,32 @@ class NodeAgent:
         return messages
 
     def close(self) -> None:
-        """End the process, after its run has landed."""
+        """End the connection to the process."""
         self._to.close()
+
+
+class NodeAgent(PipeAgent):
+    """Relays between the machine of a campaign and the process on this node."""
+
+    def __init__(self) -> None:
+        kept = {name: text for name, text in os.environ.items() if not name.startswith(_OF_RAY)}
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "orchestrator.engines.node_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env={**kept, "PYTHONPATH": os.pathsep.join(sys.path)},
+        )
+        if self._process.stdin is None or self._process.stdout is None:
+            raise OSError("the process of the node has no pipes")
+        super().__init__(
+            Connection(os.dup(self._process.stdin.fileno()), readable=False),
+            Connection(os.dup(self._process.stdout.fileno()), writable=False),
+        )
+        for stream in (self._process.stdin, self._process.stdout):
+            stream.close()
+
+    def close(self) -> None:
+        """End the process, after its run has landed."""
+        super().close()
         self._process.wait()

@@ -32,10 +32,14 @@ _STORE_BYTES = 80_000_000
 
 @dataclass(frozen=True, slots=True)
 class RayEngine:
-    """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run."""
+    """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run.
+
+    bench: whose one agent it is; "" where any node flies.
+    """
 
     ray: Any
     cores: int
+    bench: str = ""
     idle: list[HiredAgent] = field(default_factory=list)
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
@@ -81,6 +85,11 @@ class RayWorkers:
     async def _hire_another(self) -> HiredAgent:
         loop = asyncio.get_running_loop()
         engine = self._engine
+        if engine.bench:
+            raise EngineError(
+                f"bench {engine.bench} is lost: nothing more is flown; look what its vehicle does, "
+                "and start again with --resume"
+            )
         return (
             await loop.run_in_executor(None, lambda: hire_agents(engine.ray, 1, cores=engine.cores))
         )[0]
@@ -119,8 +128,19 @@ def engine_address(text: str) -> str | None:
 def ray_engine(address: str | None, *, jobs: int | None, cores: int) -> Iterator[RayEngine]:
     """Start a Ray of this machine for `jobs` runs, or join the one at an address.
 
-    jobs: None for as many as the cluster has place for. cores: that a run takes. Called in the main
-    thread, with whose end Ray's processes end. Raises EngineError.
+    jobs: None for as many as the cluster has place for. cores: that a run takes. Raises
+    EngineError.
+    """
+    with running_ray(address, cpus=(jobs or 1) * cores) as ray:
+        count = jobs or max(1, int(ray.cluster_resources().get("CPU", 0)) // cores)
+        yield RayEngine(ray, cores, idle=hire_agents(ray, count, cores=cores))
+
+
+@contextmanager
+def running_ray(address: str | None, *, cpus: int = 0) -> Iterator[Any]:
+    """Return the module ray, connected: to a Ray of this machine with `cpus`, or to an address.
+
+    Called in the main thread, with whose end the processes of an own Ray end. Raises EngineError.
     """
     if address is None:
         os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=_own_token())
@@ -131,12 +151,11 @@ def ray_engine(address: str | None, *, jobs: int | None, cores: int) -> Iterator
     before = signal.getsignal(signal.SIGTERM)
     try:
         if address is None:
-            _start(ray, (jobs or 1) * cores)
+            _start(ray, cpus)
         else:
             _join(ray, address)
         signal.signal(signal.SIGTERM, before)  # Ray's own would end this program in flight
-        count = jobs or max(1, int(ray.cluster_resources().get("CPU", 0)) // cores)
-        yield RayEngine(ray, cores, hire_agents(ray, count, cores=cores))
+        yield ray
     finally:
         ray.shutdown()
         signal.signal(signal.SIGTERM, before)

@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from campaigns.expansion.expansion import Options, load_campaign
+from campaigns.setup.bench_file import load_benches
 from orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.cli.text_table import table
@@ -23,6 +24,7 @@ def judge(
     mode: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     repetitions: int | None = None,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+    bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Judge recorded runs again, by the oracles that the campaign file has now; fly nothing.
@@ -47,12 +49,21 @@ def judge(
         How many runs of each case and mode were flown, when not as many as the file says.
     set_
         KEY=VALUE, as of `run`: oracles.altitude.max_m=2.0 asks what another limit had said.
+    bench_file
+        The bench that it was flown on, as of `run`.
     json_
         Print one JSON document: summary.json as it is judged now, and changed_since_flight.
     """
     campaign = load_campaign(
         file,
-        Options(cases=case, modes=mode, repetitions=repetitions, sets=set_, loads_code=False),
+        Options(
+            cases=case,
+            modes=mode,
+            repetitions=repetitions,
+            sets=set_,
+            loads_code=False,
+            benches=load_benches(bench_file),
+        ),
     )
     try:
         judgement = judge_campaign_again(campaign, folder)

@@ -9,11 +9,12 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from campaigns.expansion.expansion import Campaign, load_campaign
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from campaigns.schema import VEHICLES
 from orchestrator.analysis.study_tables import has_modes_to_compare
 from orchestrator.campaign.attached_vehicles import attached_vehicles
-from orchestrator.campaign.campaign_folder import OutputError, require_writable
+from orchestrator.campaign.bench_lock import held_benches
+from orchestrator.campaign.campaign_folder import OutputError, TakenError, require_writable
 from orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     FlyingSettings,
@@ -21,9 +22,10 @@ from orchestrator.campaign.campaign_runner import (
     planned,
 )
 from orchestrator.campaign.resumption import ResumeError
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.run_engine import EngineError, LocalRunEngine
 from orchestrator.campaign.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from orchestrator.cli.bench_flight import bench_flight, is_for_bench
 from orchestrator.cli.clock_choice import shared_of
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, display_of
@@ -129,42 +131,87 @@ def run(
     if flights.no_arm and resume:
         err("--no-arm leaves no results that --resume could continue")
         return 2
+    options = choice.options(*_sets(flights))
+    order = _Order(file, options, flights, out_, resume=resume, junit=junit, json=json_)
     try:
-        address = None if flights.engine == LOCAL else engine_address(flights.engine)
-        campaign = load_campaign(file, choice.options(*_sets(flights)))
-        _refuse_attached(campaign, flights)
         if flights.engine == LOCAL:
-            start_run_server()
-        require_writable(out_, junit=junit)
-        cleared = _clear_arming(campaign, flights)
+            return _fly_here(order)
+        address = engine_address(flights.engine)
+        if is_for_bench(file, options, flights.engine) and address is not None:
+            return _fly_on_bench(order, address)
+        return _fly_over_cluster(order, address)
     except OutputError as error:
         err(error)
         return 3
     except (RefusedError, EngineError) as error:
         err(error)
         return error.code
-    settings = FlyingSettings(
-        out=out_,
-        clock=cleared.clock,
-        jobs=cleared.jobs,
-        junit=junit,
-        resume=resume,
-        arm=not flights.no_arm,
-        real_kind=cleared.real_kind,
-        hardware=cleared.hardware,
-    )
-    if flights.engine == LOCAL:
-        return _fly_selected(campaign, settings, flights, json=json_)
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """What `run` was asked for."""
+
+    file: Path
+    options: Options
+    flights: Flights
+    out: Path
+    resume: bool
+    junit: Path | None
+    json: bool
+
+    def settings(self, cleared: Cleared) -> FlyingSettings:
+        """Return how a campaign that was cleared is flown."""
+        return FlyingSettings(
+            out=self.out,
+            clock=cleared.clock,
+            jobs=cleared.jobs,
+            junit=self.junit,
+            resume=self.resume,
+            arm=not self.flights.no_arm,
+            real_kind=cleared.real_kind,
+            hardware=cleared.hardware,
+        )
+
+
+def _fly_here(order: _Order) -> int:
+    """Fly in processes of this machine. Raises BadInput, OutputError, RefusedError, EngineError."""
+    campaign = load_campaign(order.file, order.options)
+    start_run_server()
+    require_writable(order.out, junit=order.junit)
+    cleared = _clear_arming(campaign, order.flights)
+    return _fly_selected(campaign, order.settings(cleared), order)
+
+
+def _fly_over_cluster(order: _Order, address: str | None) -> int:
+    """Fly over the nodes of a cluster. Raises like `_fly_here`."""
+    campaign, flights = load_campaign(order.file, order.options), order.flights
+    _refuse_attached(campaign, flights)
+    require_writable(order.out, junit=order.junit)
+    cleared = _clear_arming(campaign, flights)
+    settings = order.settings(cleared)
     # Over a cluster there is place for more than the cores of this machine.
     is_open = address is not None and flights.jobs is None and not shared_of(campaign)
     jobs = None if is_open else min(cleared.jobs, len(planned(campaign, settings)))
-    try:
-        with ray_engine(address, jobs=jobs, cores=1 if cleared.clock == "virtual" else 2) as engine:
-            settings = replace(settings, engine=engine, jobs=len(engine.idle))
-            return _fly_selected(campaign, settings, flights, json=json_)
-    except EngineError as error:
-        err(error)
-        return error.code
+    with ray_engine(address, jobs=jobs, cores=1 if cleared.clock == "virtual" else 2) as engine:
+        settings = replace(settings, engine=engine, jobs=len(engine.idle))
+        return _fly_selected(campaign, settings, order)
+
+
+def _fly_on_bench(order: _Order, address: str) -> int:
+    """Fly on a bench of a cluster. Raises like `_fly_here`."""
+    flights = order.flights
+    require_writable(order.out, junit=order.junit)
+    with bench_flight(
+        order.file,
+        order.options,
+        address,
+        clock=flights.clock,
+        jobs=flights.jobs,
+        arm=not flights.no_arm,
+    ) as flight:
+        settings = replace(order.settings(flight.cleared), engine=flight.engine)
+        return _fly_selected(flight.campaign, settings, order)
 
 
 def _refuse_attached(campaign: Campaign, flights: Flights) -> None:
@@ -196,16 +243,17 @@ def _sets(flights: Flights) -> list[str]:
     return _gcs_sets(flights.gcs) + broker
 
 
-def _fly_selected(
-    campaign: Campaign, settings: FlyingSettings, flights: Flights, *, json: bool
-) -> int:
+def _fly_selected(campaign: Campaign, settings: FlyingSettings, order: _Order) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
+    json = order.json
     display = display_of(json=json, total=len(planned(campaign, settings)))
+    # A bench on another node is locked there.
+    of_here = campaign.benches if isinstance(settings.engine, LocalRunEngine) else ()
     try:
-        with display, _beside(flights, display, json=json):
+        with held_benches(of_here), display, _beside(order.flights, display, json=json):
             display.say(_announcement(campaign, settings))
             outcome = fly_campaign(campaign, settings, display)
-    except (OutputError, OperatingError, ConsoleError) as error:
+    except (OutputError, OperatingError, ConsoleError, TakenError) as error:
         err(error)
         return 3
     except (ResumeError, BridgeError) as error:

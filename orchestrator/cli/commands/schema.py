@@ -10,7 +10,7 @@ from worlds.files.problems import printable
 
 
 def schema(folder: Path = Path("schemas")) -> int:
-    """Write the JSON Schemas of campaign, world and recipe files, for completion and hover.
+    """Write the JSON Schemas of campaign, world, recipe and bench files, for completion and hover.
 
     Exit code 3: the files cannot be written.
 

@@ -1,4 +1,4 @@
-"""`wil-campaign validate`: every fault of campaign, world and recipe files."""
+"""`wil-campaign validate`: every fault of campaign, world, recipe and bench files."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from campaigns.search.search_file import has_search, read_search
+from campaigns.setup.bench_file import Bench, load_benches, read_bench
 from orchestrator.cli.clock_choice import clock_for, external_needs
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.model.clock import Clock
@@ -20,25 +21,29 @@ def validate(
     *files: Path,
     clock: Clock | None = None,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
+    bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
 ) -> int:
     """Find every fault of files, fly nothing.
 
     Parameters
     ----------
     files
-        Campaign files, with the world and recipe that each names; or world or recipe files.
+        Campaign files, with the world and recipe that each names; or world, recipe or bench files.
     clock
         Whether they can be flown on this clock as well: virtual, wall or scaled.
     set_
         KEY=VALUE, as of `run`: campaigns are looked at with that.
+    bench_file
+        A bench, as of `run`, for campaigns that ask for one.
     """
     if not files:
         err("validate needs at least one file")
         return 2
+    options = Options(sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file))
     problems: list[Problem] = []
     for file in files:
         try:
-            out(_check_case(file, clock, set_))
+            out(_check_case(file, clock, options))
         except BadInput as error:
             problems += error.problems
             for warning in error.warnings:
@@ -53,7 +58,7 @@ def validate(
     return 2
 
 
-def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
+def _check_case(file: Path, clock: Clock | None, options: Options) -> str:
     """Return a line about a valid file, whatever kind it is of. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
@@ -63,7 +68,9 @@ def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
     if schema == "wil/recipe/1":
         recipe = load_recipe(document)
         return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
-    campaign = load_campaign(file, Options(sets=sets, is_autonomy_isolated=True))
+    if schema == "wil/bench/1":
+        return f"{file}: {bench_summary(read_bench(document))}"
+    campaign = load_campaign(file, options)
     for warning in campaign.warnings:
         err(f"warning: {warning}")
     if has_search(campaign):
@@ -72,6 +79,11 @@ def _check_case(file: Path, clock: Clock | None, sets: tuple[str, ...]) -> str:
     outside = ", ".join(dict.fromkeys(one.name for one in external_needs(campaign)))
     because = f"; {chosen} clock, for {outside}" if outside else ""
     return f"{file}: {_summary(campaign)}{because}"
+
+
+def bench_summary(bench: Bench) -> str:
+    """Return the summary of a valid bench."""
+    return f"bench {bench.facts}, {bench.vehicle.autopilot} on {bench.vehicle.attached}"
 
 
 def _summary(campaign: Campaign) -> str:

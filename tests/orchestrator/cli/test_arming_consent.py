@@ -16,8 +16,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.setup.bench_file import load_benches
 from orchestrator.cli import arming_consent, main
-from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from orchestrator.cli.arming_consent import Cleared, RefusedError, clear, require_may_arm
 from vehicles.mavlink.codec import Codec
 
 ROOT = Path(__file__).parents[3]
@@ -182,6 +183,18 @@ def test_who_answers_instead_is_named(
         error = refused(LINK % port)
     assert error.code == 3
     assert said in str(error)
+
+
+def test_only_the_users_of_a_bench_arm_there(tmp_path: Path) -> None:
+    file = tmp_path / "hall-a.yaml"
+    text = (ROOT / "campaigns" / "benches" / "hall-a.yaml").read_text()
+    file.write_text(f"{text}arming: {{users: [anna]}}\n")
+    (bench,) = load_benches((file,))
+    require_may_arm((bench,), "anna")
+    require_may_arm(load_benches((ROOT / "campaigns" / "benches" / "hall-a.yaml",)), "ben")
+    with pytest.raises(RefusedError, match="hall-a: ben may not arm there, only anna") as refused:
+        require_may_arm((bench,), "ben")
+    assert refused.value.code == 2
 
 
 class Terminal(io.StringIO):

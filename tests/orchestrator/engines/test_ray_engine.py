@@ -58,7 +58,7 @@ def fly(
     resume: bool = False,
 ) -> CampaignOutcome:
     ray = FakeRay(MortalAgent)
-    engine = RayEngine(ray, 1, hire_agents(ray, workers, cores=1))
+    engine = RayEngine(ray, 1, idle=hire_agents(ray, workers, cores=1))
     settings = FlyingSettings(out=out, clock="virtual", jobs=1, engine=engine, resume=resume)
     try:
         return fly_campaign(campaign, settings, Acting(lambda: act(ray)))

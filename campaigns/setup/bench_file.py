@@ -1,0 +1,99 @@
+"""A bench as campaigns use it, from its file."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaigns.schema.bench import OF_VEHICLE, BenchPart, PropertyValue
+from campaigns.schema.vehicles import VehiclesPart
+from campaigns.setup.case_files import fence_files
+from campaigns.setup.vehicle_fences import Drawing, fences_of
+from campaigns.setup.vehicle_setups import VehicleSetup, vehicle_setups
+from worlds.files.documents import BadInput, Document, Problem, check, load
+from worlds.files.problems import printable
+
+
+@dataclass(frozen=True, slots=True)
+class BenchFacts:
+    """What a bench is asked for by. properties: with the autopilot of its vehicle."""
+
+    name: str
+    properties: Mapping[str, PropertyValue]
+
+    def __str__(self) -> str:
+        """Return the bench's name with its properties, in words."""
+        said = ", ".join(f"{key}: {in_file(one)}" for key, one in sorted(self.properties.items()))
+        return f"{self.name} ({said})"
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A place with a real vehicle, from its file.
+
+    users: who may consent to arm there; None: whoever is at its terminal. vehicle: the real one.
+    """
+
+    facts: BenchFacts
+    document: Document
+    users: tuple[str, ...] | None
+    vehicle: VehicleSetup
+
+    @property
+    def name(self) -> str:
+        """Return the bench's name."""
+        return self.facts.name
+
+    def may_arm(self, user: str) -> bool:
+        """Return whether a user of the bench's machine may consent to arm."""
+        return self.users is None or user in self.users
+
+
+def in_file(value: PropertyValue) -> str:
+    """Return a property's value as it stands in a file."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def read_bench(document: Document) -> Bench:
+    """Return the bench of a file's document. Raises BadInput with every problem."""
+    part = check(document, BenchPart)
+    problems: list[Problem] = []
+    vehicles = vehicle_setups(document, VehiclesPart(real=part.vehicles.real), problems)
+    drawing = Drawing(document, fence_files(document, problems), None)
+    if not problems:
+        # Areas on Earth are drawn when a campaign's world says where it lies.
+        fences_of(part.geofence, drawing, ("geofence",))
+    if problems:
+        raise BadInput(problems)
+    return Bench(
+        facts=BenchFacts(part.bench, {**part.properties, OF_VEHICLE: part.vehicles.real.autopilot}),
+        document=document,
+        users=None if part.arming.users is None else tuple(part.arming.users),
+        vehicle=vehicles["real"],
+    )
+
+
+def load_benches(paths: Iterable[Path]) -> tuple[Bench, ...]:
+    """Return the benches of files. Raises BadInput with every problem, also of equal names."""
+    found: list[Bench] = []
+    problems: list[Problem] = []
+    for path in paths:
+        try:
+            found.append(read_bench(load(path)))
+        except BadInput as error:
+            problems += error.problems
+    problems += equal_names(found)
+    if problems:
+        raise BadInput(problems)
+    return tuple(found)
+
+
+def equal_names(benches: Iterable[Bench]) -> Iterator[Problem]:
+    """Yield a problem for each bench that has the name of an earlier one."""
+    first: dict[str, Bench] = {}
+    for bench in benches:
+        other = first.setdefault(bench.name, bench)
+        if other is not bench:
+            line, column = other.document.place(("bench",))
+            where = printable(f"{other.document.name}:{line}:{column}")
+            said = f"{where} is a bench of the name '{bench.name}', too; rename one"
+            yield bench.document.problem(("bench",), said)

@@ -1,0 +1,217 @@
+"""Which bench a campaign is flown on, and the campaign with what that bench has.
+
+Pure: documents in, a document out. A key stands in one of the two files, never in both: what is
+flown is then in either file as it is read.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from campaigns.schema.bench import BenchRequestPart, PropertyValue
+from campaigns.setup.bench_file import Bench, BenchFacts, in_file
+from worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
+from worlds.files.documents import Path as KeyPath
+from worlds.files.problems import printable
+from worlds.files.yaml_nodes import Data, Node, mapping_node, plain
+
+BENCH: KeyPath = ("bench",)
+_TAKEN: tuple[KeyPath, ...] = (("vehicles", "real"), ("geofence",))
+"""What a campaign takes from its bench."""
+_MERGED: frozenset[KeyPath] = frozenset(
+    {("vehicles", "real"), ("vehicles", "real", "sensors"), ("vehicles", "real", "params")}
+)
+"""Mappings of which each file has keys of its own; any other value is of one file as a whole."""
+_FILES: tuple[KeyPath, ...] = (
+    ("vehicles", "real", "profile"),
+    ("vehicles", "real", "signing", "file"),
+    ("geofence", "file"),
+    ("geofence", "real", "file"),
+    ("geofence", "twin", "file"),
+)
+"""What names a file beside the bench file; those of sensors are found by their keys."""
+
+
+def bench_request(campaign: Document) -> BenchRequestPart | None:
+    """Return which bench a campaign asks for; None for none. Raises BadInput."""
+    if campaign.get(BENCH) is None:
+        return None
+    return check(campaign, BenchRequestPart, at=BENCH)
+
+
+def choose_bench(campaign: Document, benches: Sequence[Bench]) -> Bench | None:
+    """Return the bench that a campaign asks for, the first by name; None where it asks for none.
+
+    Raises BadInput where none of these fits, or where one is given and none is asked for.
+    """
+    request = bench_request(campaign)
+    if request is None:
+        if benches:
+            names = " or ".join(sorted(bench.name for bench in benches))
+            said = f"asks for no bench, but --bench-file gives {names}; write `bench: {names}`"
+            raise BadInput([campaign.problem(("campaign",), said, key=True)])
+        return None
+    if not benches:
+        said = (
+            "asks for a bench: give the file of one of this machine by --bench-file FILE, or fly "
+            "over a cluster that a bench has joined, by --engine ray://HOST:PORT"
+        )
+        raise BadInput([campaign.problem(BENCH, said, key=True)])
+    facts = [bench.facts for bench in benches]
+    fitting = fitting_benches(request, facts)
+    if not fitting:
+        raise BadInput([no_bench(campaign, request, facts)])
+    name = min(one.name for one in fitting)
+    return next(bench for bench in benches if bench.name == name)
+
+
+def fitting_benches(request: BenchRequestPart, benches: Sequence[BenchFacts]) -> list[BenchFacts]:
+    """Return the benches that have the name and the properties that are asked for."""
+    return [
+        bench
+        for bench in benches
+        if request.name in {None, bench.name}
+        and all(_has(bench, key, value) for key, value in request.properties.items())
+    ]
+
+
+def with_bench(campaign: Document, bench: Bench) -> Document:
+    """Return a campaign with its bench's vehicle and fence. Raises BadInput.
+
+    Its places are those of the two files. A key that both have is a problem.
+    """
+    merger = _Merger(bench)
+    root = campaign.root
+    for path in _TAKEN:
+        entry = bench.document.entry(path)
+        taken = Entry(entry.key, _absolute(entry.node, path, bench.document.path.parent))
+        root = merger.add(root, (), path, taken)
+    if merger.problems:
+        raise BadInput(merger.problems)
+    return Document(campaign.path, root)
+
+
+def departure(campaign: Document, bench: Bench) -> str:
+    """Return what of a campaign's vehicle and fence is not that of its bench; "" for nothing.
+
+    campaign: one that has been completed by `with_bench`, perhaps on another machine.
+    """
+    there = campaign.data
+    vehicles = there.get("vehicles") if isinstance(there, dict) else None
+    twin = vehicles.get("twin") if isinstance(vehicles, dict) else None
+    link = twin.get("link") if isinstance(twin, dict) else None
+    if isinstance(link, str) and link != "embedded":
+        return f"vehicles.twin.link is {link}: a bench has one vehicle, the real one"
+    for path in _TAKEN:
+        entry = bench.document.entry(path)
+        wanted = plain(_absolute(entry.node, path, bench.document.path.parent))
+        found = _differing(campaign.get(path), wanted, path)
+        if found:
+            return f"{'.'.join(map(str, found))} is not that of bench {bench.name}"
+    return ""
+
+
+def _differing(there: Data, wanted: Data, path: KeyPath) -> KeyPath:
+    """Return the path of a value that is not the bench's; () for none."""
+    if path not in _MERGED or not isinstance(wanted, dict):
+        return () if there == wanted else path
+    for key, value in wanted.items():
+        inner = there.get(key) if isinstance(there, dict) else None
+        if found := _differing(inner, value, (*path, key)):
+            return found
+    return ()
+
+
+def _has(bench: BenchFacts, key: str, value: PropertyValue) -> bool:
+    """Return whether a bench has a property of a value; true is no 1."""
+    there = bench.properties.get(key)
+    return there == value and isinstance(there, bool) == isinstance(value, bool)
+
+
+def no_bench(
+    campaign: Document, request: BenchRequestPart, benches: Sequence[BenchFacts]
+) -> Problem:
+    """Return why no bench fits, at the place that none fits."""
+    named = [bench for bench in benches if request.name in {None, bench.name}]
+    ordered = sorted(benches, key=lambda bench: bench.name)
+    there = "; ".join(map(str, ordered)) or "none"
+    if not named:
+        at = BENCH if isinstance(campaign.get(BENCH), str) else (*BENCH, "name")
+        said = f"there is no bench '{request.name}'; there is {there}"
+        return campaign.problem(at, said, closest(str(request.name), [b.name for b in benches]))
+    for key, value in request.properties.items():
+        at = (*BENCH, "properties", key)
+        if not any(key in bench.properties for bench in named):
+            known = sorted({name for bench in named for name in bench.properties})
+            said = f"no bench has the property '{key}'; there is {there}"
+            return campaign.problem(at, said, closest(key, known), key=True)
+        if not any(_has(bench, key, value) for bench in named):
+            return campaign.problem(at, f"no bench has {key}: {in_file(value)}; there is {there}")
+    said = f"no bench has all of these properties; there is {there}"
+    return campaign.problem((*BENCH, "properties"), said, key=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Merger:
+    """Adds a bench's entries to a campaign's nodes; problems are collected."""
+
+    bench: Bench
+    problems: list[Problem] = field(default_factory=list)
+
+    def add(self, node: Node, above: KeyPath, way: KeyPath, taken: Entry) -> Node:
+        """Return a node with an entry at the end of a way of keys. above: the node's own path."""
+        entries = dict(node.value) if isinstance(node.value, dict) else {}
+        key = str(way[0])
+        path = (*above, key)
+        present = entries.get(key)
+        if way[1:]:
+            inner = mapping_node({}, taken.key) if present is None else present.node
+            place = taken.key if present is None else present.key
+            entries[key] = Entry(place, self.add(inner, path, way[1:], taken))
+        elif present is None:
+            entries[key] = taken
+        else:
+            entries[key] = Entry(present.key, self._merge(path, present, taken))
+        return mapping_node(entries, node.place)
+
+    def _merge(self, path: KeyPath, present: Entry, taken: Entry) -> Node:
+        """Return the value of a key that both files have."""
+        if path in _MERGED and isinstance(taken.node.value, dict) and _is_open(present.node):
+            merged = present.node
+            for name, one in taken.node.value.items():
+                merged = self.add(merged, path, (name,), one)
+            return merged
+        where = printable(f"{taken.key.source.name}:{taken.key.line}:{taken.key.column}")
+        said = f"{'.'.join(map(str, path))} is of bench {self.bench.name} ({where})"
+        self.problems.append(present.key.problem(f"{said}; remove it here"))
+        return present.node
+
+
+def _is_open(node: Node) -> bool:
+    """Return whether keys can be added to a value: a mapping, or nothing."""
+    return node.value is None or isinstance(node.value, dict)
+
+
+def _absolute(node: Node, path: KeyPath, folder: Path) -> Node:
+    """Return a bench's value with the files that it names, beside the bench file, absolute."""
+    if isinstance(node.value, dict):
+        inner = {
+            key: Entry(one.key, _absolute(one.node, (*path, key), folder))
+            for key, one in node.value.items()
+        }
+        return mapping_node(inner, node.place)
+    if not (isinstance(node.value, str) and _names_file(path, node.value)):
+        return node
+    return Node(str((folder / Path(node.value).expanduser()).absolute()), node.place)
+
+
+def _names_file(path: KeyPath, text: str) -> bool:
+    """Return whether the text at a path of a bench file is a file's name."""
+    if path == _FILES[0]:
+        return text.endswith((".yaml", ".yml"))
+    if path in _FILES:
+        return True
+    if path[:3] != ("vehicles", "real", "sensors"):
+        return False
+    is_address = path[4:] in {("source",), ("source", "address")}
+    return path[4:] == ("calibration",) or (is_address and "://" not in text)

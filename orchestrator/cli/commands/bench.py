@@ -1,0 +1,88 @@
+"""`wil-campaign bench`: places with real vehicles."""
+
+import tempfile
+import threading
+from multiprocessing.connection import Listener
+from pathlib import Path
+
+from campaigns.setup.bench_file import Bench, load_benches
+from orchestrator.campaign.bench_lock import held_benches
+from orchestrator.campaign.campaign_folder import TakenError
+from orchestrator.campaign.run_engine import EngineError
+from orchestrator.cli.arming_consent import consent_at_bench, has_terminal
+from orchestrator.cli.commands.validate import bench_summary
+from orchestrator.cli.standard_streams import err, out
+from orchestrator.engines.bench.bench_node import bench_node
+from orchestrator.engines.bench.bench_server import BenchServer
+from orchestrator.engines.ray_engine import engine_address
+
+
+def check(*files: Path) -> int:
+    """Report every fault of bench files, and equal names; nothing is connected to.
+
+    Parameters
+    ----------
+    files
+        Bench files.
+    """
+    if not files:
+        err("bench check needs at least one file")
+        return 2
+    for bench in load_benches(files):
+        out(f"{bench.document.name}: {bench_summary(bench)}")
+    return 0
+
+
+def serve(file: Path, *, engine: str) -> int:
+    """Join a cluster, and fly its campaigns on a bench of this machine; Ctrl-C lands and ends it.
+
+    Each campaign has to be consented to on this terminal, after its vehicle was identified. Guard,
+    operator socket and `wil-campaign abort` are those of this machine.
+
+    Parameters
+    ----------
+    file
+        The bench file.
+    engine
+        The cluster: ray://HOST:PORT.
+    """
+    (bench,) = load_benches((file,))
+    if not has_terminal():
+        err("bench serve needs a terminal: consent to arm is given there, by a person at the bench")
+        return 2
+    try:
+        address = engine_address(engine)
+        if address is None:
+            err("--engine ray: a bench joins a cluster that is there: --engine ray://HOST:PORT")
+            return 2
+        with held_benches((bench,)):
+            return _serve_bench(bench, address)
+    except TakenError as error:
+        err(error)
+        return 3
+    except EngineError as error:
+        err(error)
+        return error.code
+    except KeyboardInterrupt:
+        return 0  # what flew has landed
+
+
+def _serve_bench(bench: Bench, address: str) -> int:
+    """Serve a bench until its node of the cluster has ended. Raises EngineError."""
+    server = BenchServer(bench, consent=lambda asked: consent_at_bench(bench, asked), say=err)
+    with tempfile.TemporaryDirectory(prefix="wil-bench-") as folder:
+        socket = Path(folder) / "server"
+        with (
+            Listener(str(socket), family="AF_UNIX") as listener,
+            bench_node(address, bench.facts, socket) as node,
+        ):
+
+            def stop_with_node() -> None:
+                node.wait()
+                server.stop(str(socket))
+
+            threading.Thread(target=stop_with_node, daemon=True).start()
+            err(f"{bench_summary(bench)}, serves {address}; Ctrl-C ends it")
+            server.serve(listener)
+    err(f"bench {bench.name} has lost its cluster at {address}; start it again")
+    return 3

@@ -1,0 +1,40 @@
+"""What a bench lets through: orders for its own vehicle, as many as were consented to.
+
+Pure: what comes over the network is looked at before anything that flies gets it.
+"""
+
+from campaigns.setup.bench_file import Bench
+from campaigns.setup.bench_resolution import departure
+from orchestrator.engines.bench.bench_messages import ConsentAsked
+from orchestrator.engines.node_messages import RunOrdered
+
+
+class BenchGate:
+    """Counts the flights of one campaign that a person at the bench has consented to."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._consented: ConsentAsked | None = None
+        self._flown = 0
+
+    def open_for(self, asked: ConsentAsked) -> None:
+        """Take a person's consent; it replaces an earlier one."""
+        self._consented, self._flown = asked, 0
+
+    def refusal(self, message: object) -> str:
+        """Return why a message for the bench's runs is not passed on; "" where it is.
+
+        A flight back to the start belongs to the run before it.
+        """
+        if not isinstance(message, RunOrdered):
+            return ""
+        order, consented = message.order, self._consented
+        if consented is None:
+            return f"nobody at bench {self._bench.name} has consented to this campaign"
+        if order.arm and not consented.arm:
+            return f"bench {self._bench.name} was asked for a campaign that arms nothing"
+        if order.back is None:
+            self._flown += 1
+            if self._flown > consented.runs:
+                return f"bench {self._bench.name} was asked for {consented.runs} runs, not more"
+        return departure(order.plan.files.campaign, self._bench)

@@ -1,0 +1,102 @@
+"""The node of a cluster that a bench's machine becomes: Ray's own processes, ended with ours.
+
+As a program it is `ray`, and ends with its parent: a bench whose server was killed is announced no
+longer.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from campaigns.setup.bench_file import BenchFacts
+from orchestrator.campaign.run_engine import EngineError
+from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
+from orchestrator.engines.bench.bench_resources import resources_of
+from vehicles.processes.linux import die_with_parent
+
+_JOINED_S = 90.0
+_LOOK_S = 0.5
+_JOINED = "Ray runtime started"
+"""In the output of a node that has joined."""
+_ENDED_S = 30.0
+
+
+@contextmanager
+def bench_node(
+    address: str, facts: BenchFacts, socket: Path
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """Have this machine be a node of a cluster with a bench and no other place for runs.
+
+    socket: of the bench's server. Gives the process of the node. Raises EngineError.
+    """
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(  # noqa: S603  # our own interpreter
+            [
+                *(
+                    sys.executable,
+                    "-m",
+                    "orchestrator.engines.bench.bench_node",
+                    "start",
+                    "--block",
+                ),
+                *(f"--address={address}", "--num-cpus=0", "--num-gpus=0"),
+                f"--resources={json.dumps(resources_of(facts))}",
+                "--disable-usage-stats",
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            # Ctrl-C at the terminal is the server's: it lands first, then ends the node.
+            start_new_session=True,
+            env={**os.environ, SOCKET_VARIABLE: str(socket), "RAY_worker_niceness": "0"},
+        )
+        try:
+            _require_joined(process, address, output.fileno())
+            yield process
+        finally:
+            process.terminate()
+            try:
+                process.wait(_ENDED_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _require_joined(process: "subprocess.Popen[bytes]", address: str, output: int) -> None:
+    """Wait until a node has joined. Raises EngineError for one that ends instead, or hangs."""
+    due_s = time.monotonic() + _JOINED_S
+    while process.poll() is None and time.monotonic() < due_s:
+        if _JOINED in _text_of(output):
+            return
+        time.sleep(_LOOK_S)
+    text = _text_of(output).strip()
+    last = text.splitlines()[-1].strip() if text else "it says nothing"
+    raise EngineError(
+        f"cannot join the Ray cluster at {address}: {last}; start its head first, by ray start "
+        "--head, with the same token and the same versions of Ray and Python"
+    )
+
+
+def _text_of(output: int) -> str:
+    """Return what a node has written so far."""
+    return os.pread(output, 1_000_000, 0).decode(errors="replace")
+
+
+def main() -> int:
+    """Be the program `ray`, as long as the parent process lives."""
+    die_with_parent(signal.SIGTERM)
+    from ray.scripts.scripts import main as ray_main  # noqa: PLC0415  # of an extra
+
+    ray_main()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

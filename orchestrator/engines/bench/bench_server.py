@@ -1,0 +1,116 @@
+"""The server of a bench: takes one campaign at a time, and has a node's process fly it.
+
+It is an ordinary program on the bench's machine and terminal, outside of Ray. What flies are the
+processes that it starts; they land when it ends, or when the cluster does.
+"""
+
+import os
+import pickle
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Client, Connection, Listener
+
+from campaigns.setup.bench_file import Bench
+from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.engines.bench.bench_gate import BenchGate
+from orchestrator.engines.bench.bench_messages import FILE, TEXT, ConsentAnswer, ConsentAsked
+from orchestrator.engines.node_agent import NodeAgent
+from orchestrator.engines.node_messages import RunEnded
+
+_LOOK_S = 1.0
+
+
+class BenchServer:
+    """Serves a bench to a cluster. consent: asks the person at the bench.
+
+    say: shows that person a sentence.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        *,
+        consent: Callable[[ConsentAsked], ConsentAnswer],
+        say: Callable[[str], None],
+    ) -> None:
+        self._bench = bench
+        self._consent = consent
+        self._say = say
+        self._stopped = threading.Event()
+
+    def serve(self, listener: Listener) -> None:
+        """Serve one connection after the other, until `stop`."""
+        while True:
+            with listener.accept() as connection:
+                if self._stopped.is_set():
+                    return
+                self.serve_campaign(connection)
+
+    def stop(self, socket: str) -> None:
+        """End `serve` once no campaign is served; called in another thread."""
+        self._stopped.set()
+        with suppress(OSError), Client(socket, family="AF_UNIX"):
+            pass  # whoever waits for a connection has one
+
+    def serve_campaign(self, connection: Connection) -> None:
+        """Serve one campaign until its connection ends; then all it flies has landed."""
+        node = NodeAgent()
+        lock = threading.Lock()
+
+        def reply(message: object) -> None:
+            with lock, suppress(OSError):  # nobody is there any more
+                connection.send_bytes(pickle.dumps(message))
+
+        passing = threading.Thread(target=self._pass_back, args=(node, connection, reply))
+        passing.start()
+        gate = BenchGate(self._bench)
+        try:
+            while True:
+                self._take(connection.recv_bytes(), gate, node, reply)
+        except (EOFError, OSError):
+            pass
+        finally:
+            node.close()
+            passing.join()
+            self._say(f"bench {self._bench.name} is free")
+
+    def _take(
+        self, content: bytes, gate: BenchGate, node: NodeAgent, reply: Callable[[object], None]
+    ) -> None:
+        """Answer a message, or pass it on to the process that flies."""
+        message = pickle.loads(content)  # noqa: S301  # behind the cluster's token
+        if isinstance(message, ConsentAsked):
+            answer = self._consent(message)
+            if not answer.problem:
+                gate.open_for(message)
+            reply(answer)
+        elif refusal := gate.refusal(message):
+            self._say(f"refused: {refusal}")
+            reply(RunEnded(WorkerLost(refusal)))
+        else:
+            node.send(content)
+
+    def _pass_back(
+        self, node: NodeAgent, connection: Connection, reply: Callable[[object], None]
+    ) -> None:
+        """Pass what the process says on, its facts with the bench's file, until it ends."""
+        with suppress(EOFError, OSError):
+            while True:
+                for content in node.receive(_LOOK_S):
+                    message = pickle.loads(content)  # noqa: S301  # of a child of ours
+                    reply(self._with_file(message) if isinstance(message, dict) else message)
+        _shut(connection)
+
+    def _with_file(self, facts: dict[str, str]) -> dict[str, str]:
+        """Return the facts of a node with its bench's file."""
+        document = self._bench.document
+        lines = document.root.place.source.lines
+        return {**facts, TEXT: "\n".join(lines), FILE: str(document.path.absolute())}
+
+
+def _shut(connection: Connection) -> None:
+    """End a connection that another thread reads from."""
+    with suppress(OSError), socket.socket(fileno=os.dup(connection.fileno())) as one:
+        one.shutdown(socket.SHUT_RDWR)
