@@ -9,6 +9,7 @@ from campaigns.expansion.expansion import load_campaign
 from orchestrator.campaign.manifest import manifest, world_digest
 from orchestrator.campaign.named_files import named_files
 from tests.orchestrator.hover import WORLD, write_hover
+from worlds.files.documents import Data
 
 
 def write_crate(folder: Path, height_m: float) -> None:
@@ -71,6 +72,6 @@ def test_programs_firmware_and_pictures_are_files_that_a_text_names(
 def test_a_key_that_signs_a_link_leaves_no_digest(tmp_path: Path) -> None:
     (tmp_path / "key").write_text("passphrase: a word that can be guessed")
     (tmp_path / "firmware").write_text("firmware")
-    document = {"real": {"signing": {"file": "key"}, "use": "firmware"}}
+    document: Data = {"real": {"signing": {"file": "key"}, "use": "firmware"}}
     found = list(named_files(document, tmp_path / "campaign.yaml"))
     assert [one.name for one in found] == ["firmware"]
