@@ -129,7 +129,7 @@ class GuardSettings:
     failsafe to SYSID_MYGCS (255).
     """
 
-    latency_s: float = 0.9
+    latency_s: float = 0.7
     braking_m_s2: float = 2.5
     keep_m: float = 0.0
     vehicle_lost_s: float = 3.0
