@@ -1,22 +1,26 @@
 """What an engine over a cluster costs and survives, with a Ray of this machine.
 
     python -m bench.cluster overhead --runs 20
+    python -m bench.cluster nodes --runs 200
     python -m bench.cluster faults --seeds 3
 
 `overhead` flies a campaign of short flights by both engines, and compares results to the byte.
+`nodes` does so with a cluster of two nodes on this machine, each with half of the places.
 `faults` ends the program, a worker of Ray or its raylet by SIGKILL at a seeded moment of a flight,
 resumes, and counts flights, results and processes that are left. It needs the extra `cluster`.
 """
 
 import argparse
 import json
+import os
 import random
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
@@ -55,7 +59,7 @@ STARTED_S = 400.0
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=["overhead", "faults"])
+    parser.add_argument("what", choices=["overhead", "nodes", "faults"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--jobs", type=int, default=2)
@@ -64,6 +68,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         if given.what == "overhead":
             return overhead(Path(name), given.runs, given.jobs)
+        if given.what == "nodes":
+            with two_nodes(given.jobs) as address:
+                return overhead(Path(name), given.runs, given.jobs, f"ray://{address}")
         bad = 0
         for seed in range(given.seeds):
             for victim in given.kill:
@@ -71,16 +78,36 @@ def main() -> int:
         return 1 if bad else 0
 
 
-def overhead(folder: Path, runs: int, jobs: int) -> int:
+@contextmanager
+def two_nodes(places: int) -> Iterator[str]:
+    """Have a cluster of two nodes on this machine, ended at the end; give its address."""
+    from ray.cluster_utils import Cluster  # type: ignore[import-not-found]  # noqa: PLC0415  # of an extra
+
+    os.environ.update(RAY_worker_niceness="0")
+    halves = [places - places // 2, places // 2]
+    cluster = Cluster()
+    try:
+        for cpus in halves:
+            cluster.add_node(
+                num_cpus=cpus,
+                num_gpus=0,
+                node_ip_address="127.0.0.2",
+                object_store_memory=80_000_000,
+                include_dashboard=False,
+            )
+        yield cluster.address
+    finally:
+        cluster.shutdown()
+
+
+def overhead(folder: Path, runs: int, jobs: int, ray: str = "ray") -> int:
     """Print the time of both engines, per run, and whether their results are the same."""
     campaign = write_campaign(folder, ticks=1)
     took_s: dict[str, float] = {}
-    for engine in ("local", "ray"):
+    for engine, name in (("local", "local"), ("ray", ray)):
         began_s = time.monotonic()
         subprocess.run(  # noqa: S603 - our own program
-            command(
-                campaign, folder / engine, jobs, "--engine", engine, "--repetitions", str(runs)
-            ),
+            command(campaign, folder / engine, jobs, "--engine", name, "--repetitions", str(runs)),
             check=True,
             stdout=subprocess.DEVNULL,
         )
@@ -92,7 +119,11 @@ def overhead(folder: Path, runs: int, jobs: int) -> int:
         print(f"{engine}: {runs} runs in {took_s[engine]:.2f} s, {whole_s:.2f} s with its start")
     per_run_s = (took_s["ray"] - took_s["local"]) * jobs / runs
     same = contents(flown_folder(folder / "local")) == contents(flown_folder(folder / "ray"))
-    print(f"ray adds {per_run_s * 1000:.0f} ms to a run; results are {'' if same else 'NOT '}equal")
+    ratio = took_s["ray"] / took_s["local"]
+    print(
+        f"ray adds {per_run_s * 1000:.0f} ms to a run, {ratio:.2f} times the local time; "
+        f"results are {'' if same else 'NOT '}equal"
+    )
     return 0 if same else 1
 
 

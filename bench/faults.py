@@ -1,8 +1,9 @@
 """Seeded faults: injected, survived, lost. In virtual time, and of real processes.
 
 `python bench/faults.py [--virtual 216] [--troubles 60] [--real 16] [--real-troubles 11]
-[--first 0] [--jobs 1]`; ends with 1 when anything was lost. Virtual: who is killed or stopped;
-troubles: blackouts, hostile frames, disks, clocks. One fault again:
+[--first 0] [--jobs 1] [--keep DIR]`; ends with 1 when anything was lost. Virtual: who is killed
+or stopped; troubles: blackouts, hostile frames, disks, clocks. With --keep each result is a line of
+a file in DIR as soon as it is there, and what is there already is not injected again. One again:
 `python -m tests.faults.virtual SEED 1 FOLDER [troubles]`, or
 `python -m tests.faults.processes SEED 1 FOLDER [troubles]`.
 """
@@ -13,6 +14,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -29,37 +31,73 @@ KINDS = (
 """Option, title, module with its further arguments."""
 
 
-def injected(kind: tuple[str, ...], first: int, count: int, folder: Path) -> list[dict[str, Any]]:
+class Kept:
+    """The results of one kind of faults, in a file as they come; without a folder in no file."""
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        self._lock = threading.Lock()
+        self._path = None if folder is None else folder / f"{name}.jsonl"
+        self.found: dict[int, dict[str, Any]] = {}
+        if self._path is not None and self._path.is_file():
+            text = self._path.read_text("utf-8")
+            whole = text[: text.rfind("\n") + 1]  # the last line may be cut
+            if whole != text:
+                self._path.write_text(whole, "utf-8")
+            for line in whole.splitlines():
+                one = json.loads(line)
+                self.found[one["fault"]["seed"]] = one
+
+    def take(self, one: dict[str, Any]) -> None:
+        """Take the result of a fault."""
+        with self._lock:
+            self.found[one["fault"]["seed"]] = one
+            if self._path is not None:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                with self._path.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(one) + "\n")
+
+
+def inject(kind: tuple[str, ...], first: int, count: int, folder: Path, kept: Kept) -> None:
     """Inject some faults in a process of its own; a fault that ended that process is lost."""
     module, *further = kind
     arguments = [str(first), str(count), str(folder / f"{'-'.join(kind)}-{first}"), *further]
-    done = subprocess.run(  # noqa: S603 - our own program
-        [sys.executable, "-m", f"tests.faults.{module}", *arguments],
-        cwd=ROOT,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    found = [json.loads(line) for line in done.stdout.splitlines()]
-    for seed in range(first + len(found), first + count):
-        fault = {"seed": seed, "victim": "?"}
-        lost = [f"the injector ended: {done.stderr.strip()[-500:]}"]
-        found.append({"fault": fault, "verdict": None, "reason": "", "lost": lost})
-    return found
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as err:
+        with subprocess.Popen(  # noqa: S603 - our own program
+            [sys.executable, "-m", f"tests.faults.{module}", *arguments],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=err,
+            text=True,
+        ) as process:
+            for line in process.stdout or ():
+                kept.take(json.loads(line))
+        err.seek(0)
+        said = err.read().strip()[-500:]
+    for seed in range(first, first + count):
+        if seed not in kept.found:
+            fault = {"seed": seed, "victim": "?"}
+            lost = [f"the injector ended: {said}"]
+            # In no file: an injector that was interrupted is to begin it again.
+            kept.found[seed] = {"fault": fault, "verdict": None, "reason": "", "lost": lost}
 
 
 def in_shares(
-    kind: tuple[str, ...], first: int, count: int, jobs: int, folder: Path
+    kind: tuple[str, ...], seeds: range, jobs: int, folder: Path, kept: Kept
 ) -> list[dict[str, Any]]:
-    """Inject faults with so many processes at once."""
-    share = max(1, -(-count // (4 * jobs))) if kind[0] == "virtual" else max(1, count)
-    starts = range(first, first + count, share)
+    """Inject faults with so many processes at once; those that are kept already are left out."""
+    share = max(1, -(-len(seeds) // (4 * jobs))) if kind[0] == "virtual" else max(1, len(seeds))
+    shares: list[tuple[int, int]] = []
+    for seed in seeds:
+        if seed in kept.found:
+            continue
+        if shares and sum(shares[-1]) == seed and shares[-1][1] < share:
+            shares[-1] = (shares[-1][0], shares[-1][1] + 1)
+        else:
+            shares.append((seed, 1))
     with ThreadPoolExecutor(jobs) as pool:
-        parts = pool.map(
-            lambda start: injected(kind, start, min(share, first + count - start), folder),
-            starts,
-        )
-        return [one for part in parts for one in part]
+        for done in [pool.submit(inject, kind, *one, folder, kept) for one in shares]:
+            done.result()
+    return [kept.found[seed] for seed in seeds]
 
 
 def tell(title: str, found: list[dict[str, Any]], wall_s: float) -> int:
@@ -102,6 +140,7 @@ def main() -> None:
     parser.add_argument("--real-troubles", type=int, default=11)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--keep", type=Path)
     asked = parser.parse_args()
     lost = 0
     with tempfile.TemporaryDirectory(prefix="wil-faults-") as folder:
@@ -112,7 +151,9 @@ def main() -> None:
             # A flight under the wall clock needs a core; two at once would test the machine.
             jobs = asked.jobs if kind[0] == "virtual" else 1
             began_s = time.monotonic()
-            found = in_shares(kind, asked.first, count, jobs, Path(folder))
+            seeds = range(asked.first, asked.first + count)
+            kept = Kept(asked.keep, option)
+            found = in_shares(kind, seeds, jobs, Path(folder), kept)
             lost += tell(title, found, time.monotonic() - began_s)
             sys.stdout.flush()
     sys.exit(1 if lost else 0)

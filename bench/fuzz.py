@@ -2,7 +2,8 @@
 
 `python bench/fuzz.py [--inputs 100000] [--seconds 600] [--first 0] [TARGET ...]` prints a row for
 each: inputs, taken, refused, failures, the longest input, growth of memory. Ends with 1 when an
-input crashed, hung (10 s), took more than 1 GB, or raised anything but a refusal. An input again:
+input crashed, hung (10 s of the processor, or 60 s of the wall clock), took more than 1 GB, or
+raised anything but a refusal. An input again:
 `python -m tests.faults.fuzzing.fuzzer TARGET NUMBER 1 60 FOLDER`.
 """
 

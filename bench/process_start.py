@@ -11,7 +11,7 @@ import sys
 import time
 from multiprocessing.connection import Connection
 
-from orchestrator.campaign.run_server import run_context, start_run_server
+from orchestrator.campaign.workers.run_server import run_context, start_run_server
 
 MARK_S = 0.15
 

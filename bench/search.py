@@ -24,9 +24,9 @@ from campaigns.search.search import Search
 from campaigns.search.search_file import load_search
 from campaigns.search.space import Parameter, Space
 from campaigns.values.seeds import run_seed
-from orchestrator.campaign.run_server import start_run_server
+from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.search.engine import LocalEngine
+from orchestrator.search.engine import BatchEngine
 from orchestrator.search.search_runner import SearchSettings, fly_search
 
 STRATEGIES: tuple[StrategyName, ...] = ("tpe", "sobol", "random")
@@ -90,7 +90,7 @@ def flown(name: str, budget: int, jobs: int) -> Find:
         )
         search = load_search(CAMPAIGNS / f"search-{name}.yaml", Options(seed=seed, sets=sets))
         with tempfile.TemporaryDirectory() as folder:
-            engine = LocalEngine(
+            engine = BatchEngine(
                 clock="virtual", jobs=jobs, real_kind="embedded", watcher=SilentDisplay()
             )
             settings = SearchSettings(out=Path(folder), clock="virtual", at_once=jobs)

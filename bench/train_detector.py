@@ -5,7 +5,8 @@
 Draws labelled images with our renderer (bench/detector/images.py), trains a small convolutional
 network with NumPy alone, writes an ONNX file, and prints precision and recall of that file on
 rooms, colours and ways of moving of another seed, found as a recipe or an autonomy would find them.
-Half an hour of one core (OPENBLAS_NUM_THREADS=1); with --measure FILE only the last part.
+A minute of one core for each pass (OPENBLAS_NUM_THREADS=1), two for drawing; with --measure FILE
+only the last part. docs/detector.md says how the shipped file was trained.
 """
 
 import argparse
@@ -55,11 +56,13 @@ class Score:
         )
 
 
-def train(network: Network, shown: Sequence[LabelledImage], epochs: int, seed: int) -> None:
+def train(
+    network: Network, shown: Sequence[LabelledImage], epochs: int, seed: int, threads: int
+) -> None:
     """Train a network on images, mirrored in half of the cases; the rate falls as a cosine."""
     rng = np.random.default_rng(seed)
     images = np.stack([image.image_bgr for image in shown])
-    pool = ThreadPoolExecutor(THREADS)
+    pool = ThreadPoolExecutor(threads)
     steps, done, began_s = epochs * (len(shown) // BATCH), 0, time.monotonic()
     for epoch in range(epochs):
         order, sums = rng.permutation(len(shown)), 0.0
@@ -71,7 +74,7 @@ def train(network: Network, shown: Sequence[LabelledImage], epochs: int, seed: i
                 batch[place] = batch[place, :, ::-1]
                 boxes[place] = mirrored(boxes[place])
             wanted = targets(boxes, HEIGHT_PX // STRIDE_PX, WIDTH_PX // STRIDE_PX)
-            parts = [slice(part, BATCH, THREADS) for part in range(THREADS)]
+            parts = [slice(part, BATCH, threads) for part in range(threads)]
             made = list(pool.map(partial(gradients, network, batch, wanted), parts))
             value = sum(one for one, _ in made)
             rate = RATE * 0.5 * (1.0 + math.cos(math.pi * done / steps)) * min(1.0, done / 100)
@@ -145,21 +148,28 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--scenes", type=int, default=90)
     parser.add_argument("--epochs", type=int, default=9)
+    parser.add_argument("--seed", type=int, default=TRAIN_SEED, help="of the training images")
+    parser.add_argument(
+        "--held-seed", type=int, default=HELD_SEED, help="of the images to measure by"
+    )
+    parser.add_argument("--threads", type=int, default=THREADS)
     parser.add_argument("--start-from", type=Path, help="a file of this script to train further")
     parser.add_argument("--measure", type=Path)
     asked = parser.parse_args()
+    if asked.seed == asked.held_seed:
+        parser.error("--seed and --held-seed draw the same images")
     model = asked.measure
     if model is None:
-        shown = list(labelled_images(TRAIN_SEED, asked.scenes, EACH))
+        shown = list(labelled_images(asked.seed, asked.scenes, EACH))
         network = Network(np.random.default_rng(0))
         if asked.start_from is not None:
             read_weights(network, asked.start_from.read_bytes())
-        train(network, shown, asked.epochs, seed=0)
+        train(network, shown, asked.epochs, seed=0, threads=asked.threads)
         model = asked.out
         model.parent.mkdir(parents=True, exist_ok=True)
         model.write_bytes(onnx_bytes(network, WIDTH_PX, HEIGHT_PX))
     print(f"{model.name}: {model.stat().st_size / 1e3:.0f} kB, threshold {THRESHOLD}, IoU {SAME}")
-    for score in measure(model, list(labelled_images(HELD_SEED, HELD_SCENES, HELD_EACH))):
+    for score in measure(model, list(labelled_images(asked.held_seed, HELD_SCENES, HELD_EACH))):
         print(score)
 
 

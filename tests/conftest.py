@@ -21,6 +21,7 @@ pytest_plugins = ["pytester"]
 ROOT = Path(__file__).parent
 FAST = (
     "orchestrator/cli/test_arming_consent.py",
+    "orchestrator/delivery/test_vehicle_camera.py",
     "orchestrator/cli/test_external_lines.py",
     "orchestrator/delivery",
     "orchestrator/model",
@@ -46,6 +47,7 @@ FAST = (
     "vehicles/poses",
     "vehicles/readings",
     "vehicles/sensors",
+    "vehicles/test_faults.py",
     "vehicles/test_telemetry_fit.py",
     "worlds/files",
     "worlds/rays",
@@ -60,8 +62,10 @@ FAST = (
 FLIGHTS = (
     "faults/test_clock_steps.py",
     "faults/test_socket_flights.py",
+    "orchestrator/api/test_flown_places.py",
     "orchestrator/campaign/test_attached_run.py",
     "orchestrator/console/test_console_flight.py",
+    "orchestrator/engines/bench/test_bench_deaths.py",
     "orchestrator/engines/bench/test_bench_flight.py",
     "orchestrator/external/test_external_flights.py",
     "orchestrator/recording/test_wall_recording.py",
@@ -78,9 +82,10 @@ FLIGHT_TIMEOUT_S = 400
 """A hang is found by it; how long a flight takes is the machine's matter."""
 
 WALL = (
-    "orchestrator/campaign/test_resumption.py",
+    "orchestrator/campaign/resuming/test_resumption.py",
     "orchestrator/cli/commands/test_run_command.py",
     "orchestrator/cli/test_arming_consent.py",
+    "orchestrator/delivery/test_vehicle_camera.py",
     "orchestrator/operator",
     "safety/guard/process",
     "vehicles/driver/test_conformance.py",

@@ -1,6 +1,7 @@
 """Benches of mixing still run, and what does not hang on the machine holds in a short one too."""
 
 import importlib.util
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,3 +52,41 @@ def test_the_mixtures_of_the_memory_benchmark_come_about(benchmark: Any) -> None
     assert late["imu"].mixed == 200
     assert late["sound"].mixed == 20
     assert benchmark.resident_mb() > 10.0
+
+
+_INJECTOR = """
+import json, sys
+for seed in range(int(sys.argv[1]), int(sys.argv[1]) + int(sys.argv[2])):
+    if seed == 12:
+        sys.exit("broken")
+    one = {"fault": {"seed": seed, "victim": "guard"}, "verdict": "PASS", "reason": "", "lost": []}
+    print(json.dumps(one), flush=True)
+"""
+
+
+@pytest.mark.parametrize("benchmark", ["faults"], indirect=True)
+def test_results_of_faults_are_kept_as_they_come_and_not_injected_again(
+    benchmark: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tests" / "faults").mkdir(parents=True)
+    (tmp_path / "tests" / "faults" / "fake.py").write_text(_INJECTOR)
+    monkeypatch.setattr(benchmark, "ROOT", tmp_path)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    keep = tmp_path / "keep"
+
+    def inject(seeds: range) -> list[str]:
+        kept = benchmark.Kept(keep, "real")
+        return [
+            "; ".join(one["lost"]) or one["verdict"]
+            for one in benchmark.in_shares(("fake",), seeds, 1, tmp_path, kept)
+        ]
+
+    assert inject(range(10, 14)) == ["PASS", "PASS", *["the injector ended: broken"] * 2]
+    lines = (keep / "real.jsonl").read_text().splitlines()
+    assert [json.loads(line)["fault"]["seed"] for line in lines] == [10, 11]
+    with (keep / "real.jsonl").open("a") as stream:
+        stream.write('{"fault": {"seed": 9, ')  # cut off
+    (tmp_path / "tests" / "faults" / "fake.py").write_text(_INJECTOR.replace("== 12", "< 12"))
+    # Seed 10 would end the injector now: it is kept, and with it the figures of before.
+    assert inject(range(10, 14)) == ["PASS"] * 4
+    assert len((keep / "real.jsonl").read_text().splitlines()) == 4

@@ -15,7 +15,8 @@ from orchestrator.api.campaign_results import CampaignResults, read_results
 from orchestrator.api.flying import CannotFlyError, run, run_async
 from orchestrator.api.loading import load, validate
 from orchestrator.api.mock_vehicle import MockVehicle, MockVehicleError, mock_vehicle
-from orchestrator.model.results import RunResult, Summary, Totals
+from orchestrator.model.campaign_results import Summary, Totals
+from orchestrator.model.results import RunResult
 from safety.model.oracle_results import OracleResult
 from worlds.files.documents import BadInput, Problem
 

@@ -27,7 +27,9 @@ def mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Prob
         if files.campaign.get(("recipe",)) is None:
             yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
         return
-    for name, vehicle in setup.vehicles.items():
+    for name in SIDES:
+        if (vehicle := setup.vehicles.get(name)) is None:
+            continue
         carried = {sensor.name: sensor.kind for sensor in vehicle.sensors}
         for sensor in recipe.sensors:
             kind = sensor.kind_of(name)

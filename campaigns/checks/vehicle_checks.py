@@ -25,8 +25,25 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
                 "another one"
             )
             yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), said)
+    yield from _actor_problems(files, setup)
     if mode == "wil":
         yield from _pair_problems(files, setup)
+
+
+def _actor_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+    """Yield cameras of a simulator that moves a flown object by its world file."""
+    if not setup.actors:
+        return
+    actor = next(iter(setup.actors))
+    for vehicle in setup.vehicles.values():
+        for camera in vehicle.cameras:
+            if camera.source is not None and camera.source.asked:
+                said = (
+                    f"a simulator is not told where the actor '{actor}' flies; leave out `source`, "
+                    "or the actor"
+                )
+                path = ("vehicles", vehicle.name, "sensors", camera.name, "source")
+                yield files.campaign.problem(path, said)
 
 
 def _pace_problems(

@@ -17,6 +17,7 @@ from campaigns.schema import (
 )
 from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.schema.operator import GcsPart
+from campaigns.setup.actor_setups import actor_setups
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
@@ -70,8 +71,12 @@ def read_setup(
         raise BadInput(problems, document_warnings(files))
     mqtt = part.operator.mqtt
     vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
+    ids: dict[str, int] = {name: one.system_id for name, one in vehicles.items()}
     setup = Setup(
         vehicles=vehicles,
+        actors={}
+        if world is None
+        else actor_setups(files.campaign, part.actors, world, ids, problems),
         world=world or _NOWHERE,
         recipe=recipe,
         under_test=_under_test(files, part),
@@ -117,13 +122,13 @@ def _read_case(
     return None if document is None else gathered(problems, partial(read, document))
 
 
-def _links(part: LinksPart) -> dict[VehicleName, LinkSetup]:
+def _links(part: LinksPart) -> dict[str, LinkSetup]:
     """Return the link setups of a case's real and twin vehicles."""
     given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
     return {name: link_setup(one) for name, one in given.items() if one is not None}
 
 
-def _gcs(part: GcsPart) -> dict[VehicleName, str]:
+def _gcs(part: GcsPart) -> dict[str, str]:
     """Return the ground station links of a case by vehicle."""
     given: dict[VehicleName, str | None] = {"real": part.real, "twin": part.twin}
     return {name: link for name, link in given.items() if link is not None}
@@ -131,7 +136,7 @@ def _gcs(part: GcsPart) -> dict[VehicleName, str]:
 
 def _fences(
     files: CaseFiles, part: CampaignPart, world: World | None, problems: list[Problem]
-) -> Mapping[VehicleName, Fence]:
+) -> Mapping[str, Fence]:
     """Return the fences of a case by vehicle; problems are collected. world: None where missing."""
     if part.geofence is None:
         return {}

@@ -141,7 +141,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     overrides = _option_overrides(options)
     plain = _with_overrides(original, overrides)
     bench = choose_bench(plain, options.benches)
-    complete = _completion(bench)
+    complete = completion_of(bench)
     base = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
@@ -230,7 +230,7 @@ def requested_bench(path: Path, options: Options) -> tuple[Document, BenchReques
     return None if request is None else (document, request)
 
 
-def _completion(bench: Bench | None) -> Callable[[Document], Document]:
+def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
     """Return what adds to a campaign's document what its bench has."""
     return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
 
+from campaigns.schema.actors import ActorPart
 from campaigns.schema.autonomy import AutonomyPart
 from campaigns.schema.bench import BenchRequestPart
 from campaigns.schema.between_runs import BetweenRunsPart
@@ -210,6 +211,7 @@ class PublishedPart(Part):
 class CampaignPart(Part):
     """A campaign file; `cases` and `oracles` are validated elsewhere, entry by entry.
 
+    actors: objects of the world that vehicles of their own fly, by the object's name.
     schema: the kind and version of the file. campaign: its name, also of the folder of results.
     description: for people. world, recipe: files, relative to this one; mode wil needs the recipe.
     modes: sim (the twin alone), wil (the pair on mixed readings), real (the real vehicle alone).
@@ -231,6 +233,7 @@ class CampaignPart(Part):
     description: str = ""
     bench: BenchRequestPart | None = None
     vehicles: VehiclesPart
+    actors: dict[str, ActorPart] = Field(default_factory=dict)
     world: str
     recipe: str | None = None
     autonomy: AutonomyPart

@@ -5,6 +5,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from campaigns.schema.links import Duration, FlightStage
+from vehicles.faults import LATEST_S
 from worlds.files.documents import Part
 
 
@@ -16,7 +17,7 @@ class MomentPart(Part):
     """
 
     on: FlightStage
-    after_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+    after_s: Annotated[float, Field(ge=0, le=LATEST_S)] = 0.0
     for_s: Duration | None = None
 
 

@@ -5,9 +5,10 @@ each key. A schema knows one file; what `wil-campaign validate` finds beside tha
 files, numbers that do not fit each other) it does not.
 """
 
+import copy
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, TypeGuard, get_args
 
@@ -46,6 +47,7 @@ _UNITS = {
     "g": "g",
 }
 _MODE: JsonSchemaMode = "validation"
+_SOME_BENCH: Schema = {"description": "The bench that is asked for.", "not": {"type": "null"}}
 
 
 def campaign_schema() -> Schema:
@@ -68,6 +70,7 @@ def campaign_schema() -> Schema:
         },
         "additionalProperties": {"$ref": "#/$defs/OwnOracle"},
     }
+    _add_campaign_on_bench(definitions)
     return {
         "$schema": DIALECT,
         "title": "wil-campaign: campaign file",
@@ -75,9 +78,37 @@ def campaign_schema() -> Schema:
         "type": "object",
         "if": {"required": ["campaigns"]},
         "then": refs[CompositionPart],
-        "else": refs[CampaignPart],
+        "else": {
+            "if": {"required": ["bench"], "properties": {"bench": _SOME_BENCH}},
+            "then": {"$ref": "#/$defs/CampaignOnBench"},
+            "else": refs[CampaignPart],
+        },
         "$defs": definitions,
     }
+
+
+def _add_campaign_on_bench(definitions: Schema) -> None:
+    """Add the campaign that asks for a bench: what every bench file says is not in it."""
+    campaign = _without_keys(definitions["CampaignPart"], "geofence", optional=("vehicles",))
+    vehicles = copy.deepcopy(definitions["VehiclesPart"])
+    vehicle = _without_keys(definitions["VehiclePart"], "link", "autopilot")
+    definitions["VehicleOnBench"] = vehicle | {
+        "description": "The real vehicle; its bench says link and autopilot, and may say more."
+    }
+    of_bench = {"$ref": "#/$defs/VehicleOnBench"}
+    vehicles["properties"]["real"]["anyOf"] = [of_bench, {"type": "null"}]
+    definitions["VehiclesOnBench"] = vehicles
+    campaign["properties"]["vehicles"]["$ref"] = "#/$defs/VehiclesOnBench"
+    definitions["CampaignOnBench"] = campaign
+
+
+def _without_keys(definition: Schema, *keys: str, optional: Sequence[str] = ()) -> Schema:
+    """Return a copy of a definition without some keys. optional: those not required any more."""
+    found = copy.deepcopy(definition)
+    for key in keys:
+        del found["properties"][key]
+    required = [key for key in found.pop("required", []) if key not in {*keys, *optional}]
+    return found | ({"required": required} if required else {})
 
 
 def world_schema() -> Schema:

@@ -4,12 +4,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from vehicles.faults import LATEST_S, LONGEST_S
 from vehicles.links.impairment import Bursts, Impairment, LinkOutage
 from worlds.files.documents import KeyFaultError, Part
 
 Chance = Annotated[float, Field(ge=0, le=1)]
 Milliseconds = Annotated[float, Field(ge=0, le=60_000)]
-Duration = Annotated[float, Field(gt=0, le=3600)]
+Duration = Annotated[float, Field(gt=0, le=LONGEST_S)]
 FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
 """Stages of a flight after which a link may go dark."""
 
@@ -39,9 +40,9 @@ class OutagePart(Part):
     """
 
     for_s: Duration
-    from_s: Annotated[float, Field(ge=0, le=86_400)] | None = None
+    from_s: Annotated[float, Field(ge=0, le=LATEST_S)] | None = None
     on: FlightStage | None = None
-    after_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0
+    after_s: Annotated[float, Field(ge=0, le=LATEST_S)] = 0.0
 
     @model_validator(mode="after")
     def _one_beginning(self) -> Self:

@@ -5,12 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from campaigns.expansion.case_reader import read_setup
-from campaigns.expansion.expansion import Campaign, RunPlan
+from campaigns.expansion.expansion import Campaign, RunPlan, completion_of
 from campaigns.schema import Mode
 from campaigns.schema.search import ParameterValue, SearchPart
 from campaigns.search.model import Batch, Flight, SearchProblem, Variant
 from campaigns.search.objective import Objective
 from campaigns.search.space import Space, Values
+from campaigns.setup.bench_file import Bench
 from campaigns.setup.case_files import CaseFiles, Override, case_files
 from campaigns.setup.case_setup import Setup
 from campaigns.values.seeds import run_seed
@@ -21,8 +22,9 @@ from worlds.files.documents import BadInput, Document, parse_value
 class SearchCampaign:
     """A campaign with a search, checked. campaign: as it is flown without a search.
 
-    document: its file after the options, without the search. case: the one that is varied;
-    case_overrides: what that overrides; option_overrides: what the command line does.
+    document: its file after the options, without the search and without what its bench has. case:
+    the one that is varied; case_overrides: what that overrides; option_overrides: what the command
+    line does.
     """
 
     campaign: Campaign
@@ -63,7 +65,7 @@ class SearchCampaign:
         """Return the files of a variant. Raises BadInput."""
         changed = tuple(override_of(*one) for one in self.overrides(variant.values).items())
         overrides = (*self.case_overrides, *self.option_overrides, *changed)
-        files, problems = case_files(self.document, overrides)
+        files, problems = case_files(self.document, overrides, completion_of(self._bench))
         if problems:
             raise BadInput(problems)
         return files
@@ -91,10 +93,13 @@ class SearchCampaign:
             name: read_setup(one, (batch.mode,)) for name, one in files.items()
         }
         base = self.campaign
+        of_benches = [bench.document.path for bench in base.benches]
         return replace(
             base,
-            document=self.document,
-            paths=tuple(dict.fromkeys(path for one in files.values() for path in one.paths)),
+            document=completion_of(self._bench)(self.document),
+            paths=tuple(
+                dict.fromkeys([*(p for f in files.values() for p in f.paths), *of_benches])
+            ),
             cases=tuple(variants),
             modes=(batch.mode,),
             repetitions=max(one.repetition for one in batch.flights),
@@ -124,6 +129,16 @@ class SearchCampaign:
     def seed(self, flight: Flight) -> int:
         """Return the seed of a flight."""
         return run_seed(self.campaign.seed, flight.seed_name, flight.repetition)
+
+    @property
+    def flown(self) -> Campaign:
+        """Return the campaign with the modes of the budget alone: what the search flies."""
+        return replace(self.campaign, modes=tuple(self.modes))
+
+    @property
+    def _bench(self) -> Bench | None:
+        """Return the bench whose vehicle and fence the campaign has; None without one."""
+        return next(iter(self.campaign.benches), None)
 
     @property
     def modes(self) -> Sequence[Mode]:

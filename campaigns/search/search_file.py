@@ -8,7 +8,13 @@ from pathlib import Path as FilePath
 from campaigns.checks.autonomy_checks import IsolatedBuilds
 from campaigns.expansion.case_reader import gathered, read_setup
 from campaigns.expansion.composition import is_composition
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.expansion.expansion import (
+    Campaign,
+    Options,
+    completion_of,
+    load_campaign,
+    requested_bench,
+)
 from campaigns.schema import MATRIX_KEYS, Mode
 from campaigns.schema.search import ParameterPart, ParameterValue, SearchPart
 from campaigns.search.constraints import Constraint, parse_constraint
@@ -65,16 +71,17 @@ class _Reader:
         self._part = part
         self._options = campaign.options
         self._builds = IsolatedBuilds() if campaign.options.is_autonomy_isolated else None
+        self._complete = completion_of(next(iter(campaign.benches), None))
         self._problems: list[Problem] = []
 
     def read(self) -> SearchCampaign:
         """Return the search with its campaign. Raises BadInput."""
-        document = without_search(self._whole)
+        document = without_search(_without_bench(self._campaign))
         case = self._case()
         own = () if case is None else overrides_of_case(document, case)
         given = tuple(override_from_option("--set", text) for text in self._options.sets)
         given = tuple(one for one in given if not one.dotted_key.startswith("search."))
-        files, _ = case_files(document, (*own, *given))
+        files, _ = case_files(document, (*own, *given), self._complete)
         self._check_modes()
         parameters = tuple(self._parameters(files, (*own, *given), document))
         self._check_objective(case)
@@ -208,7 +215,7 @@ class _Reader:
         for value in _parameter("", part, None).levels:
             override = Override(key, Entry(place, Node(value, place)))
             wrong: list[Problem] = []
-            files, problems = case_files(document, (*overrides, override))
+            files, problems = case_files(document, (*overrides, override), self._complete)
             wrong += problems
             if not problems:
                 read = partial(
@@ -224,6 +231,17 @@ class _Reader:
                 return []
             found = found or own[:1]
         return [replace(one, message=f"'{key}': {one.message}") for one in found]
+
+
+def _without_bench(campaign: Campaign) -> Document:
+    """Return a campaign's document without what it takes from its bench.
+
+    What a parameter changes there is then the same fault as in a case.
+    """
+    if not campaign.benches:
+        return campaign.document
+    asked = requested_bench(campaign.document.path, campaign.options)
+    return campaign.document if asked is None else asked[0]
 
 
 def without_search(document: Document) -> Document:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
+from campaigns.setup.actor_setups import ActorSetup
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.link_setups import LinkSetup
 from campaigns.setup.vehicle_setups import VehicleSetup
@@ -83,6 +84,7 @@ class GuardingSetup:
 class Setup:
     """The complete setup of one case.
 
+    actors: vehicles that fly as objects of the world, by the object's name.
     recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
     keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
     faults: injected into signals.
@@ -98,16 +100,17 @@ class Setup:
     under_test: UnderTest
     goal: GoalSetup
     sync: SyncSetup
-    fences: Mapping[VehicleName, Fence]
+    fences: Mapping[str, Fence]
     oracles: tuple[OracleUse, ...]
-    links: Mapping[VehicleName, LinkSetup] = field(default_factory=dict)
+    actors: Mapping[str, ActorSetup] = field(default_factory=dict)
+    links: Mapping[str, LinkSetup] = field(default_factory=dict)
     faults: tuple[SignalFault, ...] = ()
     preflight: PreflightPart = field(default_factory=PreflightPart)
     record: RecordPart = field(default_factory=RecordPart)
     guarding: GuardingSetup = GuardingSetup()
     outside: ExternalSetup = field(default_factory=ExternalSetup)
     limits: SetpointLimits | None = None
-    gcs: Mapping[VehicleName, str] = field(default_factory=dict)
+    gcs: Mapping[str, str] = field(default_factory=dict)
     speed: float | None = None
     collision_always: bool = True
     unsigned_commands: bool = False
@@ -143,6 +146,6 @@ class Setup:
                     yield path, f"the camera at {camera.source.address}"
         if self.under_test.program is not None:
             yield ("autonomy", "program"), f"the program {self.under_test.program[0]}"
-        for name, link in self.gcs.items():
-            yield ("operator", "gcs", name), f"the ground station at {link}"
+        for owner, link in self.gcs.items():
+            yield ("operator", "gcs", owner), f"the ground station at {link}"
         yield from self.outside.needing_wall_clock()

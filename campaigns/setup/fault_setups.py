@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping
 from campaigns.schema.faults import FaultsPart, MomentPart, SignalFaultPart, VehicleFaultsPart
 from campaigns.schema.vehicles import VehicleName
 from campaigns.setup.vehicle_setups import VehicleSetup
-from campaigns.values.signal_faults import FaultKind, SignalFault
+from campaigns.values.signal_faults import SignalFault
+from vehicles.faults import FaultKind
 from worlds.files.documents import Document, Path, Problem, closest
 
 

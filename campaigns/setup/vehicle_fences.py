@@ -25,7 +25,7 @@ class Drawing:
     frame: LocalFrame | None
 
 
-def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[VehicleName, Fence]:
+def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[str, Fence]:
     """Return the fence of each vehicle that has one: its own, else that for both.
 
     path: where the part stands in the document. Raises BadInput with every problem.
@@ -33,7 +33,7 @@ def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[VehicleN
     problems: list[Problem] = []
     common = _fence(part, drawing, path, problems) if part.is_drawn else None
     own: dict[VehicleName, FencePart | None] = {"real": part.real, "twin": part.twin}
-    fences: dict[VehicleName, Fence] = {}
+    fences: dict[str, Fence] = {}
     for name, one in own.items():
         fence = common if one is None else _fence(one, drawing, (*path, name), problems)
         if fence is not None:
@@ -45,7 +45,7 @@ def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[VehicleN
 
 def changed_fences(
     document: Document, frame: LocalFrame, present: Mapping[str, Fence]
-) -> dict[VehicleName, Fence]:
+) -> dict[str, Fence]:
     """Return the new fences of vehicles in flight from a document.
 
     It says them as a campaign's `geofence` does, without files; or it is a QGroundControl plan or
@@ -71,12 +71,12 @@ def changed_fences(
 
 def _redrawn(
     document: Document, frame: LocalFrame, present: Mapping[str, Fence]
-) -> dict[VehicleName, Fence]:
+) -> dict[str, Fence]:
     """Return the vehicles' fences from a fence file; floors and ceilings stay as they are."""
     drawn = read_fence_file(document)
     try:
         inclusions, exclusions = drawn.local(frame)
-        fences: dict[VehicleName, Fence] = {
+        fences: dict[str, Fence] = {
             name: Fence(
                 inclusions=inclusions,
                 exclusions=exclusions,

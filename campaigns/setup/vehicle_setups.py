@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -62,38 +62,27 @@ EMBEDDED_BODY: BoxShape = body_of(Airframe())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class VehicleSetup:
-    """The setup of a vehicle. profile: for `load_profile`: a name, or an absolute path.
+class FlownSetup:
+    """What starts, guards and flies any vehicle of a run.
 
-    link: "embedded", the address of one that is attached, or what launches one. params: autopilot
-    parameters by name. start: where it stands, world frame. mocap: None: the surrogate's own
-    motion capture. pose_accuracy: of its pose source; accuracy_given: by the campaign. signing:
-    where its key is. rates: of telemetry, as its slowest radio carries them. max_gap_s: the
-    longest gap that is accepted between its positions; None: what their rate gives. spares: of an
-    attached one, more links to it. coupling: of the twin, how it is kept with the real vehicle.
-    body: as it is judged.
+    link: "embedded", the address of one that is attached, or what launches one. profile: for
+    `load_profile`: a name, or an absolute path. params: autopilot parameters by name. start: where
+    it stands, world frame. signing: where its key is. rates: of telemetry, as its slowest radio
+    carries them. spares: of an attached one, more links to it.
     """
 
-    name: VehicleName
+    name: str
     link: VehicleLink
     autopilot: AutopilotName
     profile: str
     start: Pose
     system_id: int
     driver: DriverName = "mavlink"
-    anchor: Literal["start", "mocap"] = "start"
     pose_source: PoseSource = "mavlink"
-    mocap: MocapSetup | None = None
-    pose_accuracy: PoseAccuracy = ESTIMATED
-    accuracy_given: bool = False
     params: Mapping[str, float] = field(default_factory=dict)
-    sensors: tuple[SensorSetup, ...] = ()
     signing: KeySource | None = None
     rates: TelemetryRates = field(default_factory=TelemetryRates)
-    max_gap_s: float | None = None
     spares: tuple[LinkAddress, ...] = ()
-    coupling: Coupling = "follow"
-    body: BoxShape = EMBEDDED_BODY
 
     @property
     def embedded(self) -> bool:
@@ -119,6 +108,27 @@ class VehicleSetup:
     def requests_truth(self) -> bool:
         """Return whether the vehicle's simulator is asked where it is: to judge, or to compare."""
         return self.pose_source == "simulator" or self.launch is not None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleSetup(FlownSetup):
+    """The setup of a vehicle of the pair.
+
+    mocap: None: the surrogate's own motion capture. pose_accuracy: of its pose source;
+    accuracy_given: by the campaign. max_gap_s: the longest gap that is accepted between its
+    positions; None: what their rate gives. coupling: of the twin, how it is kept with the real
+    vehicle. body: as it is judged.
+    """
+
+    name: VehicleName
+    anchor: Literal["start", "mocap"] = "start"
+    mocap: MocapSetup | None = None
+    pose_accuracy: PoseAccuracy = ESTIMATED
+    accuracy_given: bool = False
+    sensors: tuple[SensorSetup, ...] = ()
+    max_gap_s: float | None = None
+    coupling: Coupling = "follow"
+    body: BoxShape = EMBEDDED_BODY
 
     @property
     def reports_accuracy(self) -> bool:
@@ -157,12 +167,13 @@ def _vehicle(
 ) -> VehicleSetup:
     folder = campaign.path.parent
     if part.link == "embedded":
-        problems += _unknown_parameters(campaign, name, part)
+        at: KeyPath = ("vehicles", name)
+        problems += unknown_parameters(campaign, at, part.autopilot, part.params)
     return VehicleSetup(
         name=name,
         link=_link(campaign, name, part, problems),
         autopilot=part.autopilot,
-        profile=_profile(campaign, name, part, problems),
+        profile=profile_of(campaign, ("vehicles", name), part.profile, problems),
         start=part.start.pose(),
         driver=part.driver,
         system_id=part.system_id or _SYSTEM_IDS[name],
@@ -188,15 +199,15 @@ def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
     return usual if part.pose_accuracy is None else part.pose_accuracy.setup(usual)
 
 
-def _unknown_parameters(
-    campaign: Document, name: VehicleName, part: VehiclePart
+def unknown_parameters(
+    campaign: Document, at: KeyPath, autopilot: AutopilotName, params: Iterable[str]
 ) -> Iterator[Problem]:
-    """Note `params` of an embedded vehicle that its autopilot does not have."""
-    known = known_parameters(part.autopilot)
-    for parameter in part.params:
+    """Note `params` of an embedded vehicle that its autopilot does not have; at: its place."""
+    known = known_parameters(autopilot)
+    for parameter in params:
         if parameter not in known:
-            said = f"the embedded {part.autopilot} has no parameter '{parameter}'"
-            path = ("vehicles", name, "params", parameter)
+            said = f"the embedded {autopilot} has no parameter '{parameter}'"
+            path = (*at, "params", parameter)
             yield campaign.problem(path, said, closest(parameter, known), key=True)
 
 
@@ -280,12 +291,13 @@ def _key_source(folder: Path, part: SigningPart) -> KeySource:
     return KeySource("environment", part.environment or "")
 
 
-def _profile(
-    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
-) -> str:
-    """Return a vehicle's profile, a name or an absolute path; its problems are collected."""
-    path: KeyPath = ("vehicles", name, "profile")
-    profile, shown_as = part.profile, None
+def profile_of(campaign: Document, at: KeyPath, profile: str, problems: list[Problem]) -> str:
+    """Return the profile of a vehicle, a name or an absolute path; its problems are collected.
+
+    at: the vehicle's place in the campaign.
+    """
+    path: KeyPath = (*at, "profile")
+    shown_as = None
     if profile.endswith((".yaml", ".yml")):
         file = campaign.path.parent / profile
         if not exists(file):

@@ -1,9 +1,9 @@
 """Faults that are injected into the signals of a run, as its parts need them."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-FaultKind = Literal["stop", "freeze"]
+from vehicles.faults import FaultKind
+
 _TEXTS: dict[FaultKind, str] = {"stop": "stops", "freeze": "freezes"}
 
 

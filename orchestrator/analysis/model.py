@@ -6,7 +6,8 @@ Times are on the run clock, seconds; positions NED metres in the world's local f
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from orchestrator.model.results import RunResult, Summary
+from orchestrator.model.campaign_results import Summary
+from orchestrator.model.results import RunResult
 from worlds.files.documents import Data
 from worlds.frames import Vec3
 

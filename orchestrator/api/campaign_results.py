@@ -7,7 +7,8 @@ from pathlib import Path
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.analysis.study import Study, read_study
-from orchestrator.model.results import Percentiles, RunResult, Summary
+from orchestrator.model.campaign_results import Summary
+from orchestrator.model.results import Percentiles, RunResult
 from safety.model.oracle_results import OracleResult
 
 Row = dict[str, str | float | int | bool | None]

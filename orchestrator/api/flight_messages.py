@@ -28,6 +28,8 @@ class FlightRequest:
     resume: bool
     arm: bool
     arm_real: bool
+    engine: str
+    bench_files: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

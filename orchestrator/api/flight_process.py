@@ -11,10 +11,12 @@ import sys
 import threading
 from collections.abc import Collection
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.expansion.expansion import Campaign, Options
+from campaigns.setup.bench_file import load_benches
 from orchestrator.api.flight_messages import (
     CampaignEnded,
     CampaignRefused,
@@ -25,11 +27,13 @@ from orchestrator.api.flight_messages import (
     decode_request,
     encode_line,
 )
-from orchestrator.campaign.campaign_folder import OutputError, require_writable
-from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
-from orchestrator.campaign.resumption import ResumeError
-from orchestrator.campaign.run_server import start_run_server
-from orchestrator.cli.arming_consent import RefusedError, clear
+from orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
+from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
+from orchestrator.campaign.resuming.resumption import ResumeError
+from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.campaign.workers.run_server import start_run_server
+from orchestrator.cli.arming_consent import RefusedError
+from orchestrator.cli.engine_flight import LOCAL, FlightWish, ready_flight
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.model.progress import Progress
 from orchestrator.model.results import RunResult
@@ -72,7 +76,8 @@ def main() -> int:
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())
     request = decode_request(commands.readline())
-    start_run_server()
+    if request.engine == LOCAL:
+        start_run_server()
     threading.Thread(target=_stop_at_end, args=(commands,), daemon=True).start()
     ending = _ending(request, watcher)
     # All is down: that the program now closes standard input interrupts nothing any more.
@@ -91,11 +96,11 @@ def _ending(request: FlightRequest, watcher: MessageWatcher) -> FlightMessage:
     """Fly the requested campaign; return what became of it."""
     try:
         outcome = _fly_requested(request, watcher)
-    except RefusedError as error:
+    except (RefusedError, EngineError) as error:
         return CampaignRefused(text=str(error), exit_code=error.code)
     except (BadInput, ResumeError) as error:
         return CampaignRefused(text=str(error), exit_code=2)
-    except (OutputError, OperatingError) as error:
+    except (OutputError, OperatingError, TakenError) as error:
         return CampaignRefused(text=str(error), exit_code=3)
     except KeyboardInterrupt:
         return CampaignRefused(text="interrupted before anything flew", exit_code=130)
@@ -110,30 +115,34 @@ def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignO
         repetitions=request.repetitions,
         seed=request.seed,
         sets=request.sets,
+        is_autonomy_isolated=True,
+        benches=load_benches(map(Path, request.bench_files)),
     )
-    campaign = load_campaign(Path(request.file), options)
-    if request.runs is not None:
-        campaign = only_runs(campaign, frozenset(request.runs))
-    out, junit = Path(request.out), None if request.junit is None else Path(request.junit)
-    require_writable(out, junit=junit)
-    cleared = clear(
-        campaign,
+    wish = FlightWish(
+        file=Path(request.file),
+        options=options,
+        out=Path(request.out),
+        junit=None if request.junit is None else Path(request.junit),
+        engine=request.engine,
         clock=request.clock,
         jobs=request.jobs,
-        arm=request.arm,
-        arm_real=request.arm_real,
-    )
-    settings = FlyingSettings(
-        out=out,
-        clock=cleared.clock,
-        jobs=cleared.jobs,
-        junit=junit,
         resume=request.resume,
         arm=request.arm,
-        real_kind=cleared.real_kind,
-        hardware=cleared.hardware,
+        arm_real=request.arm_real,
+        select=partial(_requested_runs, request),
     )
-    return fly_campaign(campaign, settings, watcher)
+    with ready_flight(wish) as (campaign, settings):
+        return fly_campaign(campaign, settings, watcher)
+
+
+def _requested_runs(request: FlightRequest, campaign: Campaign) -> Campaign:
+    """Return a campaign with the requested runs. Raises RefusedError for one that it lacks."""
+    if request.runs is None:
+        return campaign
+    known = {plan.name for plan in campaign.plans}
+    if unknown := [name for name in request.runs if name not in known]:
+        raise RefusedError(f"the campaign has no run '{unknown[0]}'", 2)
+    return only_runs(campaign, frozenset(request.runs))
 
 
 def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:

@@ -4,13 +4,13 @@ import asyncio
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
-from campaigns.expansion.expansion import Campaign
+from campaigns.expansion.expansion import Campaign, Options, requested_bench
 from orchestrator.api.campaign_results import CampaignResults, read_results
 from orchestrator.api.flight_messages import (
     CampaignEnded,
@@ -23,6 +23,7 @@ from orchestrator.api.flight_messages import (
     encode_line,
 )
 from orchestrator.api.loading import load
+from orchestrator.cli.engine_flight import LOCAL
 from orchestrator.model.clock import Clock
 from orchestrator.model.results import RunResult
 
@@ -53,6 +54,8 @@ def run(
     arm: bool = True,
     arm_real: bool = False,
     junit: str | Path | None = None,
+    engine: str = LOCAL,
+    bench_files: Sequence[str | Path] = (),
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
 ) -> CampaignResults:
@@ -61,15 +64,18 @@ def run(
     campaign: a loaded one, or a file. out: the folder beneath which the results go:
     OUT/<campaign>/<UTC start>. runs: only these, as "case/mode/repetition"; None for all. clock,
     jobs, resume, arm, arm_real, junit: as the options of `wil-campaign run`; nobody is asked
-    before an attached vehicle is armed. on_result: called with the result of each run as it ends;
-    on_message: with sentences for people.
+    before an attached vehicle is armed. engine: as of --engine; on a bench of a cluster, for which
+    the campaign is given as a file, consent to arm is given on the bench's own terminal.
+    bench_files: as of `load`, where the campaign is given as a file. on_result: called with the
+    result of each run as it ends; on_message: with sentences for people.
 
     Ctrl-C lands all vehicles, then raises KeyboardInterrupt; so does an exception of on_result or
     on_message, which is then raised. Raises BadInput for faults of files, CannotFlyError.
     """
-    loaded = _loaded(campaign)
+    loaded = _loaded(campaign, engine, bench_files)
     request = _request(
         loaded,
+        engine=engine,
         out=out,
         runs=runs,
         clock=clock,
@@ -94,6 +100,8 @@ async def run_async(
     arm: bool = True,
     arm_real: bool = False,
     junit: str | Path | None = None,
+    engine: str = LOCAL,
+    bench_files: Sequence[str | Path] = (),
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
 ) -> CampaignResults:
@@ -103,9 +111,10 @@ async def run_async(
     lands all vehicles first, and raises CancelledError when they are down.
     """
     loop = asyncio.get_running_loop()
-    loaded = await asyncio.to_thread(_loaded, campaign)
+    loaded = await asyncio.to_thread(_loaded, campaign, engine, bench_files)
     request = _request(
         loaded,
+        engine=engine,
         out=out,
         runs=runs,
         clock=clock,
@@ -226,8 +235,21 @@ class FlightProcess:
         return decode_message(line) if line else None
 
 
-def _loaded(campaign: Campaign | str | Path) -> Campaign:
-    return campaign if isinstance(campaign, Campaign) else load(campaign)
+def _loaded(
+    campaign: Campaign | str | Path, engine: str, bench_files: Sequence[str | Path]
+) -> Campaign | Path:
+    """Return a campaign, loaded; the file of one that takes a bench of a cluster first.
+
+    Raises BadInput, ValueError.
+    """
+    if isinstance(campaign, Campaign):
+        if bench_files:
+            raise ValueError("bench_files: the campaign is loaded; give them to load()")
+        return campaign
+    path = Path(campaign)
+    if engine != LOCAL and not bench_files and requested_bench(path, Options()) is not None:
+        return path
+    return load(path, bench_files=bench_files)
 
 
 def _ignore(_: object) -> None:
@@ -235,8 +257,9 @@ def _ignore(_: object) -> None:
 
 
 def _request(
-    campaign: Campaign,
+    campaign: Campaign | Path,
     *,
+    engine: str,
     out: str | Path,
     runs: Collection[str] | None,
     clock: Clock | None,
@@ -246,13 +269,15 @@ def _request(
     arm_real: bool,
     junit: str | Path | None,
 ) -> FlightRequest:
-    """Return the request to fly a loaded campaign. Raises CannotFlyError for an unknown run."""
-    known = {plan.name for plan in campaign.plans}
-    if runs is not None and (unknown := [name for name in runs if name not in known]):
-        raise CannotFlyError(f"the campaign has no run '{unknown[0]}'", 2)
-    options = campaign.options
+    """Return the request to fly a campaign. Raises CannotFlyError for an unknown run."""
+    options = Options()
+    if isinstance(campaign, Campaign):
+        options = campaign.options
+        known = {plan.name for plan in campaign.plans}
+        if runs is not None and (unknown := [name for name in runs if name not in known]):
+            raise CannotFlyError(f"the campaign has no run '{unknown[0]}'", 2)
     return FlightRequest(
-        file=str(campaign.document.path),
+        file=str(campaign if isinstance(campaign, Path) else campaign.document.path),
         cases=options.cases,
         modes=options.modes,
         repetitions=options.repetitions,
@@ -266,4 +291,6 @@ def _request(
         resume=resume,
         arm=arm,
         arm_real=arm_real,
+        engine=engine,
+        bench_files=tuple(str(bench.document.path) for bench in options.benches),
     )

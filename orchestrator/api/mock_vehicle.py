@@ -15,9 +15,9 @@ from typing import Literal, Self
 from pydantic import ValidationError
 
 from vehicles.embedded.process.feed import MakeFault, to_vehicle
-from vehicles.embedded.process.injected_faults import Fault, parse_fault
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.embedded.process.standalone_settings import standalone_settings
+from vehicles.faults import Fault, FaultError, parse_fault
 from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.processes.child import how_it_ended
 from vehicles.tasks import finish
@@ -105,8 +105,8 @@ class MockVehicle:
         return self._output
 
     def fault(self, text: str) -> None:
-        """Inject a fault: `kill`, `mute`, `unmute`, `motor 2 0.5`. Raises FaultError."""
-        self._inject(parse_fault(text))
+        """Inject a fault: `kill`, `mute@5+2`, `motor 2 0.5`; docs/vehicle.md. Raises FaultError."""
+        self._inject(_parse_fault(text))
 
     def start(self) -> None:
         """Start the mock vehicle and wait until its link is open. Raises MockVehicleError."""
@@ -289,9 +289,17 @@ def mock_vehicle(
         autopilot,
         settings.model_copy(update={"end_with_stdin": True, "print_texts": True}),
         port_is_free_choice=link is None,
-        faults=[parse_fault(text) for text in faults],
+        faults=[_parse_fault(text) for text in faults],
         ready_within_s=ready_within_s,
     )
+
+
+def _parse_fault(text: str) -> Fault:
+    """Return the fault of a mock vehicle in a text. Raises FaultError."""
+    fault = parse_fault(text)
+    if fault.name == "camera":
+        raise FaultError(f"{text!r}: a mock vehicle has no camera")
+    return fault
 
 
 def _other_end(address: LinkAddress) -> LinkAddress:

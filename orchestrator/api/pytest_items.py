@@ -6,16 +6,26 @@ campaign is skipped, with its verdict as the reason, as in junit.xml.
 """
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
+from campaigns.expansion.expansion import (
+    Campaign,
+    Options,
+    RunPlan,
+    load_campaign,
+    requested_bench,
+)
+from campaigns.setup.bench_file import load_benches
 from orchestrator.api.campaign_results import CampaignResults
 from orchestrator.api.flying import CannotFlyError, run
 from orchestrator.api.pytest_plugin import REPORTS
+from orchestrator.cli.engine_flight import LOCAL
 from orchestrator.model.control_results import control_faults
-from orchestrator.model.results import RunResult, standings_of
+from orchestrator.model.exit_codes import standings_of
+from orchestrator.model.results import RunResult
 from worlds.files.documents import BadInput
 
 
@@ -24,9 +34,8 @@ class CampaignFile(pytest.File):
 
     def collect(self) -> Iterator["RunItem"]:
         """Yield a test for each run and control. Raises CollectError for faults of the file."""
-        sets = tuple(self.config.getoption("--wil-set"))
         try:
-            self._campaign = load_campaign(self.path, Options(sets=sets, is_autonomy_isolated=True))
+            self._campaign = self._load()
         except BadInput as error:
             raise self.CollectError(str(error)) from None
         self._due: set[str] = set()
@@ -36,6 +45,22 @@ class CampaignFile(pytest.File):
         self._refused: CannotFlyError | None = None
         for plan in self._campaign.plans:
             yield RunItem.from_parent(self, name=plan.name, plan=plan)
+
+    def _load(self) -> Campaign:
+        """Return the campaign by the session's options. Raises BadInput, CollectError."""
+        option = self.config.getoption
+        options = Options(
+            sets=tuple(option("--wil-set")),
+            is_autonomy_isolated=True,
+            benches=load_benches(map(Path, option("--wil-bench-file"))),
+        )
+        is_here = option("--wil-engine") == LOCAL
+        if not (is_here or options.benches) and requested_bench(self.path, options) is not None:
+            raise self.CollectError(
+                f"{self.path}: a bench of a cluster is known once it is taken, pytest names runs "
+                "before that: fly this campaign by `wil-campaign run --junit`"
+            )
+        return load_campaign(self.path, options)
 
     def result_of(self, item: "RunItem") -> RunResult | None:
         """Return the result of a run; flies what is selected. None: decided without it."""
@@ -71,6 +96,7 @@ class CampaignFile(pytest.File):
             clock=option("--wil-clock"),
             jobs=option("--wil-jobs"),
             arm_real=bool(option("--wil-arm-real")),
+            engine=str(option("--wil-engine")),
         )
 
     def _take(self, results: CampaignResults) -> None:

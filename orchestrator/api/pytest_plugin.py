@@ -42,6 +42,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="KEY=VALUE",
         help="an override of the campaign files, as --set of `wil-campaign run`",
     )
+    group.addoption(
+        "--wil-engine",
+        default="local",
+        metavar="ENGINE",
+        help="where runs fly: local, ray or ray://HOST:PORT (default: local)",
+    )
+    group.addoption(
+        "--wil-bench-file",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="a bench of this machine, for campaigns that ask for one",
+    )
     group.addoption("--wil-jobs", type=int, default=None, metavar="N", help="runs at once")
     group.addoption("--wil-clock", default=None, choices=["virtual", "wall", "scaled"])
     group.addoption(

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from campaigns.expansion.expansion import Campaign
 from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.setup.case_setup import FLIES, Setup
-from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.model.results import RunResult
 from orchestrator.model.return_path import (
     CLEAR_M,

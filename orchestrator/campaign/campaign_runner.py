@@ -12,49 +12,42 @@ from typing import Any, Protocol
 from campaigns.expansion.expansion import Campaign, RunPlan
 from campaigns.setup.case_setup import FLIES
 from orchestrator.campaign.between_runs import BetweenRuns
-from orchestrator.campaign.campaign_folder import (
+from orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     TakenError,
     held,
     make_folder,
     set_aside,
 )
+from orchestrator.campaign.folder.manifest import manifest
+from orchestrator.campaign.folder.repetitions import runs_due
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
-from orchestrator.campaign.manifest import manifest
-from orchestrator.campaign.repetitions import runs_due
 from orchestrator.campaign.repositioning import Repositioning
-from orchestrator.campaign.resumption import (
+from orchestrator.campaign.resuming.lost_runs import lost_result, real_runs
+from orchestrator.campaign.resuming.resumed_campaign import (
     ResumedCampaign,
+    ResumeRules,
     resume_campaign,
-    resumed_folder,
-    resumed_manifest,
 )
-from orchestrator.campaign.run_engine import EngineError, LocalRunEngine, RunEngine
-from orchestrator.campaign.run_output import OUTPUT_FILE, output_tail
-from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
 from orchestrator.campaign.sensor_kinds import sensor_kinds
-from orchestrator.campaign.worker_pool import Pool
+from orchestrator.campaign.workers.run_engine import EngineError, LocalRunEngine, RunEngine
+from orchestrator.campaign.workers.run_output import OUTPUT_FILE, output_tail
+from orchestrator.campaign.workers.run_workers import WorkerLost
+from orchestrator.campaign.workers.worker_pool import Pool
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
+from orchestrator.model.campaign_results import Summary, VehicleKind, summarize
 from orchestrator.model.clock import Clock
-from orchestrator.model.control_results import control_result
 from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.exit_codes import exit_code, rehearsal_code
 from orchestrator.model.faults import Faults, fault_log
 from orchestrator.model.junit import junit_xml
 from orchestrator.model.progress import News, Progress
-from orchestrator.model.results import (
-    NOT_ARMED,
-    RunResult,
-    Summary,
-    SyncResult,
-    VehicleKind,
-    exit_code,
-    rehearsal_code,
-    summarize,
-)
+from orchestrator.model.results import NOT_ARMED, RunResult
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.operator_channels import open_operator_channels
-from orchestrator.run.flight.return_flight import return_plan
+from orchestrator.run.stages.return_flight import return_plan
 from orchestrator.run.vehicles.preflight_checks import disk_item
 from orchestrator.state.run_setup import RunOrder
 from vehicles.tasks import TaskAccount
@@ -97,7 +90,7 @@ class FlyingSettings:
     tries each case and mode once, up to arming. real_kind: what plays the real vehicle. hardware:
     in words, what a person has to put back between runs; empty for nothing. folder: the campaign's
     folder itself, which is made; None: a new one beneath `out`, named by the time. engine: where
-    the runs are flown.
+    the runs are flown. again: runs that a resumed campaign flies again because a person said so.
     """
 
     out: Path
@@ -110,6 +103,7 @@ class FlyingSettings:
     hardware: str = ""
     folder: Path | None = None
     engine: RunEngine = field(default_factory=LocalRunEngine)
+    again: tuple[str, ...] = ()
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
@@ -145,13 +139,12 @@ def _begin(
         _write(folder / "campaign.json", to_json(about))
         if not settings.resume:
             return folder, ResumedCampaign(results={}, attempts={})
-        before = resume_campaign(
-            campaign,
-            folder,
+        rules = ResumeRules(
             retries=campaign.retries,
-            may_repeat=not settings.hardware,
-            say=watcher.say,
+            is_real=real_runs(campaign, settings.hardware),
+            again=settings.again,
         )
+        before = resume_campaign(campaign, folder, rules, say=watcher.say)
     except (TakenError, OSError) as error:
         raise OutputError(str(error)) from error
     watcher.say(
@@ -195,6 +188,8 @@ class _Flight:
         self._plans = planned(campaign, settings)
         self._results = dict(before.results)
         self._attempts = before.attempts
+        self._is_real = real_runs(campaign, settings.hardware)
+        self._lost_with_vehicle = ""
         began_s = time.monotonic()
         self._faults = Faults(
             time=lambda: time.monotonic() - began_s,
@@ -261,7 +256,7 @@ class _Flight:
 
     def outcome(self) -> CampaignOutcome:
         """Return the campaign's outcome: summary and exit code."""
-        summary = self.write_summary()
+        summary = self.write_summary(has_ended=True)
         flown = (*summary.runs, *summary.controls)
         stopped, broken = self._controller.stopped, bool(self._faults.all)
         code = exit_code(
@@ -293,7 +288,16 @@ class _Flight:
                 )
 
     def _ready(self, order: RunOrder) -> RunOrder | None:
-        """Return an order with what is known by now; None where it is not needed any more."""
+        """Return an order with what is known by now; None where it is not needed any more.
+
+        Raises EngineError after a run that was lost with a real vehicle: its guard may still land
+        it, and what became of it a person has to see.
+        """
+        if self._lost_with_vehicle:
+            raise EngineError(
+                f"{self._lost_with_vehicle} was lost with a real vehicle in it: nothing more is "
+                "flown; look at the vehicle, and start again with --resume"
+            )
         if order.back is None and order.plan.name not in {plan.name for plan in self._due()}:
             return None
         return self._learning.ready(order)
@@ -358,7 +362,9 @@ class _Flight:
                 self._watcher.finished(result)
                 if result.verdict != "PASS":
                     self._show_output(order)
-        if following is None and flown and len(self._results) < len(self._due()):
+        if isinstance(outcome, WorkerLost) and self._is_real(order.plan):
+            self._lost_with_vehicle = order.plan.name
+        elif following is None and flown and len(self._results) < len(self._due()):
             following = self._between.after(order, result)
         return following
 
@@ -383,8 +389,12 @@ class _Flight:
         """Return how many required runs of the campaign have no result."""
         return sum(plan.required and plan.name not in self._results for plan in self._due())
 
-    def write_summary(self) -> Summary:
-        """Write the campaign's summary.json and junit.xml so far. Raises OutputError."""
+    def write_summary(self, *, has_ended: bool = False) -> Summary:
+        """Write the campaign's summary.json and junit.xml so far. Raises OutputError.
+
+        has_ended: the campaign has come to its end. A summary without it is not accepted: what
+        ends the campaign now may leave it behind.
+        """
         plans = self._due()
         runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
         summary = summarize(
@@ -398,7 +408,7 @@ class _Flight:
             sensors=sensor_kinds(self._campaign),
             left_out=self._campaign.left_out,
             stopped=self._controller.stopped,
-            broken=bool(self._faults.all),
+            broken=bool(self._faults.all) if has_ended or self._faults.all else None,
             controls_due=len(self._campaign.controls),
             missing=self._missing(),
             caveats=self._campaign.caveats,
@@ -420,29 +430,6 @@ def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]
     if settings.arm:
         return campaign.plans
     return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
-
-
-def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
-    """Return the result of a run whose worker process was lost: an ERROR with the reason."""
-    return RunResult(
-        case=plan.case,
-        mode=plan.mode,
-        rep=plan.repetition,
-        seed=plan.seed,
-        verdict="ERROR",
-        reason=f"the run was lost: {lost.reason}",
-        also=(),
-        required=plan.required,
-        duration_s=None,
-        wall_s=0.0,
-        oracles=(),
-        sync=SyncResult(),
-        mixing=None,
-        control=control_result(
-            plan.control, verdict="ERROR", reason=lost.reason, decided_by="", subject=""
-        ),
-        exceptions=(lost.fault.text,) if lost.details else (),
-    )
 
 
 def _with_paths(run: RunResult) -> RunResult:

@@ -30,8 +30,14 @@ class LiftoffLearning:
         return replace(order, liftoff_delays_s=delays_s)
 
     def learn(self, plan: RunPlan, result: RunResult) -> None:
-        """Take the result of a run."""
+        """Take the result of a run of the pair.
+
+        Who flies alone is commanded as soon as it is armed: what it takes has its motors' time in
+        it, for which a pair waits before its commands.
+        """
         keys = self._keys(plan)
+        if len(keys) < 2:
+            return
         for name, delay_s in result.sync.liftoff_delays_s.items():
             self._delays.take(keys[name], delay_s)
 

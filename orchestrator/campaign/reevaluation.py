@@ -7,21 +7,24 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.campaign.manifest import judging_manifest, world_digest
-from orchestrator.campaign.manifest_changes import changes_since_flight
-from orchestrator.campaign.repetitions import runs_due
+from orchestrator.campaign.folder.manifest import judging_manifest, world_digest
+from orchestrator.campaign.folder.manifest_changes import changes_since_flight
+from orchestrator.campaign.folder.repetitions import runs_due
+from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.control_results import control_result
-from orchestrator.model.results import RunResult, Summary, exit_code, summarize
-from orchestrator.model.results_reader import ResultError, read_result
+from orchestrator.model.exit_codes import exit_code
+from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import ResultError, read_result, read_summary
 from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.judge_log_file import FILE_NAME
-from orchestrator.run.flight.run_oracles import build_judge
-from orchestrator.run.flight.run_outcome import also_of, reason_of
+from orchestrator.run.judging.run_oracles import build_judge
+from orchestrator.run.judging.run_outcome import also_of, reason_of
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from safety.evaluation.judge import unjudged
 from safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
 from safety.evidence.evidence import SOURCE
 from safety.model.verdict import DecisiveEvent, DecisiveKind, decide, source_of
+from worlds.scene.track import RunHistory
 
 _KINDS: dict[str, DecisiveKind] = {
     "ERROR": "ERROR",
@@ -55,8 +58,8 @@ class Judgement:
 def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     """Reevaluate every recorded run of the campaign in a results folder.
 
-    Raises RecordingError when there is none, when a recording cannot be read, or when a run was
-    not shown to be flown in the world that would judge it.
+    Raises RecordingError when there is none, when a recording or summary.json cannot be read, or
+    when a run was not shown to be flown in the world that would judge it.
     """
     recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
     if not recorded:
@@ -64,6 +67,7 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
     flown, now = _document(folder / "campaign.json"), judging_manifest(campaign)
     _require_same_worlds(recorded, flown, folder)
+    before = _summary_of_flight(folder / "summary.json")
     rejudged = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
     runs = [each.now for each in rejudged]
     found = {f"{run.case}/{run.mode}/{run.rep}": run for run in runs}
@@ -74,34 +78,53 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     due = len(campaign.controls)
     return Judgement(
         rejudged,
-        _summary(campaign, folder, runs, absent),
-        exit_code(runs, campaign.requirements, controls_due=due, missing=missing),
+        _summary(campaign, before, runs, absent),
+        exit_code(
+            runs,
+            campaign.requirements,
+            stopped=before.stopped,
+            broken=before.broken is not False,
+            controls_due=due,
+            missing=missing,
+        ),
         tuple(changes_since_flight(flown, now, file=campaign.document.path.name)),
     )
 
 
 def _summary(
-    campaign: Campaign, folder: Path, runs: Sequence[RunResult], absent: Sequence[RunPlan]
+    campaign: Campaign, before: Summary, runs: Sequence[RunResult], absent: Sequence[RunPlan]
 ) -> Summary:
     """Return the summary of runs by their reevaluation; absent: those that are not in the folder.
 
-    What the folder says of its vehicles and sensors is kept.
+    What the folder says of its vehicles, its sensors, and what ended the campaign is kept.
     """
-    before = _document(folder / "summary.json")
     return summarize(
         runs,
         campaign.requirements,
         campaign=campaign.name,
-        clock=before.get("clock", "virtual"),
-        surrogate=before.get("surrogate") is True,
-        real_kind=before.get("real_kind", "unknown"),
-        sensors=before.get("sensors", {}),
+        clock=before.clock,
+        surrogate=before.surrogate,
+        real_kind=before.real_kind,
+        sensors=before.sensors,
         left_out=campaign.left_out,
+        stopped=before.stopped,
+        broken=before.broken,
         controls_due=len(campaign.controls),
         missing=sum(plan.required for plan in absent),
         caveats=campaign.caveats,
         not_flown=tuple(plan.name for plan in absent),
     )
+
+
+def _summary_of_flight(path: Path) -> Summary:
+    """Return the summary as it was written at the flight. Raises RecordingError."""
+    try:
+        return read_summary(path)
+    except ResultError as error:
+        raise RecordingError(
+            f"{error}: what ended the campaign outside of its runs cannot be known; bring that "
+            "file back, or fly it again"
+        ) from error
 
 
 def _document(path: Path) -> dict[str, Any]:
@@ -142,7 +165,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         before = read_result(folder / "result.json")
     except ResultError as error:
         raise RecordingError(str(error)) from error
-    events: dict[str, float] = {}
+    events = RunHistory()
     setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
     judge = build_judge(setup, events)
     try:

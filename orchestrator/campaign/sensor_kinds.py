@@ -3,7 +3,7 @@
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_setup import VehicleSetup
 from campaigns.values.sensor_setups import CameraSetup, PoseSetup, SensorSetup
-from orchestrator.model.results import SensorKind
+from orchestrator.model.campaign_results import SensorKind
 
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered", "synthesised")
 

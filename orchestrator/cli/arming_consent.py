@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.bench_file import Bench
 from campaigns.setup.case_setup import VehicleSetup
-from orchestrator.campaign.attached_vehicles import (
+from orchestrator.campaign.resuming.attached_vehicles import (
     AttachedVehicle,
     attached_vehicles,
     find_all,
@@ -22,8 +22,8 @@ from orchestrator.campaign.attached_vehicles import (
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
 from orchestrator.engines.bench.bench_messages import ConsentAnswer, ConsentAsked
+from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
-from orchestrator.model.results import VehicleKind
 from vehicles.errors import VehicleError
 from vehicles.links.link_strings import LinkAddress
 from worlds.files.problems import printable

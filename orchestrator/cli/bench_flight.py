@@ -1,14 +1,14 @@
 """What has to be settled before `run` flies a campaign on a bench of a cluster."""
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign, requested_bench
-from orchestrator.campaign.attached_vehicles import attached_vehicles
-from orchestrator.campaign.run_engine import RunEngine
+from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from orchestrator.campaign.workers.run_engine import RunEngine
 from orchestrator.cli.arming_consent import REFUSED, Cleared, RefusedError, user_name
 from orchestrator.cli.clock_choice import clock_for
 from orchestrator.cli.standard_streams import err
@@ -48,10 +48,18 @@ def is_for_bench(file: Path, options: Options, engine: str) -> bool:
 
 @contextmanager
 def bench_flight(
-    file: Path, options: Options, address: str, *, clock: Clock | None, jobs: int | None, arm: bool
+    file: Path,
+    options: Options,
+    address: str,
+    *,
+    clock: Clock | None,
+    jobs: int | None,
+    arm: bool,
+    select: Callable[[Campaign], Campaign],
 ) -> Iterator[BenchFlight]:
     """Take the bench that a campaign asks for, and get consent there; it is free at the end.
 
+    select: takes runs out of the campaign. Consent is asked for what is left.
     Raises BadInput, RefusedError, EngineError.
     """
     if clock not in {None, "wall"} or jobs not in {None, 1}:
@@ -61,7 +69,7 @@ def bench_flight(
     if asked is None:
         raise ValueError(f"{file} asks for no bench")
     with bench_of_cluster(address, *asked, err) as hired:
-        campaign = load_campaign(file, replace(options, benches=(hired.bench,)))
+        campaign = select(load_campaign(file, replace(options, benches=(hired.bench,))))
         clock_for(campaign, "wall")
         others = [one for one in attached_vehicles(campaign) if one.name != "real"]
         if others:

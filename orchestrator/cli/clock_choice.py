@@ -7,7 +7,7 @@ from functools import partial
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_setup import FLIES
-from orchestrator.campaign.attached_vehicles import flown_vehicles
+from orchestrator.campaign.resuming.attached_vehicles import flown_vehicles
 from orchestrator.model.clock import Clock
 from worlds.files.documents import BadInput, Path
 

@@ -49,6 +49,7 @@ class Choice:
             repetitions=self.repetitions,
             seed=self.seed,
             sets=(*self.set_, *further),
+            is_autonomy_isolated=True,
             benches=load_benches(self.bench_file),
         )
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from orchestrator.campaign.attached_vehicles import AttachedVehicle
+from orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from orchestrator.cli.arming_consent import (
     NOT_HAD,
     REFUSED,

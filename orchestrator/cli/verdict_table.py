@@ -11,8 +11,10 @@ from rich.text import Text
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.cli.external_lines import external_lines
 from orchestrator.cli.progress_display import VERDICT_STYLES
+from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, in_short, synthesised_texts
-from orchestrator.model.results import Percentiles, RunResult, Summary, standings_of
+from orchestrator.model.exit_codes import standings_of
+from orchestrator.model.results import Percentiles, RunResult
 from safety.evaluation.judge import COLLISION_ALWAYS
 
 _COLUMNS = (
@@ -203,6 +205,9 @@ def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> Text:
     if summary.left_out:
         style = "yellow" if summary.accepted else style
         said += f"; required, and left out: {', '.join(summary.left_out)}"
+    if summary.ending:
+        style = "yellow" if summary.accepted is not False else style
+        said += f"; {summary.ending}"
     if changed_since_flight:
         style = "yellow" if summary.accepted else style
         said += f"; judged by other options or files than flown: {', '.join(changed_since_flight)}"

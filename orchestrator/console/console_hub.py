@@ -147,4 +147,6 @@ class ConsoleHub:
 def _view_text(view: RunView, scene: RunScene | None) -> str:
     """Return a run's state for the page, with where its world's moving objects are."""
     moving = {} if scene is None else scene.moving(view.t_s, view.events)
-    return as_text({"type": "run", "moving": moving, **msgspec.structs.asdict(view)})
+    moving |= {name: msgspec.structs.asdict(pose) for name, pose in view.flown.items()}
+    state = {**msgspec.structs.asdict(view), "flown": sorted(view.flown)}
+    return as_text({"type": "run", "moving": moving, **state})

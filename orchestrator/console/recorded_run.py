@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from orchestrator.analysis.model import Commanded
+from orchestrator.analysis.reading.judged_motion import read_judged_motion
 from orchestrator.analysis.reading.trajectory_file import read_trajectory
 from orchestrator.live_feed.feed_images import image_view
 from orchestrator.live_feed.feed_messages import (
@@ -15,15 +16,18 @@ from orchestrator.live_feed.feed_messages import (
     MarginView,
     RunView,
     VehicleView,
+    flown_poses,
 )
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.recording.errors import RecordingError
+from orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
 from orchestrator.recording.mcap_reader import RecordedReading, Recording
 from orchestrator.recording.recording_facts import fences_in
 from orchestrator.report.reading.event_log import read_event_log
 from safety.fence.fence_values import plain_fence
 from vehicles.readings import CameraReading
+from worlds.scene.track import RunHistory
 
 _VIEW_S = 0.1
 _IMAGE_S = 1.0 / 15.0
@@ -41,6 +45,7 @@ class _Loaded:
     events: tuple[EventView, ...]
     stages: Mapping[str, float]
     result: RunResult | None
+    history: RunHistory
 
 
 class RecordedRun:
@@ -102,7 +107,8 @@ class RecordedRun:
             EventView(self._run, number, one.t_s, one.kind, "", one.subject, one.text)
             for number, one in enumerate(log.events, start=1)
         )
-        return _Loaded(rows, events, dict(log.stages), result)
+        history = read_judged_motion(self._folder / JUDGED).world_events
+        return _Loaded(rows, events, dict(log.stages), result, history)
 
     def _view(self, loaded: _Loaded, t_s: float, rows: tuple[Commanded, ...]) -> RunView:
         result, is_over = loaded.result, t_s >= loaded.rows[-1].t_s
@@ -124,6 +130,7 @@ class RecordedRun:
             margins=_margins(result) if is_known and result else (),
             mixings=(),
             fences=self._fences,
+            flown=flown_poses(loaded.history, t_s),
         )
 
 

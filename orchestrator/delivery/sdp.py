@@ -5,7 +5,11 @@ sprop-parameter-sets).
 """
 
 import base64
+import re
 from dataclasses import dataclass
+from typing import Self
+
+_HOST_PORT = re.compile(r"([^:/\s]+|\[[0-9A-Fa-f:.]+\]):(\d{1,5})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,6 +18,16 @@ class RtpAddress:
 
     host: str = "127.0.0.1"
     port: int = 5600
+
+    @classmethod
+    def of(cls, text: str) -> Self:
+        """Return the address in HOST:PORT. Raises ValueError for a wrong or odd port."""
+        match = _HOST_PORT.fullmatch(text)
+        if match is None or not 0 < int(match[2]) < 65535:
+            raise ValueError(f"{text!r} must be HOST:PORT, as in 127.0.0.1:5600")
+        if int(match[2]) % 2:
+            raise ValueError(f"{text!r}: RTP needs an even port; the next one is for RTCP")
+        return cls(match[1], int(match[2]))
 
     def __str__(self) -> str:
         return f"rtp://{self.host}:{self.port}"

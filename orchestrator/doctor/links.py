@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign.attached_vehicles import attached_vehicles, flown_vehicles
+from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles, flown_vehicles
 from orchestrator.doctor.findings import Finding
 from vehicles.links.link import LinkError
 from vehicles.links.link_factory import open_link

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.campaign.attached_vehicles import AttachedVehicle
+from orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings, decisive
 from safety.guard.guard import Guard
 from safety.guard.process.guard_config import GuardConfig, Guarded

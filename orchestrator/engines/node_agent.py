@@ -1,18 +1,23 @@
 """The actor of Ray on a node: starts the node's own process and passes bytes on to it and back.
 
 The process is no part of Ray, and has a session of its own: what Ray does to its worker ends the
-pipe, and the run in flight then lands.
+pipe, and the run in flight then lands. The actor ends when its raylet does, also where Ray has it
+linger on: nobody could reach the run through it.
 """
 
 import os
 import subprocess
 import sys
 import threading
+import time
 from multiprocessing.connection import Connection
 
 _MOST_AT_ONCE = 100
 _OF_RAY = ("RAY_", "OMP_NUM_THREADS")
 """Of the environment: a token of the cluster, and what Ray sets for its own workers."""
+_RAYLET = "RAY_RAYLET_PID"
+"""In the environment of a worker of Ray: the process id of its raylet, which is its parent."""
+_LOOK_S = 1.0
 
 
 class PipeAgent:
@@ -22,6 +27,9 @@ class PipeAgent:
         self._to = to
         self._from = back
         self._sending = threading.Lock()
+        raylet = os.environ.get(_RAYLET, "")
+        if raylet == str(os.getppid()):
+            threading.Thread(target=_end_with_parent, args=(int(raylet),), daemon=True).start()
 
     def send(self, message: bytes) -> None:
         """Pass a message on to the process. Raises OSError."""
@@ -73,3 +81,10 @@ class NodeAgent(PipeAgent):
         """End the process, after its run has landed."""
         super().close()
         self._process.wait()
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this process, and with it its pipes, once it is another process's child."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK_S)
+    os._exit(1)

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from orchestrator.campaign.manifest import flown_versions
+from orchestrator.campaign.folder.manifest import flown_versions
 
 _PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
 _SUBREAPER = "RAY_kill_child_processes_on_worker_exit_with_raylet_subreaper"

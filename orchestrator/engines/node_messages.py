@@ -1,11 +1,34 @@
 """What the machine of a campaign and the process on a node send to each other; picklable."""
 
+import pickle
 from dataclasses import dataclass
 
-from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.engines.travelling_files import TravellingFiles
 from orchestrator.model.results import RunResult
 from orchestrator.state.run_setup import RunOrder
+
+
+class DamagedMessageError(OSError):
+    """Bytes between the machines of a cluster that are no message; says why."""
+
+
+def read_message(content: bytes) -> object:
+    """Return the message in bytes from behind the cluster's token. Raises DamagedMessageError."""
+    try:
+        message: object = pickle.loads(content)  # noqa: S301  # behind the cluster's token
+    except Exception as error:  # whatever damage makes of a pickle
+        said = f"{type(error).__name__}: {error}"
+        raise DamagedMessageError(f"{len(content)} bytes cannot be read: {said}") from error
+    return message
+
+
+def read_facts(content: bytes) -> dict[str, str]:
+    """Return a node's facts, the first that it says. Raises DamagedMessageError."""
+    facts = read_message(content)
+    if not isinstance(facts, dict) or not isinstance(facts.get("node"), str):
+        raise DamagedMessageError(f"{len(content)} bytes are not the facts of a node")
+    return facts
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,11 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from orchestrator.campaign.local_workers import LocalWorker, LocalWorkers, receive_message
-from orchestrator.campaign.run_order import fly_order
-from orchestrator.campaign.run_server import start_run_server
-from orchestrator.campaign.run_workers import OrderDone, WorkerLost
+from orchestrator.campaign.resuming.run_ledger import newest_session
+from orchestrator.campaign.workers.local_workers import LocalWorker, LocalWorkers, receive_message
+from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_server import start_run_server
+from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.engines.node_facts import node_facts
 from orchestrator.engines.node_messages import (
     CampaignAnswer,
@@ -26,7 +27,6 @@ from orchestrator.engines.node_messages import (
     RunEnded,
     RunOrdered,
 )
-from orchestrator.engines.run_ledger import newest_session
 from orchestrator.engines.travelling_files import (
     DamagedFileError,
     place_beneath,
@@ -74,8 +74,8 @@ class NodeRuns:
             unpack_files(campaign.files, self._home)
         except (DamagedFileError, OSError) as error:
             return f"the campaign's files cannot be taken: {error}"
-        beneath = (place_beneath(self._home, Path(one)) for one in campaign.files.search_path)
-        sys.path[:0] = [str(one) for one in beneath]
+        beneath = [str(place_beneath(self._home, Path(f))) for f in campaign.files.search_path]
+        sys.path[:0] = [one for one in beneath if one not in sys.path]
         self._campaign = campaign
         return ""
 

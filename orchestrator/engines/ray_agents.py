@@ -7,9 +7,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.node_agent import NodeAgent
 from orchestrator.engines.node_facts import node_facts, unfit_text
+from orchestrator.engines.node_messages import DamagedMessageError, read_facts, read_message
 
 _HIRED_S = 300.0
 """How long is waited for a place on the cluster, and for the first import of our code there."""
@@ -37,11 +38,14 @@ class HiredAgent:
         self.actor.send.remote(pickle.dumps(message))
 
     async def receive(self) -> Sequence[object]:
-        """Return the next messages of the node's process, at least one. Raises EOFError."""
+        """Return the next messages of the node's process, at least one.
+
+        Raises EOFError, DamagedMessageError.
+        """
         while True:
             received = await self._result_of(self.actor.receive.remote(_LOOK_S))
             if received:
-                return [pickle.loads(one) for one in received]  # noqa: S301  # behind the token
+                return [read_message(one) for one in received]
 
     async def close(self) -> None:
         """End the node's process, and give the place on the cluster back."""
@@ -99,7 +103,11 @@ def hire_agents(ray: Any, count: int, *, cores: int) -> list[HiredAgent]:
     if not all(first):
         _dismiss(ray, actors)
         raise EngineError(f"a node of the cluster says nothing for {_HIRED_S:g} s")
-    found = [pickle.loads(messages[0]) for messages in first]  # noqa: S301  # behind the token
+    try:
+        found = [read_facts(messages[0]) for messages in first]
+    except DamagedMessageError as error:
+        _dismiss(ray, actors)
+        raise EngineError(f"a node of the cluster does not say what it is: {error}") from error
     for facts in found:
         if why := unfit_text(node_facts(), facts):
             _dismiss(ray, actors)

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign
-from orchestrator.campaign.manifest import read_files
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.folder.manifest import read_files
+from orchestrator.campaign.resuming.run_ledger import RunLedger
+from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.node_messages import CampaignAnswer, CampaignBrought
 from orchestrator.engines.ray_agents import HiredAgent, hire_agents
 from orchestrator.engines.ray_worker import RayWorker
-from orchestrator.engines.run_ledger import RunLedger
 from orchestrator.engines.travelling_files import pack_files
 
 _LOOPBACK = "127.0.0.2"
@@ -34,13 +34,15 @@ _STORE_BYTES = 80_000_000
 class RayEngine:
     """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run.
 
-    bench: whose one agent it is; "" where any node flies.
+    bench: whose one agent it is; "" where any node flies. keeps_agents: further campaigns are flown
+    by the same agents.
     """
 
     ray: Any
     cores: int
     bench: str = ""
     idle: list[HiredAgent] = field(default_factory=list)
+    keeps_agents: bool = False
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
         """Return the workers of a campaign, whose files travel to their nodes."""
@@ -77,7 +79,11 @@ class RayWorkers:
         return RayWorker(agent=agent, ledger=self._ledger, give_back=idle.append)
 
     async def close(self) -> None:
-        """End the agents, and what they have unpacked."""
+        """End the agents and what they have unpacked, unless they are kept for what follows."""
+        if self._engine.keeps_agents:
+            for agent in self._engine.idle:
+                agent.has_campaign = False
+            return
         agents = list(self._engine.idle)
         self._engine.idle.clear()
         await asyncio.gather(*(agent.close() for agent in agents))
@@ -125,15 +131,18 @@ def engine_address(text: str) -> str | None:
 
 
 @contextmanager
-def ray_engine(address: str | None, *, jobs: int | None, cores: int) -> Iterator[RayEngine]:
+def ray_engine(
+    address: str | None, *, jobs: int | None, cores: int, keeps_agents: bool = False
+) -> Iterator[RayEngine]:
     """Start a Ray of this machine for `jobs` runs, or join the one at an address.
 
-    jobs: None for as many as the cluster has place for. cores: that a run takes. Raises
-    EngineError.
+    jobs: None for as many as the cluster has place for. cores: that a run takes. keeps_agents: for
+    several campaigns, one after the other. Raises EngineError.
     """
     with running_ray(address, cpus=(jobs or 1) * cores) as ray:
         count = jobs or max(1, int(ray.cluster_resources().get("CPU", 0)) // cores)
-        yield RayEngine(ray, cores, idle=hire_agents(ray, count, cores=cores))
+        agents = hire_agents(ray, count, cores=cores)
+        yield RayEngine(ray, cores, idle=agents, keeps_agents=keeps_agents)
 
 
 @contextmanager

@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-from orchestrator.campaign.campaign_folder import TakenError, held
-from orchestrator.campaign.run_workers import OrderDone, WorkerLost
+from orchestrator.campaign.folder.campaign_folder import TakenError, held
+from orchestrator.campaign.resuming.run_ledger import RunLedger
+from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.engines.node_messages import RunEnded, RunOrdered
 from orchestrator.engines.ray_agents import HiredAgent
-from orchestrator.engines.run_ledger import RunLedger
 from orchestrator.engines.travelling_files import resolve_order
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.setup.case_files import CaseFiles
-from orchestrator.campaign.named_files import with_companions
+from orchestrator.campaign.folder.named_files import with_companions
 from orchestrator.state.run_setup import RunOrder
 from worlds.files.documents import Document
 

@@ -111,19 +111,24 @@ class ExternalIo:
 
     async def before_arming(
         self, contexts: Iterable[VehicleContext], *, unbooted: Mapping[str, frozenset[str]]
-    ) -> None:
-        """Check that motion capture is received and that autopilots use injections.
+    ) -> str:
+        """Check that motion capture is received and that autopilots use injections; say what was.
 
         unbooted: by vehicle the parameters that were changed while it ran.
 
         Raises SourceError, NotHonouredError.
         """
+        checked = []
+        if self._setup.clock == "wall" and any(one.mocap for one in self._setup.vehicles):
+            checked.append("motion capture is received")
         if self._setup.clock == "wall":
             await self.captures.ready()
         if self._injectors:
+            checked.append(f"injections into {' and '.join(self._injectors)} are used")
             vehicles = {str(one.name): one for one in self._setup.vehicles}
             injections = self._setup.campaign.outside.injections
             self._proofs = await prove_injection(contexts, vehicles, injections, unbooted=unbooted)
+        return "; ".join(checked) or "nothing external"
 
     async def run(self, run_state: RunState) -> None:
         """Send what is due to autopilots and ground station, and watch, until cancelled."""

@@ -11,6 +11,7 @@ import msgspec
 from safety.model.oracle_results import OracleResult
 from vehicles.processes.codec import Codec, Message
 from worlds.frames import Quat, Vec3
+from worlds.scene.track import RunHistory
 
 LONGEST_DATAGRAM_BYTES = 200_000
 """Below what Linux lets a socket send without asking (net.core.wmem_default, 212,992)."""
@@ -85,12 +86,30 @@ class MixingView(msgspec.Struct, frozen=True):
     missed: int
 
 
+class ObjectPose(Message, frozen=True):
+    """Where an object of the world is that a vehicle flies: NED metres, body to NED."""
+
+    position_ned_m: Vec3
+    q_wxyz: Quat
+
+
+def flown_poses(history: RunHistory, t_s: float) -> dict[str, ObjectPose]:
+    """Return where the flown objects of a run are at a time, as far as it is known."""
+    poses = {name: track.pose_at(t_s) for name, track in history.tracks.items()}
+    return {
+        name: ObjectPose(pose.position_ned_m, pose.q_wxyz)
+        for name, pose in poses.items()
+        if pose is not None
+    }
+
+
 class RunView(Message, frozen=True):
     """The state of a run as the live feed shows it.
 
     run: its folder; name: case, mode and repetition. entered_s: when each stage was reached;
     events: when what moves the world's objects happened.
-    fences: by vehicle, as plain values. reason: of the verdict so far.
+    fences: by vehicle, as plain values. reason: of the verdict so far. flown: where the objects of
+    the world are that vehicles fly.
     """
 
     run: str
@@ -108,6 +127,7 @@ class RunView(Message, frozen=True):
     margins: tuple[MarginView, ...]
     mixings: tuple[MixingView, ...]
     fences: dict[str, Any]
+    flown: dict[str, ObjectPose] = msgspec.field(default_factory=dict)
 
 
 class EventView(Message, frozen=True):

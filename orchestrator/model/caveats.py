@@ -8,7 +8,8 @@ campaign's file leaves unjudged.
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from orchestrator.model.results import CombinationResult, RunResult, Summary
+from orchestrator.model.campaign_results import Summary
+from orchestrator.model.results import CombinationResult, RunResult
 
 
 def caveats(runs: Sequence[RunResult]) -> list[str]:

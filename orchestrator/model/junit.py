@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.model.attempts import attempt_text
+from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import (
     dropped_out_texts,
     fence_texts,
@@ -22,13 +23,8 @@ from orchestrator.model.caveats import (
     unshown_texts,
 )
 from orchestrator.model.control_results import control_faults
-from orchestrator.model.results import (
-    NOT_ARMED,
-    RunResult,
-    Summary,
-    is_rehearsed,
-    standings_of,
-)
+from orchestrator.model.exit_codes import is_rehearsed, standings_of
+from orchestrator.model.results import NOT_ARMED, RunResult
 from safety.model.oracle_results import OracleResult
 
 
@@ -149,7 +145,7 @@ def _missing_case(campaign: str, standing: Standing) -> ET.Element:
 
 def _unaccepted_case(summary: Summary) -> ET.Element:
     """Return a JUnit test case for a campaign that is not accepted though no run failed."""
-    why = "it was stopped, or an exception of this program came up: its log.jsonl has them"
+    why = summary.ending or "an exception of this program came up: its log.jsonl has it"
     if summary.not_flown:
         why = f"never flown: {', '.join(summary.not_flown)}"
     case = ET.Element("testcase", classname=_clean(summary.campaign), name="accepted", time="0.000")

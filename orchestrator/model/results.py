@@ -4,28 +4,21 @@ Beside `wall_s` nothing here depends on the machine: repeats of a seed are equal
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from campaigns.values.acceptance import Requirement, Share, Standing, standings
-from orchestrator.model.control_results import ControlResult, control_faults
+from orchestrator.model.arming_steps import ArmingStep
+from orchestrator.model.control_results import ControlResult
 from orchestrator.model.external_results import ExternalResult
 from orchestrator.model.twin_results import TwinResult
 from safety.model.oracle_results import EvidenceResult, Flag, OracleResult, Verdict
 from safety.preflight import Item
 
-Clock = Literal["virtual", "wall", "scaled"]
-VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
-SensorKind = Literal["live", "rendered", "file", "synthesised"]
-"""Where readings come from; synthesised: computed from the pose of a vehicle and its world, for one
-that is not our simulation and may have such a sensor itself."""
 Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
 
 _NOTED = "; the autonomy's last note was '{}'"
-_PROVEN = frozenset({"PASS", "FAIL"})
-VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 
 
 NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
@@ -149,6 +142,20 @@ class Loss:
 
 
 @dataclass(frozen=True, slots=True)
+class ActorResult:
+    """How a vehicle flew as an object of the world.
+
+    delay_s: behind its motion; None where it did not get to its first waypoint. offset_m: from its
+    way, at most, from there to the landing.
+    """
+
+    name: str
+    autopilot: str
+    delay_s: float | None
+    offset_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Attempt:
     """An earlier attempt in a run's result, which does not count.
 
@@ -187,8 +194,9 @@ class RunResult:
     always, and was left out by the campaign. note: what the judged vehicle's autonomy noted
     last before that. trace: the traceback of an autonomy that crashed.
     exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
-    twin: what the twin did beside the real vehicle; None but in mode wil.
-    losses: what run.mcap lacks, by topic.
+    twin: what the twin did beside the real vehicle; None but in mode wil. actors: the vehicles that
+    flew as objects of the world. losses: what run.mcap lacks, by topic. before_arming: what was
+    done to the vehicles then, in order.
     """
 
     case: str
@@ -219,6 +227,8 @@ class RunResult:
     exceptions: tuple[str, ...] = ()
     twin: TwinResult | None = None
     losses: tuple[Loss, ...] = ()
+    before_arming: tuple[ArmingStep, ...] = ()
+    actors: tuple[ActorResult, ...] = ()
 
     @property
     def subject(self) -> str:
@@ -229,52 +239,6 @@ class RunResult:
     def bare_reason(self) -> str:
         """Return the result's reason as the decisive event has it, without the last note."""
         return self.reason.removesuffix(_NOTED.format(self.note))
-
-
-@dataclass(frozen=True, slots=True)
-class Totals:
-    """The totals of results: runs flown, required, and by verdict.
-
-    retried: how many of them were flown more than once, whatever they came to. Controls count in
-    `controls` alone, and in `controls_met` those that ended as they must.
-    """
-
-    runs: int
-    required: int
-    passed: int
-    failed: int
-    invalid: int
-    error: int
-    aborted: int
-    retried: int = 0
-    controls: int = 0
-    controls_met: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """The summary of a campaign's results. surrogate: the embedded vehicle played `real`.
-
-    sensors: for each sensor where its readings came from. accepted: None when no required run was
-    flown and no control failed to do what it must. left_out: what the campaign requires and the
-    command line left out, in words. controls: the runs that must not pass, which stand here alone.
-    unmet: the controls that did not end as they must, in words. caveats: of the campaign itself.
-    not_flown: runs and controls that were never flown to a result, by name.
-    """
-
-    campaign: str
-    clock: Clock
-    surrogate: bool
-    real_kind: VehicleKind
-    sensors: dict[str, SensorKind]
-    runs: tuple[RunResult, ...]
-    totals: Totals
-    accepted: bool | None
-    left_out: tuple[str, ...] = ()
-    controls: tuple[RunResult, ...] = ()
-    unmet: tuple[str, ...] = ()
-    caveats: tuple[str, ...] = ()
-    not_flown: tuple[str, ...] = ()
 
 
 def with_note(reason: str, note: str) -> str:
@@ -292,196 +256,3 @@ def percentiles(values: Sequence[float]) -> Percentiles:
         return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
 
     return Percentiles(rank(0.50), rank(0.99))
-
-
-def summarize(
-    runs: Iterable[RunResult],
-    requirements: Sequence[Requirement],
-    *,
-    campaign: str,
-    clock: Clock,
-    surrogate: bool,
-    real_kind: VehicleKind,
-    sensors: dict[str, SensorKind],
-    left_out: tuple[str, ...] = (),
-    stopped: Stop | None = None,
-    broken: bool = False,
-    controls_due: int = 0,
-    missing: int = 0,
-    caveats: tuple[str, ...] = (),
-    not_flown: tuple[str, ...] = (),
-) -> Summary:
-    """Return the summary of run results, in the order given.
-
-    stopped, broken, controls_due, missing: as of `exit_code`; controls that were flown are among
-    the runs.
-    """
-    given = tuple(runs)
-    flown = tuple(run for run in given if run.control is None)
-    controls = tuple(run for run in given if run.control is not None)
-    return Summary(
-        campaign=campaign,
-        clock=clock,
-        surrogate=surrogate,
-        real_kind=real_kind,
-        sensors=dict(sorted(sensors.items())),
-        runs=flown,
-        totals=totals_of(given),
-        accepted=accepted(
-            given,
-            requirements,
-            stopped=stopped,
-            broken=broken,
-            controls_due=controls_due,
-            missing=missing,
-        ),
-        left_out=left_out,
-        controls=controls,
-        unmet=tuple(control_faults(controls)),
-        caveats=caveats,
-        not_flown=not_flown,
-    )
-
-
-def totals_of(runs: Sequence[RunResult]) -> Totals:
-    """Return the totals of run results."""
-    controls = [run.control for run in runs if run.control is not None]
-    runs = [run for run in runs if run.control is None]
-    count = {verdict: sum(run.verdict == verdict for run in runs) for verdict in VERDICTS}
-    return Totals(
-        runs=len(runs),
-        required=sum(run.required for run in runs),
-        passed=count["PASS"],
-        failed=count["FAIL"],
-        invalid=count["INVALID"],
-        error=count["ERROR"],
-        aborted=count["ABORTED"],
-        retried=sum(bool(run.attempts) for run in runs),
-        controls=len(controls),
-        controls_met=sum(control.met for control in controls),
-    )
-
-
-def standings_of(
-    runs: Iterable[RunResult], requirements: Iterable[Requirement]
-) -> tuple[Standing, ...]:
-    """Return how far run results meet each requirement of the campaign."""
-    return standings(
-        requirements,
-        (
-            (run.case, run.mode, run.verdict == "PASS" if run.verdict in _PROVEN else None)
-            for run in runs
-            if run.control is None
-        ),
-    )
-
-
-def accepted(
-    runs: Sequence[RunResult],
-    requirements: Sequence[Requirement],
-    *,
-    stopped: Stop | None = None,
-    broken: bool = False,
-    controls_due: int = 0,
-    missing: int = 0,
-) -> bool | None:
-    """Return whether results make the campaign accepted; None without a required run.
-
-    Accepted is what ends with exit code 0, and nothing else; the arguments are those of
-    `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those
-    flights prove nothing, so they cannot be among the ones that a campaign may lose. Nor may it
-    lose one that was never flown. Nor is a campaign accepted with a control that is not flown or
-    did not end as it must: its green would mean nothing.
-    """
-    if any(run.control is not None and not run.control.met for run in runs):
-        return False
-    if not any(run.required for run in runs):
-        return None
-    code = exit_code(
-        runs,
-        requirements,
-        stopped=stopped,
-        broken=broken,
-        controls_due=controls_due,
-        missing=missing,
-    )
-    return code == 0
-
-
-def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
-    """Return the requirements that results do not meet; uncovered runs must pass by themselves."""
-    wanted = list(requirements)
-    covered = {(one.case, one.mode) for one in wanted}
-    for run in required:
-        if (run.case, run.mode) not in covered:
-            covered.add((run.case, run.mode))
-            count = sum((r.case, r.mode) == (run.case, run.mode) for r in required)
-            wanted.append(Requirement(run.case, run.mode, Share(count, count)))
-    return [standing for standing in standings_of(required, wanted) if not standing.met]
-
-
-def is_rehearsed(run: RunResult) -> bool:
-    """Return whether a run came to arming as --no-arm asks, and nothing went wrong after that.
-
-    An ERROR of its end is one: a vehicle may have kept parameters and fence of the run.
-    """
-    came_there = run.verdict == "ABORTED" and run.reason == NOT_ARMED
-    return came_there and not run.exceptions and all(one.verdict != "ERROR" for one in run.also)
-
-
-def rehearsal_code(runs: Sequence[RunResult]) -> int:
-    """Return the exit code of results without arming (--no-arm): 5 when all works.
-
-    A run that was aborted for another reason than that has shown nothing.
-    """
-    if any(run.verdict == "ABORTED" and run.reason != NOT_ARMED for run in runs):
-        return 4
-    return 5 if all(map(is_rehearsed, runs)) else 3
-
-
-def exit_code(
-    runs: Sequence[RunResult],
-    requirements: Sequence[Requirement],
-    *,
-    stopped: Stop | None = None,
-    broken: bool = False,
-    controls_due: int = 0,
-    missing: int = 0,
-) -> int:
-    """Return the exit code of a campaign's results; the first of 130, 4, 3, 1, 5, 0.
-
-    stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
-    vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
-    operator's command whether or not it was required. Required runs (missing: how many) and
-    controls that were never flown though nobody stopped the campaign are 3, whatever share of the
-    required runs may FAIL.
-
-    A control that did not end as it must is 3 where it came to ERROR or INVALID, which prove
-    nothing, and else 1, as a required run that FAILed: all was flown, and something is wrong.
-    """
-    if stopped == "signal":
-        return 130
-    if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
-        return 4
-    broken = broken or any(run.exceptions for run in runs)
-    if broken or missing:
-        return 3
-    return _code_of(runs, requirements, controls_due)
-
-
-def _code_of(
-    runs: Sequence[RunResult], requirements: Sequence[Requirement], controls_due: int
-) -> int:
-    """Return the exit code of an uninterrupted campaign's results."""
-    required = [run for run in runs if run.required]
-    unmet = [run for run in runs if run.control is not None and not run.control.met]
-    if any(run.verdict in {"ERROR", "INVALID"} for run in (*required, *unmet)):
-        return 3
-    if sum(run.control is not None for run in runs) < controls_due:
-        return 3
-    if not required:
-        return 1 if unmet else 5
-    short = _short(required, requirements)
-    if not all(standing.is_complete for standing in short):
-        return 3
-    return 1 if short or unmet else 0

@@ -1,21 +1,38 @@
-"""Reads result.json back, and trusts it only when it is whole and as we write it."""
+"""Reads result.json back, and trusts it only when it is whole and as we write it; summary.json."""
 
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from orchestrator.model.campaign_results import Summary
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 
 _RESULT = TypeAdapter(RunResult)
+_SUMMARY = TypeAdapter(Summary)
+T = TypeVar("T")
 
 
 class ResultError(Exception):
-    """A result.json that is missing, cut, damaged or of another version; which and why."""
+    """A result.json or summary.json that is missing, cut, damaged or of another version; why."""
 
 
 def read_result(path: Path) -> RunResult:
     """Return the result in a result.json. Raises ResultError."""
+    result, text = _parse_document(path, _RESULT)
+    if _written(result) != text:
+        raise ResultError(f"{path} was changed, or is of another version: it is not as we write it")
+    return result
+
+
+def read_summary(path: Path) -> Summary:
+    """Return the summary in a summary.json, also of an earlier version. Raises ResultError."""
+    return _parse_document(path, _SUMMARY)[0]
+
+
+def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
+    """Return what a document holds, and its text. Raises ResultError."""
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError as error:
@@ -24,15 +41,12 @@ def read_result(path: Path) -> RunResult:
         said = getattr(error, "strerror", None) or error
         raise ResultError(f"{path} cannot be read: {said}") from error
     try:
-        result = _RESULT.validate_json(text, strict=True)
+        return kind.validate_json(text, strict=True), text
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
         said = f"{where}: {first['msg']}" if where else first["msg"]
         raise ResultError(f"{path} is truncated, damaged or of another version: {said}") from error
-    if _written(result) != text:
-        raise ResultError(f"{path} was changed, or is of another version: it is not as we write it")
-    return result
 
 
 def _written(result: RunResult) -> str:

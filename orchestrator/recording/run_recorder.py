@@ -156,6 +156,8 @@ class RunRecorder:
     @property
     def artifacts(self) -> tuple[str, ...]:
         """Return the names of the recorded files in the run's folder, sorted."""
+        if not self._folder.is_dir():  # somebody removed it
+            return ()
         return tuple(sorted(path.name for path in self._folder.iterdir()))
 
     def stage(self, stage: str, t_s: float) -> None:

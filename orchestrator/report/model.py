@@ -188,6 +188,7 @@ class RunReport:
     plots: tuple[Plot, ...] = ()
     events: tuple[LogEvent, ...] = ()
     preflight: tuple[LogEvent, ...] = ()
+    before_arming: tuple[LogEvent, ...] = ()
     events_left_out: int = 0
     video: str | None = None
     video_bytes: int = 0

@@ -1,14 +1,16 @@
 """The engine of a search: flies a batch of variants, and hands back what came of them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 from campaigns.expansion.expansion import Campaign
 from orchestrator.campaign.campaign_runner import FlyingSettings, Watcher, fly_campaign
+from orchestrator.campaign.workers.run_engine import LocalRunEngine, RunEngine
+from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
-from orchestrator.model.results import RunResult, Stop, VehicleKind
+from orchestrator.model.results import RunResult, Stop
 
 _SIGNAL, _COMMAND, _BROKEN = 130, 4, 3
 """Exit codes of a flown campaign."""
@@ -32,18 +34,19 @@ class Engine(Protocol):
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
         """Fly what is not flown yet of a campaign into its folder, and return all its results.
 
-        Raises OutputError, OperatingError, ResumeError.
+        Raises OutputError, OperatingError, ResumeError, EngineError.
         """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LocalEngine:
-    """The engine of this machine: worker processes, as many at once as there are jobs."""
+class BatchEngine:
+    """Flies each batch as a campaign. runs: where its runs fly; jobs: how many at once."""
 
     clock: Clock
     jobs: int
     real_kind: VehicleKind
     watcher: Watcher
+    runs: RunEngine = field(default_factory=LocalRunEngine)
 
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
         """Fly a batch's campaign; one that was cut off is resumed."""
@@ -53,6 +56,7 @@ class LocalEngine:
             clock=self.clock,
             jobs=self.jobs,
             real_kind=self.real_kind,
+            engine=self.runs,
             resume=(folder / "campaign.json").is_file(),
         )
         outcome = fly_campaign(campaign, settings, self.watcher)

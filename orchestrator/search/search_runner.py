@@ -10,9 +10,9 @@ from campaigns.search.model import Batch, Findings, Flight, FlightOutcome
 from campaigns.search.search import Search
 from campaigns.search.search_campaign import SearchCampaign
 from campaigns.search.strategies import Strategy
-from orchestrator.campaign.campaign_folder import OutputError, TakenError, held, make_folder
-from orchestrator.campaign.manifest import manifest
-from orchestrator.campaign.resumption import resumed_folder, resumed_manifest
+from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError, held, make_folder
+from orchestrator.campaign.folder.manifest import manifest
+from orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult, Stop
@@ -64,7 +64,7 @@ def fly_search(
 ) -> SearchOutcome:
     """Fly a search and write its folder.
 
-    Raises OutputError, OperatingError, ResumeError, SearchError, MissingExtraError.
+    Raises OutputError, OperatingError, ResumeError, EngineError, SearchError, MissingExtraError.
     """
     # First of all: without its package nothing is begun.
     strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)

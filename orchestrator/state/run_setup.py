@@ -7,7 +7,9 @@ from typing import Self
 
 from campaigns.expansion.expansion import RunPlan
 from campaigns.schema import Mode, VehicleName
+from campaigns.setup.actor_setups import ActorSetup
 from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.model.clock import Clock
 from orchestrator.model.results import Attempt
 from orchestrator.model.return_path import ReturnPath
@@ -39,16 +41,18 @@ class RunSetup:
     """The setup of a run: an order with all that it names resolved.
 
     vehicles: those that fly. placed: a twin that does not, and has sensors where the real vehicle
-    is. real_scene, virtual_scene: what stands in W and in Wv in this mode.
+    is. actors: the vehicles that fly as objects of the world in this mode. real_scene,
+    virtual_scene: what stands in W and in Wv in this mode.
     """
 
     order: RunOrder
     campaign: Setup
     vehicles: tuple[VehicleSetup, ...]
-    profiles: Mapping[VehicleName, Profile]
+    profiles: Mapping[str, Profile]
     real_scene: Scene
     virtual_scene: Scene
     placed: VehicleSetup | None = None
+    actors: tuple[ActorSetup, ...] = ()
 
     @classmethod
     def of(cls, order: RunOrder) -> Self:
@@ -56,14 +60,21 @@ class RunSetup:
         campaign, mode = order.plan.setup(), order.plan.mode
         there = tuple(campaign.vehicles[name] for name in FLIES[mode])
         flying = campaign.flying(mode)
+        real_scene, virtual_scene = (campaign.world.scene(mode, which) for which in ("W", "Wv"))
+        actors = tuple(
+            one
+            for name, one in campaign.actors.items()
+            if name in real_scene or name in virtual_scene
+        )
         return cls(
             order=order,
             campaign=campaign,
             vehicles=tuple(one for one in there if one.name in flying),
             placed=next((one for one in there if one.name not in flying), None),
-            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in there},
-            real_scene=campaign.world.scene(mode, "W"),
-            virtual_scene=campaign.world.scene(mode, "Wv"),
+            profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in (*there, *actors)},
+            real_scene=real_scene,
+            virtual_scene=virtual_scene,
+            actors=actors,
         )
 
     @property
@@ -105,6 +116,11 @@ class RunSetup:
         return self.vehicles if self.placed is None else (*self.vehicles, self.placed)
 
     @property
+    def guarded(self) -> tuple[FlownSetup, ...]:
+        """Return all vehicles of the run that fly, behind one guard: the pair's, and actors."""
+        return (*self.vehicles, *self.actors)
+
+    @property
     def judged_scene(self) -> Scene:
         """Return the scene against which the run's poses are judged."""
         return self.real_scene if self.mode == "real" else self.virtual_scene
@@ -122,11 +138,15 @@ class RunSetup:
         """
         if self.campaign.sync.takeoff == "command":
             return {}
-        known: dict[str, float] = {
-            one.name: autopilot_named(one.autopilot).liftoff_s for one in self.vehicles
-        }
+        known: dict[str, float] = {one.name: _liftoff_s(one) for one in self.vehicles}
         return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
         """Return how far above its start a vehicle of the run takes off to."""
         return self.campaign.goal.altitude_m + vehicle.start.position_ned_m[2]
+
+
+def _liftoff_s(vehicle: VehicleSetup) -> float:
+    """Return how long vehicles of this kind take to lift off after their takeoff command."""
+    autopilot = autopilot_named(vehicle.autopilot)
+    return autopilot.embedded_liftoff_s if vehicle.embedded else autopilot.liftoff_s

@@ -2,40 +2,18 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Generic, TypeVar, cast
+from typing import TypeVar, cast
 
-from campaigns.values.signal_faults import FaultKind, SignalFault
+from campaigns.values.signal_faults import SignalFault
 from orchestrator.state.run_state import RunState, Stage
 from vehicles.cameras.rendered_cameras import NoImageError
 from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.readings import PoseReading, Reading
+from vehicles.faults import FaultKind, FaultySignal, Restamp
+from vehicles.readings import Reading
 from vehicles.sensors.sensor_streams import OnDemand
 from worlds.frames import Pose
 
 T = TypeVar("T")
-
-Restamp = Callable[[T, T], T]
-"""Returns an old value with the times and number of a new one."""
-
-
-class FaultySignal(Generic[T]):
-    """Passes the values of a signal, but for the time in which it stops or freezes; pure."""
-
-    def __init__(self, restamp: Restamp[T]) -> None:
-        self._restamp = restamp
-        self._last: T | None = None
-        self.fault: FaultKind | None = None
-        """What is wrong with it now."""
-
-    def passed(self, value: T) -> T | None:
-        """Return what comes in place of a value; None for nothing."""
-        if self.fault is None:
-            self._last = value
-            return value
-        if self.fault == "stop" or self._last is None:
-            return None
-        return self._restamp(self._last, value)
 
 
 class FaultyOnDemand:
@@ -54,16 +32,6 @@ class FaultyOnDemand:
         if passed is None:
             raise NoImageError(f"{made.sensor or 'the sensor'} of the twin has stopped (faults)")
         return passed
-
-
-def restamp_reading(last: Reading, new: Reading) -> Reading:
-    """Return a reading with the times and number of another of its sensor."""
-    return replace(last, t_s=new.t_s, arrived_s=new.arrived_s, seq=new.seq)
-
-
-def restamp_pose(last: PoseReading, new: PoseReading) -> PoseReading:
-    """Return a pose of motion capture with the times and number of another."""
-    return replace(last, t_s=new.t_s, arrived_s=new.arrived_s, seq=new.seq)
 
 
 def restamp_estimate(last: EstimateSample, new: EstimateSample) -> EstimateSample:

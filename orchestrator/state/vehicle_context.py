@@ -5,10 +5,8 @@ from dataclasses import dataclass, field
 
 from orchestrator.state.liftoff_detector import LiftoffDetector
 from orchestrator.state.signal_faults import (
-    FaultySignal,
     SignalFaults,
     restamp_estimate,
-    restamp_pose,
 )
 from safety.model.samples import PoseSample, ReferenceSample
 from vehicles.autonomy import Telemetry
@@ -16,8 +14,10 @@ from vehicles.autopilots.injection_support.rules import Setpoints
 from vehicles.driver import Driver
 from vehicles.driver.vehicle_state import EstimateSample
 from vehicles.embedded.physics.states import TruthSample
+from vehicles.faults import FaultySignal
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import PoseReading
+from vehicles.readings.copies import restamp_pose
 from vehicles.setpoints import PositionSetpoint, Setpoint
 from vehicles.tasks import Contained
 from worlds.frames import Pose, Vec3, scale, subtract

@@ -15,6 +15,7 @@ cameras three percent of its speed):
     ["doubt", t_s, vehicle, signal, source, reason]
     ["stage", t_s, stage, vehicle or nil]
     ["event", t_s, name]                                  of the world, for what moves from then on
+    ["actor", t_s, name, [n, e, d], [w, x, y, z], [vn, ve, vd]]   of an object that a vehicle flies
     ["tick", t_s]
     ["fence", t_s, vehicle, fence]                        as `safety.fence.fence_values` writes it
 """
@@ -41,7 +42,8 @@ from safety.model.samples import (
     StateSample,
 )
 from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose
+from worlds.frames import Pose, Vec3
+from worlds.scene.track import RunHistory
 
 SCHEMA = "wil/judged/2"
 _LARGEST = 1 << 20
@@ -67,8 +69,19 @@ class WorldEvent:
     name: str
 
 
+@dataclass(frozen=True, slots=True)
+class ActorPose:
+    """The judge log's entry of where an object of the world is that a vehicle flies (NED)."""
+
+    t_s: float
+    name: str
+    pose: Pose
+    velocity_ned_m_s: Vec3
+
+
 LoggedSample = (
     PoseSample
+    | ActorPose
     | StateSample
     | LinkSample
     | ReferenceSample
@@ -116,6 +129,8 @@ class JudgeLogPacker:
         match sample:
             case PoseSample(t_s, vehicle, pose, velocity):
                 return ("pose", t_s, vehicle, pose.position_ned_m, pose.q_wxyz, velocity)
+            case ActorPose(t_s, name, pose, velocity):
+                return ("actor", t_s, name, pose.position_ned_m, pose.q_wxyz, velocity)
             case StateSample():
                 return self._state(sample)
             case ReferenceSample() | GroundSpeedSample() | ReportSample():
@@ -191,6 +206,14 @@ def _pose(
     return PoseSample(t_s, vehicle, Pose((n, e, d), (w, x, y, z)), (vn, ve, vd))
 
 
+def _actor(
+    t_s: float, name: str, place: list[float], q: list[float], v: list[float]
+) -> LoggedSample:
+    """Return an actor's pose of the judge log's row."""
+    (n, e, d), (w, x, y, z), (vn, ve, vd) = place, q, v
+    return ActorPose(t_s, name, Pose((n, e, d), (w, x, y, z)), (vn, ve, vd))
+
+
 def _stage(name: str) -> Stage:
     """Return the stage of this name in a judge log. Raises ValueError."""
     for stage in get_args(Stage):
@@ -201,6 +224,7 @@ def _stage(name: str) -> Stage:
 
 _READERS: dict[str, Callable[..., LoggedSample]] = {
     "pose": _pose,
+    "actor": _actor,
     "state": StateSample,
     "heard": LinkSample,
     "report": ReportSample,
@@ -225,11 +249,11 @@ class ReplayedJudgement:
 
 
 def judge_from_log(
-    tape: Iterable[LoggedSample], judge: Judge, events: dict[str, float]
+    tape: Iterable[LoggedSample], judge: Judge, events: RunHistory
 ) -> ReplayedJudgement:
     """Feed a judge log to a judge; return how far it goes.
 
-    events: of the world, the mapping with which the judge's oracles were built.
+    events: the history of the world, with which the judge's oracles were built.
     """
     reached: dict[Stage, float] = {}
     for sample in tape:
@@ -247,6 +271,8 @@ def judge_from_log(
                 reached.setdefault(stage, t_s)
             case WorldEvent(t_s, name):
                 events[name] = t_s
+            case ActorPose(t_s, name, pose, velocity):
+                events.add_pose(name, t_s, pose, velocity)
             case _:
                 _feed(judge, sample)
     return ReplayedJudgement(reached.get("end"), frozenset(reached))

@@ -5,6 +5,12 @@ from abc import abstractmethod
 from safety.evidence.coverage import Coverage
 from safety.evidence.terms import SignalTerms
 from safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
+from worlds.frames import norm
+
+_GRID_M = 0.022
+"""Two steps of the grid that a simulator's ground truth comes on: what moves less may repeat."""
+_STANDS_S = 3.0
+"""So long after it has come down, at most, autopilots report that a vehicle has landed."""
 
 
 class FlownCoverage(Coverage):
@@ -50,16 +56,30 @@ class FlownCoverage(Coverage):
         """Return a value that no flying vehicle repeats: with its attitude where it is rounded."""
         return (*value, *sample.pose.q_wxyz) if self.terms.on_grid else value
 
-    def hold_against_last(self, value: tuple[float, ...], t_s: float) -> None:
+    def hold_against_last(self, value: tuple[float, ...], sample: PoseSample) -> None:
         """Find a value that stays the same, to the last bit, for longer than a gap may last."""
+        t_s = sample.t_s
         before, self._value = self._value, value
         if value != before or self._still_since_s is None or not self.in_the_air:
             self._still_since_s = t_s
             return
-        since_s, limit_s = self._still_since_s, self.terms.limit_s
+        since_s, limit_s = self._still_since_s, self._most_still_s(sample)
         if t_s - since_s > limit_s:
             said = f"it repeats one {self._what} from {since_s:.2f} s on"
             self.find(since_s + limit_s, f"{said} while the vehicle is in the air")
+
+    def _most_still_s(self, sample: PoseSample) -> float:
+        """Return for how long a value may stay the same.
+
+        A simulated vehicle that has come down stands to the last bit before its autopilot says so,
+        and before it leaves the ground too. What it says of its velocity tells standing from a
+        source that has stopped: at that it may not move by more than the source resolves.
+        """
+        limit_s = self.terms.limit_s
+        if not (self.terms.on_grid and self.stages.near_ground):
+            return limit_s
+        moves_m_s = norm(sample.velocity_ned_m_s)
+        return max(limit_s, min(_STANDS_S, _GRID_M / moves_m_s if moves_m_s else _STANDS_S))
 
     def _restart_if_lifted(self, *, was_up: bool) -> None:
         if self.in_the_air and not was_up:

@@ -49,7 +49,7 @@ class VelocityCoverage(FlownCoverage):
         if self._way and sample.t_s <= self._way[-1].t_s:
             return
         self.take(sample.t_s)
-        self.hold_against_last(self.unrounded(sample.velocity_ned_m_s, sample), sample.t_s)
+        self.hold_against_last(self.unrounded(sample.velocity_ned_m_s, sample), sample)
         self._integrate(sample)
         self._compare_own()
         while self._waiting and self._waiting[0].t_s <= sample.t_s:
@@ -194,7 +194,7 @@ class AttitudeCoverage(FlownCoverage):
         if self._judged and sample.t_s <= self._judged[-1][0]:
             return
         self.take(sample.t_s)
-        self.hold_against_last(sample.pose.q_wxyz, sample.t_s)
+        self.hold_against_last(sample.pose.q_wxyz, sample)
         self._judged.append((sample.t_s, _down_axis(sample.pose.q_wxyz)))
         while self._judged[0][0] < sample.t_s - _KEPT_S:
             self._judged.popleft()

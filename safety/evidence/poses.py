@@ -51,7 +51,7 @@ class PoseCoverage(FlownCoverage):
             self._disagree(agreement.pose(sample))
         if self._own_velocity is not None:
             self._disagree(self._own_velocity.pose(sample))
-        self.hold_against_last(self.unrounded(sample.pose.position_ned_m, sample), sample.t_s)
+        self.hold_against_last(self.unrounded(sample.pose.position_ned_m, sample), sample)
         if self._still is not None:
             self._still.pose(sample)
 

@@ -24,7 +24,7 @@ _SHORTEST_STEP_M = 0.01
 class Breach:
     """A breach of the geofence: which boundary is or will be crossed, and where.
 
-    margin_m: signed distance to the boundary now (positive inside). predicted: the vehicle is
+    margin_m: signed distance to that boundary now (positive inside). predicted: the vehicle is
     inside still, but cannot stop before `point_ned_m`. boundary: floor, ceiling, side.
     """
 
@@ -135,18 +135,23 @@ class Fence:
             point = self._first_point_outside(place, begin, keep_m)
             point = point or self._first_point_outside(begin, path.end_ned_m, keep_m)
             if point is not None:
-                return Breach(margin_m, True, point, self.boundary(point))
+                boundary = self.boundary(point)
+                return Breach(self._boundary_margins_m(place)[boundary], True, point, boundary)
         return None
 
     def boundary(self, position_ned_m: Vec3) -> str:
         """Return the name of the geofence boundary nearest to being, or most, exceeded."""
+        margins_m = self._boundary_margins_m(position_ned_m)
+        return min(margins_m, key=lambda name: margins_m[name])
+
+    def _boundary_margins_m(self, position_ned_m: Vec3) -> dict[str, float]:
+        """Return the signed distance to each of the geofence's boundaries, positive inside."""
         north_m, east_m, down_m = position_ned_m
-        distances = {
+        return {
             "side": self._flat_margin_m(north_m, east_m),
             "floor": self._low_m - down_m,
             "ceiling": down_m - self._high_m,
         }
-        return min(distances, key=lambda name: distances[name])
 
     def _flat_margin_m(self, north_m: float, east_m: float) -> float:
         """Return the signed horizontal distance to the geofence's areas."""

@@ -22,6 +22,9 @@ _STEADY: Vec3 = (0.0, 0.0, 0.0)
 _SPAN_S = 0.3
 """Over how long velocities are compared: a noise of 0.05 m/s is one of 0.24 m/s^2 then."""
 _LEAST_SPAN_S = 0.15
+_GOES_ON: Vec3 = (0.5, 0.5, 0.25)
+"""For which part of the latency an acceleration goes on that nobody commanded. A climb's is over
+sooner: an ArduCopter that leaves the ground has 3 m/s^2 for 0.3 s, and none after it."""
 _APART_S = 0.05
 """How far apart the velocities are that are kept, whatever the rate of their source."""
 
@@ -52,15 +55,18 @@ def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -
     """Yield the velocities that a vehicle may have by the time that it brakes.
 
     That of now; then the one that it is commanded or, where that is not known, the one that its
-    acceleration leads to in half of the latency: by then every autopilot has begun to end it. No
-    change is taken for harder than it brakes: a velocity that jumps is one of a bad reading.
+    acceleration leads to in half of the latency, in a quarter of it upwards and downwards: by then
+    every autopilot has begun to end it. No change is taken for harder than it brakes: a velocity
+    that jumps is one of a bad reading.
     """
     velocity, most = motion.velocity_ned_m_s, braking_m_s2 * latency_s
     yield velocity
     if motion.commanded_ned_m_s is not None:
         yield add(velocity, _at_most(subtract(motion.commanded_ned_m_s, velocity), most))
     elif motion.acceleration_ned_m_s2 != _STEADY:
-        change = scale(motion.acceleration_ned_m_s2, 0.5 * latency_s)
+        north, east, down = motion.acceleration_ned_m_s2
+        goes_on = (north * _GOES_ON[0], east * _GOES_ON[1], down * _GOES_ON[2])
+        change = scale(goes_on, latency_s)
         yield add(velocity, _at_most(change, 0.5 * most))
 
 

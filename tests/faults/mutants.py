@@ -14,7 +14,7 @@ from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
-from orchestrator.run.flight import run_oracles
+from orchestrator.run.judging import run_oracles
 from safety.evaluation import judge
 from safety.evidence import agreement, coverage, evidence, poses
 from safety.model.samples import PoseSample

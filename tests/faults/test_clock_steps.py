@@ -1,4 +1,4 @@
-"""The machine's clock steps by a day under a flight on the wall clock, and nobody takes notice.
+"""The wall clock steps by an hour, on and back, under a flight, and nobody takes notice.
 
 By libfaketime: the C library itself gives the stepped time, to all processes of the flight.
 """
@@ -17,7 +17,7 @@ from tests.faults.inspection import all_gone, truth_receiver
 from tests.faults.processes import FaultyProgram
 from tests.orchestrator.wall_runs import END_WITHIN_S, SHORT, stages
 
-_DAY_S = 86400.0
+_HOUR_S = 3600.0
 LIBRARIES = sorted(Path("/usr/lib").glob("**/faketime/libfaketimeMT.so.1"))
 
 
@@ -35,7 +35,7 @@ class SteppedProgram(FaultyProgram):
         }
 
     def step_to(self, offset: str) -> None:
-        """Step the clock of all processes of the flight; offset: from the true time ("-1d")."""
+        """Step the clock of all processes of the flight; offset: from the true time ("-1h")."""
         place = self.step.with_name("faketime")
         part = place.with_name("faketime.part")
         part.write_text(offset + "\n")
@@ -77,16 +77,16 @@ async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(tmp_path: Path)
         async with program, clock_of(program) as clock:
             off_s = [await clock()]
             await program.stage("takeoff", "sim", END_WITHIN_S)
-            program.step_to("+1d")
+            program.step_to("+1h")
             await program.stage("at_height", "sim", END_WITHIN_S)
             off_s.append(await clock())
-            program.step_to("-1d")
+            program.step_to("-1h")
             landed = await program.end()
             off_s.append(await clock())
             left = await all_gone(program.runtime, 60.0)
             sockets = [path for path in program.runtime.rglob("*") if not path.is_dir()]
         folder = program.run_folder("sim")
-    assert [round(one / _DAY_S, 1) for one in off_s] == [0.0, 1.0, -1.0]
+    assert [round(one / _HOUR_S, 1) for one in off_s] == [0.0, 1.0, -1.0]
     assert (landed.code, landed.err) == (0, ""), landed.why
     assert (left, sockets) == ({}, [])
     assert {name: sight.down for name, sight in truth.sights.items()} == {"twin": True}

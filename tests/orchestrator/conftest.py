@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.run_server import start_run_server
+from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli import main
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report

@@ -1,6 +1,7 @@
 """Exceptions of ours beside the flights: display, worker processes, the campaign's own loop."""
 
 import asyncio
+import json
 import os
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -8,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign import run_engine
 from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.campaign.workers import run_engine
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
 from orchestrator.state.run_setup import RunOrder
-from tests.orchestrator.campaign.test_resumption import quick_fly
+from tests.orchestrator.campaign.resuming.test_resumption import quick_fly
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
 
@@ -72,9 +73,38 @@ def test_a_display_that_raises_is_never_exit_0(
     outcome = fly(tmp_path, Raising())
     assert [run.verdict for run in outcome.summary.runs] == ["PASS"]
     assert outcome.exit_code == 3
+    document = json.loads((outcome.folder / "summary.json").read_text("utf-8"))
+    assert (document["broken"], document["accepted"]) == (True, False)
     (line,) = log_of(outcome.folder)
     assert (line["type"], line["message"]) == ("KeyError", "'display'")
     assert "Traceback" in line["trace"]
+
+
+class Looking(SilentDisplay):
+    """A display that reads summary.json when a run is finished."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.found: list[tuple[bool | None, bool]] = []
+
+    def finished(self, result: RunResult) -> None:
+        (path,) = self.out.glob("*/*/summary.json")
+        document = json.loads(path.read_text("utf-8"))
+        self.found.append((document["broken"], document["accepted"]))
+
+
+@pytest.mark.usefixtures("forked_workers")
+def test_a_campaign_that_is_killed_after_its_last_run_leaves_nothing_accepted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What summary.json says before the campaign has come to its end stays if it never does."""
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    watcher = Looking(tmp_path / "out")
+    outcome = fly(tmp_path, watcher)
+    assert watcher.found == [(None, False)]
+    assert (outcome.exit_code, outcome.summary.broken) == (0, False)
+    document = json.loads((outcome.folder / "summary.json").read_text("utf-8"))
+    assert (document["broken"], document["accepted"]) == (False, True)
 
 
 def test_a_worker_that_ends_badly_after_its_last_run_is_never_exit_0(

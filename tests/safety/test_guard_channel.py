@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 
 from safety.fence.geofence import Fence
+from safety.guard.core.events import EventKind, GuardEvent
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.process.channel import Channel, channel_pair
-from safety.guard.process.messages import Alive, Bytes, Operate, Position, ToGuard, to_guard
+from safety.guard.process.messages import (
+    Alive,
+    Bytes,
+    EventMessage,
+    Operate,
+    Position,
+    ToGuard,
+    to_guard,
+)
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.model.samples import PoseSample
 from tests.safety.guard.remote_rigs import guard_config
@@ -166,3 +175,27 @@ def test_a_fence_changed_in_flight_counts_beside_the_old_one(
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
     assert len(channel.at_once) == 2
     assert len(channel.waiting) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "at_once"),
+    [
+        ("refused", "anna: geofence: all vehicles are landing", [6.0]),
+        ("refused", "anna: resume: no vehicle holds", [2.0, 6.0]),
+        ("geofence", "anna changed the fence of real", [2.0, 6.0]),
+    ],
+)
+def test_a_fence_counts_until_the_guard_has_refused_it(
+    remote: tuple[RemoteGuard, Noted], kind: EventKind, text: str, at_once: list[float]
+) -> None:
+    guard, channel = remote
+    small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
+    guard.propose_fences({"real": small}, "anna")
+    guard.change_fences({"real": small}, "anna")
+    guard._take(EventMessage(GuardEvent(1.0, "proposed", "", "")))
+    guard._take(EventMessage(GuardEvent(1.0, kind, "", text)))
+    channel.at_once.clear()
+    for north_m in (2.0, 0.0, 6.0):
+        guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
+    sent = [one.position_ned_m[0] for one in channel.at_once if isinstance(one, Position)]
+    assert sent == at_once

@@ -107,6 +107,8 @@ class Autopilot(ABC):
     """How long after arming its motors are not yet up to take off at once."""
     liftoff_s: ClassVar[float]
     """How long it takes, its motors being up, from the takeoff command until it begins to climb."""
+    embedded_liftoff_s: ClassVar[float]
+    """The same of the embedded vehicle of this autopilot."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]

@@ -5,7 +5,8 @@ firmwares' sources:
 
 PX4 (src/modules/mavlink/streams/HIL_STATE_QUATERNION.hpp) fills it from its *_groundtruth topics,
 and sends none where no simulator publishes those. Degrees times 1e7, millimetres above sea level,
-cm/s, all cut to whole numbers. time_usec was 0 in what was seen of it: it is not used.
+cm/s, all cut to whole numbers. In PX4 of August 2026 time_usec is the time
+since boot at which it was so, the epoch of time_boot_ms; in what was seen before it was 0.
 
 ArduPilot (SIM::sim_state_send, libraries/SITL/SITL.cpp): attitude and velocity as floats; lat and
 lon are 32-bit floats, 0.4 m apart at 47 degrees (versions without lat_int put degrees times 1e7
@@ -30,8 +31,8 @@ class GroundTruthError(VehicleError):
 class GroundTruth(NamedTuple):
     """A simulator's place of the vehicle.
 
-    altitude_m: above mean sea level. q_wxyz: body (FRD) to north, east, down. When it was so, the
-    messages do not say.
+    altitude_m: above mean sea level. q_wxyz: body (FRD) to north, east, down. boot_s: when it was
+    so, as the message states it; None where it states nothing.
     """
 
     latitude_deg: float
@@ -39,6 +40,7 @@ class GroundTruth(NamedTuple):
     altitude_m: float
     q_wxyz: Quat
     velocity_ned_m_s: Vec3
+    boot_s: float | None = None
 
 
 def read_hil_state(message: Any) -> GroundTruth:
@@ -51,6 +53,7 @@ def read_hil_state(message: Any) -> GroundTruth:
         altitude_m=message.alt * 1e-3,
         q_wxyz=_unit("HIL_STATE_QUATERNION", tuple(message.attitude_quaternion)),
         velocity_ned_m_s=(message.vx * 0.01, message.vy * 0.01, message.vz * 0.01),
+        boot_s=message.time_usec * 1e-6 if message.time_usec else None,
     )
 
 

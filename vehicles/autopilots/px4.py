@@ -79,8 +79,9 @@ class Px4(Autopilot):
     takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.TAKEOFF, Mode.HOLD)
     spool_s: ClassVar[float] = 1.0
     """COM_SPOOLUP_TIME's default."""
-    # MPC_TKO_RAMP_T is 3 s. Measured with the embedded vehicle, held against a trace of 1.18.
-    liftoff_s: ClassVar[float] = 2.9
+    # MPC_TKO_RAMP_T is 3 s. Measured by our liftoff detector in flights of the gate in SIH.
+    liftoff_s: ClassVar[float] = 3.2
+    embedded_liftoff_s: ClassVar[float] = 2.9
     takeoff_needs_amsl: ClassVar[bool] = True
     parameters_bytewise: ClassVar[bool] = True
     changes_mode_on_disarm: ClassVar[bool] = True

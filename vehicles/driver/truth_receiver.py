@@ -18,7 +18,7 @@ from worlds.frames import Pose
 _STILL_M = 0.1
 """A simulator's vehicle stands to the centimetre."""
 _NEIGHBOUR_S = 0.1
-"""The newest stamp is no neighbour of what comes later than this."""
+"""The newest stamp is no neighbour of what comes later, or states another time, than this."""
 _STAMPED = (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
 """Both begin with time_boot_ms on the wire, and come as often as the truth."""
 
@@ -37,9 +37,10 @@ class TruthReceiver:
 
     The messages say where on earth the vehicle is. The first one is the origin of a frame of
     metres, by the autopilot's own projection; `anchor_at` maps it to the start pose, as an
-    estimate is. They do not say when: a message is as old as the telemetry that arrived last before
-    it, plus what passed since; so both are late alike, whatever the link does. refused: why the
-    last unusable message was not used; empty when there was none.
+    estimate is. Where a message states when it was so, and telemetry that came just before
+    agrees within 0.1 s, that is its time. Else it is as old as the telemetry that arrived last
+    before it, plus what passed since; so both are late alike, whatever the link does. refused: why
+    the last unusable message was not used; empty when there was none.
     """
 
     def __init__(self, *, session: Session, clock: VehicleClock) -> None:
@@ -82,6 +83,13 @@ class TruthReceiver:
         if self.count and self._average.rate_hz > 0.0:
             self._anchor = Anchor.of_poses(local=self._average.mean(), world=start)
 
+    def rate_hz(self, now_s: float, *, fresh_s: float) -> float | None:
+        """Return how often it came in the last second, anchored or not.
+
+        None where the newest is older than `fresh_s`, or there are too few to say.
+        """
+        return (self._average.rate_hz or None) if now_s - self._last_s <= fresh_s else None
+
     def restart(self) -> None:
         """Forget the ground truth before a reboot: a simulator may have begun anew elsewhere."""
         self._origin = self._anchor = self._stamp = None
@@ -100,7 +108,7 @@ class TruthReceiver:
             self.refused = str(error)
             return
         self.count += 1
-        t_s = self._time_of(arrived_s)
+        t_s = self._time_of(truth, arrived_s)
         if t_s is None or t_s <= self._last_s:
             return
         self._last_s = t_s
@@ -119,14 +127,20 @@ class TruthReceiver:
         for listener in self._listeners:
             listener(sample)
 
-    def _time_of(self, arrived_s: float) -> float | None:
-        """Return when a ground truth was so that arrived now, run clock; None while unknown."""
+    def _time_of(self, truth: GroundTruth, arrived_s: float) -> float | None:
+        """Return when a ground truth was so that arrived now, run clock; None while unknown.
+
+        What passed since the stamp counts all of a stall of the vehicle: a message that came after
+        one would be taken for younger than those that came in a burst behind it.
+        """
         stamp = self._stamp
         if stamp is None or arrived_s - stamp.arrived_s > _NEIGHBOUR_S:
             return None
-        since_s = arrived_s - stamp.arrived_s
+        since_s, boot_s = arrived_s - stamp.arrived_s, stamp.boot_s
+        if truth.boot_s is not None and abs(truth.boot_s - boot_s) <= _NEIGHBOUR_S:
+            since_s, boot_s = 0.0, truth.boot_s
         try:
-            return min(self._clock.run_time(stamp.boot_s) + since_s, arrived_s)
+            return min(self._clock.run_time(boot_s) + since_s, arrived_s)
         except ValueError:
             return None  # Nothing is known of the vehicle's clock yet.
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -30,6 +30,20 @@ _MOST_STEPS_BEHIND = 250
 
 TruthCallback = Callable[[TruthSample], None]
 MocapCallback = Callable[[PoseReading], None]
+
+
+class Component(Protocol):
+    """A MAVLink component beside the autopilot, at the same link (protocol). Times: run clock."""
+
+    @property
+    def component_id(self) -> int:
+        """Return the component's MAVLink component id."""
+
+    def tick(self, t_s: float) -> list[Any]:
+        """Return the component's messages that are due."""
+
+    def take(self, message: Any, t_s: float) -> list[Any]:
+        """Return the component's replies to a message of a client."""
 
 
 class EmbeddedVehicle:
@@ -72,6 +86,8 @@ class EmbeddedVehicle:
         self._fault: Exception | None = None
         self._on_fault: Callable[[], None] | None = None
         self._on_sent: Callable[[float, Any], None] | None = None
+        self._pass_sent: Callable[[Any], Any | None] | None = None
+        self._components: list[tuple[Component, Codec]] = []
         self._muted = False
         self._struck = False
         link.receive(self._on_bytes)
@@ -105,6 +121,15 @@ class EmbeddedVehicle:
     def on_sent(self, callback: Callable[[float, Any], None]) -> None:
         """Call `callback` with each MAVLink message that is sent, and seconds since boot."""
         self._on_sent = callback
+
+    def add_component(self, component: Component) -> None:
+        """Have a component beside the autopilot at the vehicle's link, as of its system."""
+        codec = Codec(system_id=self.config.system_id, component_id=component.component_id)
+        self._components.append((component, codec))
+
+    def filter_sent(self, passing: Callable[[Any], Any | None]) -> None:
+        """Send what `passing` returns for each MAVLink message of the autopilot; None: nothing."""
+        self._pass_sent = passing
 
     def notify(self, event: str, t_s: float) -> None:
         """Pass an event of the world to the vehicle's surroundings."""
@@ -175,6 +200,8 @@ class EmbeddedVehicle:
                 return
             self._step()
         self._flush()
+        for component, codec in self._components:
+            self._send_of(codec, component.tick(now_s))
         if self._mocap.next_due_s is not None:
             self._deliver_mocap()
 
@@ -221,6 +248,8 @@ class EmbeddedVehicle:
         arrived_s = (t_s - self._step_s(self._boot_step)) * self._drift
         for message in self._codec.parse(data):
             self._autopilot.handle(message, arrived_s)
+            for component, codec in self._components:
+                self._send_of(codec, component.take(message, t_s))
         self._flush()
         if self._autopilot.reboot_asked:
             self._reboot()
@@ -239,12 +268,19 @@ class EmbeddedVehicle:
 
     def _flush(self) -> None:
         messages = self._autopilot.outbox.take()
+        if messages and self._pass_sent is not None:
+            messages = [one for one in map(self._pass_sent, messages) if one is not None]
         if messages and self._alive and not self._muted:
             if self._on_sent is not None:
                 for message in messages:
                     self._on_sent((self._steps - self._boot_step) / PHYSICS_HZ, message)
             pack = self._codec.pack
             self._link.write(b"".join([pack(message) for message in messages]))
+
+    def _send_of(self, codec: Codec, messages: list[Any]) -> None:
+        """Send messages of a component."""
+        if messages and self._alive and not self._muted:
+            self._link.write(b"".join([codec.pack(message) for message in messages]))
 
 
 def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:

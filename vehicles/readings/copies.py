@@ -1,4 +1,4 @@
-"""Copies of readings for those who may write into them."""
+"""Copies of readings: for those who may write into them, and with other times."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from vehicles.readings.kinds import Reading
+from vehicles.readings.navigation import PoseReading
 
 
 def copied(reading: Reading) -> Reading:
@@ -16,3 +17,13 @@ def copied(reading: Reading) -> Reading:
         if isinstance(value := getattr(reading, field.name), np.ndarray)
     }
     return replace(reading, **arrays) if arrays else reading
+
+
+def restamp_reading(last: Reading, new: Reading) -> Reading:
+    """Return a reading with the times and number of another of its sensor."""
+    return replace(last, t_s=new.t_s, arrived_s=new.arrived_s, seq=new.seq)
+
+
+def restamp_pose(last: PoseReading, new: PoseReading) -> PoseReading:
+    """Return a pose with the times and number of another."""
+    return replace(last, t_s=new.t_s, arrived_s=new.arrived_s, seq=new.seq)

@@ -2,9 +2,12 @@
 
 import hashlib
 import importlib.util
+import signal
 import sys
+import threading
 import traceback
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
@@ -12,6 +15,8 @@ from worlds.files.documents import closest, closest_file
 from worlds.files.paths import is_file, is_folder
 
 _PREFIX = "wil_user_"
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What ends this program, or lands what flies: no file of the user's takes that away."""
 
 
 class BadReferenceError(Exception):
@@ -80,7 +85,7 @@ def _module(path: Path) -> ModuleType:
     sys.modules[name] = module
     wrote, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
-        with redirect_stdout(sys.stderr):
+        with _own_signals(), redirect_stdout(sys.stderr):
             spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
@@ -88,6 +93,21 @@ def _module(path: Path) -> ModuleType:
     finally:
         sys.dont_write_bytecode = wrote
     return module
+
+
+@contextmanager
+def _own_signals() -> Iterator[None]:
+    """Keep what this process does on the signals that end it, whatever a file does to them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None and signal.getsignal(number) is not handler:
+                signal.signal(number, handler)
 
 
 def _why(error: BaseException, path: Path) -> str:

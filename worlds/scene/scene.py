@@ -8,6 +8,7 @@ from worlds.frames import Pose
 from worlds.scene.gait import CHORD_S, Joint, limb_pose, limb_travel
 from worlds.scene.motion import AT_REST, Motion, Travel
 from worlds.scene.shapes import Shape
+from worlds.scene.track import track_of
 
 MAX_OBJECTS = 254
 NO_EVENTS: Mapping[str, float] = MappingProxyType({})
@@ -33,16 +34,31 @@ class SceneObject:
         return self.shape.kind == "room"
 
     def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
-        """Return the scene object's pose at a time; events: when each happened."""
-        return self.pose if self.motion is None else self.motion.pose_at(t_s, events)
+        """Return the scene object's pose at a time; events: when each happened.
+
+        Of a run in which a vehicle flies it (`RunHistory`): where that one is.
+        """
+        if self.motion is None:
+            return self.pose
+        if (track := track_of(self.name, events)) is not None:
+            return track.pose_at(t_s) or self.pose
+        return self.motion.pose_at(t_s, events)
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
         """Return how far the scene object went and turned between two times."""
-        return AT_REST if self.motion is None else self.motion.travel(from_s, to_s, events)
+        if self.motion is None:
+            return AT_REST
+        if (track := track_of(self.name, events)) is not None:
+            return track.travel(from_s, to_s)
+        return self.motion.travel(from_s, to_s, events)
 
     def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
         """Return whether the scene object rests, or moves straight, evenly and unturned."""
-        return self.motion is None or self.motion.is_even(from_s, to_s, events)
+        if self.motion is None:
+            return True
+        if (track := track_of(self.name, events)) is not None:
+            return track.is_even(from_s, to_s)
+        return self.motion.is_even(from_s, to_s, events)
 
     @property
     def bodies(self) -> tuple["RigidBody", ...]:

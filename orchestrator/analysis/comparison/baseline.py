@@ -39,6 +39,15 @@ class FlownSet:
             for text in (*campaign.problems, *campaign.run_problems)
         ]
 
+    @property
+    def endings(self) -> list[str]:
+        """Return what ended campaigns outside of their runs, each with its folder."""
+        return [
+            f"{folder}: {campaign.summary.ending}"
+            for folder, campaign in zip(self.folders, self.campaigns, strict=True)
+            if campaign.summary is not None and campaign.summary.ending
+        ]
+
 
 def read_flown(folder: Path) -> FlownSet:
     """Return the flights of one results folder. Raises ResultsFolderError."""

@@ -57,7 +57,8 @@ class Comparison:
     only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
     that proved nothing in one of them. fewer_proven: cells of whose flights a larger share proves
     nothing than before, in words: what rates and margins rest on are the others. flips: runs whose
-    verdict changed under the same seed.
+    verdict changed under the same seed. removed_oracles: oracles that judged a shared cell before
+    and do not any more, or are only reported now, in words.
     """
 
     changes: tuple[Change, ...]
@@ -66,6 +67,12 @@ class Comparison:
     unproven: tuple[str, ...] = ()
     flips: tuple[str, ...] = ()
     fewer_proven: tuple[str, ...] = ()
+    removed_oracles: tuple[str, ...] = ()
+
+    @property
+    def is_less(self) -> bool:
+        """Return whether something was judged before that is not judged any more."""
+        return bool(self.only_before or self.removed_oracles)
 
     @property
     def worse(self) -> tuple[Change, ...]:
@@ -107,7 +114,36 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
         unproven=tuple(unproven),
         flips=tuple(text for cell in shared for text in _flips(before[cell], after[cell])),
         fewer_proven=tuple(fewer_proven),
+        removed_oracles=tuple(
+            text for cell in shared for text in _removed_oracles(cell, before[cell], after[cell])
+        ),
     )
+
+
+def _removed_oracles(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
+) -> list[str]:
+    """Return in words the oracles of a cell that judge it no longer, or require nothing now."""
+    had, has = _oracles(old), _oracles(new)
+    where = "/".join(cell)
+    found = [f"{where}: {name} of {vehicle}" for name, vehicle in had if (name, vehicle) not in has]
+    return found + [
+        f"{where}: {name} of {vehicle} is only reported now"
+        for (name, vehicle), is_required in had.items()
+        if is_required and has.get((name, vehicle)) is False
+    ]
+
+
+def _oracles(runs: Sequence[RunResult]) -> dict[tuple[str, str], bool]:
+    """Return the oracles that judged any of some runs, by name and vehicle: whether required.
+
+    A run that came to no flight has none.
+    """
+    found: dict[tuple[str, str], bool] = {}
+    for one in (one for run in runs for one in run.oracles):
+        key = (one.name, one.vehicle)
+        found[key] = found.get(key, False) or one.required
+    return found
 
 
 def _fewer_proven(

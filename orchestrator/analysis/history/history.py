@@ -15,7 +15,8 @@ Kind = Literal["flaky", "stochastic"]
 class HistoryRow:
     """A case and mode of one campaign. margin, duration_s: medians; None without one.
 
-    interval: of the pass rate; None where several flights have equal figures.
+    interval: of the pass rate; None where several flights have equal figures. ending: what ended
+    the campaign outside of its runs, in words; None where nobody wrote it down.
     """
 
     campaign: str
@@ -29,6 +30,7 @@ class HistoryRow:
     interval: Interval | None
     margin: float | None
     duration_s: float | None
+    ending: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,7 @@ def _row(group: Sequence[FlightRecord]) -> HistoryRow:
         interval=None if equal else clopper_pearson(passed, len(proven)),
         margin=median(margins) if margins else None,
         duration_s=median(durations) if durations else None,
+        ending=first.ending,
     )
 
 

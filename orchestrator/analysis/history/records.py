@@ -23,7 +23,8 @@ class FlightRecord:
 
     inputs: a digest of all that it read and of the versions; the same seed and inputs are the same
     flight again. margin: the smallest of the judged vehicle's required oracles in
-    metres (else in any unit), None without one.
+    metres (else in any unit), None without one. ending: in words what ended its campaign outside of
+    its runs, empty for its own end; None where nobody wrote it down.
     """
 
     campaign: str
@@ -38,6 +39,7 @@ class FlightRecord:
     verdict: str
     margin: float | None
     duration_s: float | None
+    ending: str | None = None
 
 
 _RECORD = TypeAdapter(FlightRecord)
@@ -68,6 +70,7 @@ def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
             verdict=entry.result.verdict,
             margin=_smallest_margin(entry.result),
             duration_s=entry.result.duration_s,
+            ending=None if campaign.summary is None else campaign.summary.ending,
         )
 
 

@@ -3,21 +3,23 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from safety.evaluation.judge_log import JudgeLogError, WorldEvent, read_judge_log
+from safety.evaluation.judge_log import ActorPose, JudgeLogError, WorldEvent, read_judge_log
 from safety.fence.geofence import Fence
 from safety.model.samples import FenceSample, PoseSample, StageSample
 from worlds.frames import Pose
+from worlds.scene.track import RunHistory
 
 
 @dataclass(slots=True)
 class JudgedMotion:
-    """By vehicle the judged poses with their times. world_events: when each happened.
+    """By vehicle the judged poses with their times.
 
-    fences: in force at the end, where they were changed in flight.
+    world_events: when each happened, and where actors flew. fences: in force at the end,
+    where they were changed in flight.
     """
 
     poses: dict[str, list[tuple[float, Pose]]] = field(default_factory=dict)
-    world_events: dict[str, float] = field(default_factory=dict)
+    world_events: RunHistory = field(default_factory=RunHistory)
     stages: dict[str, float] = field(default_factory=dict)
     fences: dict[str, Fence] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -36,6 +38,8 @@ def read_judged_motion(path: Path) -> JudgedMotion:
                         found.stages.setdefault(stage, t_s)
                     case WorldEvent(t_s, name):
                         found.world_events.setdefault(name, t_s)
+                    case ActorPose(t_s, name, pose, velocity):
+                        found.world_events.add_pose(name, t_s, pose, velocity)
                     case FenceSample(_, vehicle, fence):
                         found.fences[vehicle] = fence
                     case _:

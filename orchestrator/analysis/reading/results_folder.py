@@ -10,7 +10,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
-from orchestrator.model.results import RunResult, Summary
+from orchestrator.campaign.resuming.run_ledger import open_orders
+from orchestrator.model.campaign_results import Summary
+from orchestrator.model.results import RunResult
 
 T = TypeVar("T")
 
@@ -21,6 +23,10 @@ _LONGEST_NAME = 255
 _OF_THE_MANIFEST = {"campaign": str, "started_utc": str, "runs": list, "document": dict}
 """What campaign.json has at least, each with its type."""
 _SHOWN = 60
+_BEGUN = (
+    "it was begun and has no result: it flies still, or was lost with its program, which `run "
+    "--resume` accounts for"
+)
 _OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
 _RESULT = TypeAdapter(RunResult)
 _SUMMARY = TypeAdapter(Summary)
@@ -83,13 +89,32 @@ def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) ->
     planned = [*_names_in(manifest)]
     if summary is not None and _stops_early(manifest):
         planned = [name for name in planned if name in {*summarised, *summary.not_flown}]
+    orders = _open_orders(folder)
     names = [*planned, *summarised, *_run_names_on_disk(folder)]
     for name in dict.fromkeys(name for name in names if _is_run_name(name)):
         case, mode, rep = name.split("/")
         problems: list[str] = []
         path = folder / name / "result.json"
         result = _read_document(path, _parse_result, problems)
+        if not path.exists() and (name in orders or _is_begun(folder / name)):
+            problems.append(_BEGUN)
         yield RunEntry(name, case, mode, rep, result or summarised.get(name), tuple(problems))
+
+
+def _open_orders(folder: Path) -> frozenset[str]:
+    """Return the runs that a campaign's ledger has no outcome of; none where it is unreadable."""
+    try:
+        return frozenset(open_orders(folder))
+    except OSError:
+        return frozenset()
+
+
+def _is_begun(home: Path) -> bool:
+    """Return whether a run's folder has anything in it."""
+    try:
+        return any(home.iterdir())
+    except OSError:
+        return False
 
 
 def _names_in(manifest: dict[str, Any]) -> Iterator[str]:

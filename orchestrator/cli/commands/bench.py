@@ -6,9 +6,9 @@ from multiprocessing.connection import Listener
 from pathlib import Path
 
 from campaigns.setup.bench_file import Bench, load_benches
-from orchestrator.campaign.bench_lock import held_benches
-from orchestrator.campaign.campaign_folder import TakenError
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.folder.bench_lock import held_benches
+from orchestrator.campaign.folder.campaign_folder import TakenError
+from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli.arming_consent import consent_at_bench, has_terminal
 from orchestrator.cli.commands.validate import bench_summary
 from orchestrator.cli.standard_streams import err, out

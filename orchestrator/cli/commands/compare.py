@@ -27,12 +27,15 @@ def compare(
     margin_by: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None,
     confidence: _Share = 0.95,
     last: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
+    removed: Annotated[bool, Parameter(negative=())] = False,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
-    2: a folder is no campaign's, or they share no case and mode; 3: something is damaged, or a
-    shared case, or a larger share of its flights than before, proves nothing.
+    2: a folder is no campaign's, or they share no case and mode; 3: something is damaged, the
+    judged campaign was stopped or broken outside of its runs or does not say that it came to its
+    end, a shared case, or a larger share of its flights than before, proves nothing, or a case or
+    an oracle of before is not there any more, unless --removed is given.
 
     Parameters
     ----------
@@ -50,6 +53,8 @@ def compare(
         Of all tests together that what is called worse is no chance.
     last
         How many campaigns the baseline has, where `before` holds several.
+    removed
+        Cases and oracles that are not there any more were removed on purpose.
     json_
         Print one JSON document.
     """
@@ -63,9 +68,13 @@ def compare(
         return 2
     problems = [*baseline.problems, *judged.problems]
     out(_as_json(found, baseline) if json_ else _as_text(found, baseline, after))
-    for text in problems:
+    if found.is_less and not removed:
+        err("compared with less than was judged before: give --removed where that is on purpose")
+    for text in (*problems, *baseline.endings, *judged.endings):
         err(printable(text))
-    if problems or found.unproven or found.fewer_proven:
+    if problems or judged.endings or found.unproven or found.fewer_proven:
+        return 3
+    if found.is_less and not removed:
         return 3
     return 1 if found.worse else 0
 
@@ -92,6 +101,7 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
     lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
+    lines += [f"not judged any more: {text}" for text in found.removed_oracles]
     lines += [f"not flown before: {cell}" for cell in found.only_after]
     worse = [f"{one.case}/{one.mode} {one.what}" for one in found.worse]
     undecided = sum(one.outcome == "undecided" for one in found.changes)

@@ -50,7 +50,8 @@ def history(
 
     Flaky is what ended differently under the same seed and the same inputs; stochastic what did
     under different seeds. Exit code 2: there is nothing to show, or the file of --keep is damaged;
-    3: a folder is damaged, and the rest is shown.
+    3: a folder is damaged, or its campaign was stopped or broken outside of its runs, and the rest
+    is shown.
 
     Parameters
     ----------
@@ -107,6 +108,9 @@ def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
                 continue
             damaged = (*documents.problems, *documents.run_problems)
             problems += [f"{path}: {text}" for text in damaged]
+            summary = documents.summary
+            if summary is not None and (summary.stopped or summary.broken):
+                problems.append(f"{path}: {summary.ending}")
             found += records_of(documents)
     return found
 
@@ -137,7 +141,18 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
     lines = [
         printable(f"{one.kind}: {one.campaign} {one.case} {one.mode}: {one.text}") for one in varied
     ]
+    lines += _endings(rows)
     return "\n".join([table(head, cells), *([""] if lines else []), *lines])
+
+
+def _endings(rows: Sequence[HistoryRow]) -> list[str]:
+    """Return a line for each campaign that did not come to its end, or of which nobody knows."""
+    campaigns = {(row.campaign, row.started_utc): row.ending for row in rows}
+    return [
+        printable(f"{name} of {started}: {'not known how it ended' if text is None else text}")
+        for (name, started), text in campaigns.items()
+        if text != ""
+    ]
 
 
 def _interval_text(interval: Interval | None) -> str:

@@ -2,31 +2,27 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from campaigns.expansion.expansion import Campaign
 from campaigns.schema import VEHICLES
 from orchestrator.analysis.study_tables import has_modes_to_compare
-from orchestrator.campaign.attached_vehicles import attached_vehicles
-from orchestrator.campaign.bench_lock import held_benches
-from orchestrator.campaign.campaign_folder import OutputError, TakenError, require_writable
 from orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     FlyingSettings,
     fly_campaign,
     planned,
 )
-from orchestrator.campaign.resumption import ResumeError
-from orchestrator.campaign.run_engine import EngineError, LocalRunEngine
-from orchestrator.campaign.run_server import start_run_server
-from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
-from orchestrator.cli.bench_flight import bench_flight, is_for_bench
-from orchestrator.cli.clock_choice import shared_of
+from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
+from orchestrator.campaign.resuming.resumption import ResumeError
+from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.cli.arming_consent import RefusedError
+from orchestrator.cli.engine_flight import LOCAL, FlightWish, ready_flight
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, display_of
 from orchestrator.cli.run_selection import ALL, Choice
@@ -35,16 +31,12 @@ from orchestrator.cli.study_text import study_text
 from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.console.console_beside import console_beside
 from orchestrator.console.errors import ConsoleError
-from orchestrator.engines.ray_engine import engine_address, ray_engine
 from orchestrator.foxglove_bridge.bridge_beside import foxglove_beside
 from orchestrator.foxglove_bridge.errors import BridgeError
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json
 from orchestrator.operator.errors import OperatingError
 from orchestrator.report.campaign_report import WrittenReport
-
-LOCAL = "local"
-"""The engine of this machine."""
 
 
 @Parameter(name="*")
@@ -108,6 +100,7 @@ def run(
     choice: Choice = ALL,
     flights: Flights = _USUAL,
     resume: Annotated[bool, Parameter(negative=())] = False,
+    again: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     junit: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -123,6 +116,9 @@ def run(
         Take up the campaign that was cut off: the newest beneath --out, or --out itself where that
         is a campaign's folder. What is finished is kept, what is missing is flown; refused when the
         campaign or one of its files has changed. Give the same options as before.
+    again
+        With --resume: fly this run again (case/mode/repetition), which proved nothing or was lost;
+        may be given several times. Runs with a real vehicle are flown again by this alone.
     junit
         Write junit.xml here as well; the folder has to be there.
     json_
@@ -131,110 +127,32 @@ def run(
     if flights.no_arm and resume:
         err("--no-arm leaves no results that --resume could continue")
         return 2
+    if again and not resume:
+        err(f"--again {again[0]}: it is flown again with --resume alone")
+        return 2
     options = choice.options(*_sets(flights))
-    order = _Order(file, options, flights, out_, resume=resume, junit=junit, json=json_)
+    wish = FlightWish(
+        file=file,
+        options=options,
+        out=out_,
+        junit=junit,
+        engine=flights.engine,
+        clock=flights.clock,
+        jobs=flights.jobs,
+        resume=resume,
+        again=again,
+        arm=not flights.no_arm,
+        arm_real=flights.arm_real,
+    )
     try:
-        if flights.engine == LOCAL:
-            return _fly_here(order)
-        address = engine_address(flights.engine)
-        if is_for_bench(file, options, flights.engine) and address is not None:
-            return _fly_on_bench(order, address)
-        return _fly_over_cluster(order, address)
-    except OutputError as error:
+        with ready_flight(wish) as (campaign, settings):
+            return _fly_selected(campaign, settings, flights, json=json_)
+    except (OutputError, TakenError) as error:
         err(error)
         return 3
     except (RefusedError, EngineError) as error:
         err(error)
         return error.code
-
-
-@dataclass(frozen=True, slots=True)
-class _Order:
-    """What `run` was asked for."""
-
-    file: Path
-    options: Options
-    flights: Flights
-    out: Path
-    resume: bool
-    junit: Path | None
-    json: bool
-
-    def settings(self, cleared: Cleared) -> FlyingSettings:
-        """Return how a campaign that was cleared is flown."""
-        return FlyingSettings(
-            out=self.out,
-            clock=cleared.clock,
-            jobs=cleared.jobs,
-            junit=self.junit,
-            resume=self.resume,
-            arm=not self.flights.no_arm,
-            real_kind=cleared.real_kind,
-            hardware=cleared.hardware,
-        )
-
-
-def _fly_here(order: _Order) -> int:
-    """Fly in processes of this machine. Raises BadInput, OutputError, RefusedError, EngineError."""
-    campaign = load_campaign(order.file, order.options)
-    start_run_server()
-    require_writable(order.out, junit=order.junit)
-    cleared = _clear_arming(campaign, order.flights)
-    return _fly_selected(campaign, order.settings(cleared), order)
-
-
-def _fly_over_cluster(order: _Order, address: str | None) -> int:
-    """Fly over the nodes of a cluster. Raises like `_fly_here`."""
-    campaign, flights = load_campaign(order.file, order.options), order.flights
-    _refuse_attached(campaign, flights)
-    require_writable(order.out, junit=order.junit)
-    cleared = _clear_arming(campaign, flights)
-    settings = order.settings(cleared)
-    # Over a cluster there is place for more than the cores of this machine.
-    is_open = address is not None and flights.jobs is None and not shared_of(campaign)
-    jobs = None if is_open else min(cleared.jobs, len(planned(campaign, settings)))
-    with ray_engine(address, jobs=jobs, cores=1 if cleared.clock == "virtual" else 2) as engine:
-        settings = replace(settings, engine=engine, jobs=len(engine.idle))
-        return _fly_selected(campaign, settings, order)
-
-
-def _fly_on_bench(order: _Order, address: str) -> int:
-    """Fly on a bench of a cluster. Raises like `_fly_here`."""
-    flights = order.flights
-    require_writable(order.out, junit=order.junit)
-    with bench_flight(
-        order.file,
-        order.options,
-        address,
-        clock=flights.clock,
-        jobs=flights.jobs,
-        arm=not flights.no_arm,
-    ) as flight:
-        settings = replace(order.settings(flight.cleared), engine=flight.engine)
-        return _fly_selected(flight.campaign, settings, order)
-
-
-def _refuse_attached(campaign: Campaign, flights: Flights) -> None:
-    """Raise RefusedError for attached vehicles on another engine than that of this machine."""
-    attached = attached_vehicles(campaign)
-    if attached and flights.engine != LOCAL:
-        names = " and ".join(f"{one.name} ({one.attached})" for one in attached)
-        raise RefusedError(
-            f"--engine {flights.engine}: {names} is attached to one machine, where consent to arm "
-            "is given; fly there with --engine local",
-            2,
-        )
-
-
-def _clear_arming(campaign: Campaign, flights: Flights) -> Cleared:
-    """Return the campaign cleared to run, by the options."""
-    return clear(
-        campaign,
-        clock=flights.clock,
-        jobs=flights.jobs,
-        arm=not flights.no_arm,
-        arm_real=flights.arm_real,
-    )
 
 
 def _sets(flights: Flights) -> list[str]:
@@ -243,17 +161,16 @@ def _sets(flights: Flights) -> list[str]:
     return _gcs_sets(flights.gcs) + broker
 
 
-def _fly_selected(campaign: Campaign, settings: FlyingSettings, order: _Order) -> int:
+def _fly_selected(
+    campaign: Campaign, settings: FlyingSettings, flights: Flights, *, json: bool
+) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
-    json = order.json
     display = display_of(json=json, total=len(planned(campaign, settings)))
-    # A bench on another node is locked there.
-    of_here = campaign.benches if isinstance(settings.engine, LocalRunEngine) else ()
     try:
-        with held_benches(of_here), display, _beside(order.flights, display, json=json):
+        with display, _beside(flights, display, json=json):
             display.say(_announcement(campaign, settings))
             outcome = fly_campaign(campaign, settings, display)
-    except (OutputError, OperatingError, ConsoleError, TakenError) as error:
+    except (OutputError, OperatingError, ConsoleError) as error:
         err(error)
         return 3
     except (ResumeError, BridgeError) as error:

@@ -1,5 +1,6 @@
 """`wil-campaign search`: look for variants of a campaign that fail."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,18 +12,22 @@ from campaigns.search.search import most_flights
 from campaigns.search.search_campaign import SearchCampaign
 from campaigns.search.search_file import load_search
 from campaigns.search.strategies import MissingExtraError
-from orchestrator.campaign.attached_vehicles import attached_vehicles
-from orchestrator.campaign.campaign_folder import OutputError, require_writable
-from orchestrator.campaign.resumption import ResumeError
-from orchestrator.campaign.run_server import start_run_server
+from campaigns.setup.bench_file import load_benches
+from orchestrator.campaign.folder.campaign_folder import OutputError, require_writable
+from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from orchestrator.campaign.resuming.resumption import ResumeError
+from orchestrator.campaign.workers.run_engine import EngineError, RunEngine
+from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
+from orchestrator.cli.engine_flight import LOCAL, runs_engine
+from orchestrator.cli.final_report import write_search_report
 from orchestrator.cli.progress_display import display_of
-from orchestrator.cli.search_report import write_search_report
 from orchestrator.cli.search_text import search_text
 from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
+from orchestrator.engines.ray_engine import engine_address
 from orchestrator.model.clock import Clock
 from orchestrator.operator.errors import OperatingError
-from orchestrator.search.engine import LocalEngine
+from orchestrator.search.engine import BatchEngine
 from orchestrator.search.errors import SearchError
 from orchestrator.search.search_document import FILE_NAME
 from orchestrator.search.search_runner import SearchOutcome, SearchSettings, fly_search
@@ -37,6 +42,8 @@ def search(
     clock: Clock | None = None,
     jobs: int | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
+    engine: str = LOCAL,
+    bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Look for variants of a campaign that fail, as its `search` says; confirm and reduce them.
@@ -61,33 +68,38 @@ def search(
     resume
         Go on with the search that was cut off: the newest beneath --out, or --out itself where
         that is a search's folder. Refused when one of its files has changed.
+    engine
+        Where runs fly, as of `run`: local, ray, or ray://HOST:PORT.
+    bench_file
+        A bench of this machine, whose fence the search keeps; may be given several times. Its
+        vehicle is not flown by a search.
     json_
         Print search.json on standard output and nothing else there.
     """
-    found = load_search(file, Options(seed=seed, sets=set_))
-    if attached := attached_vehicles(found.campaign):
-        names = " and ".join(one.name for one in attached)
-        err(
-            f"{names}: a search flies no attached vehicle, for nobody brings it back to its start "
-            "between proposals; search in mode sim, and fly the files of failures by `run`"
+    try:
+        if engine != LOCAL:
+            engine_address(engine)  # before anything is read
+        options = Options(
+            seed=seed, sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
         )
-        return 2
-    start_run_server()
-    try:
+        found = load_search(file, options)
+        _refuse_attached(found)
+        start_run_server()
         require_writable(out_, junit=None)
-        cleared = clear(found.campaign, clock=clock, jobs=jobs, arm=True, arm_real=False)
-    except OutputError as error:
-        err(error)
-        return 3
-    except RefusedError as error:
-        err(error)
-        return error.code
-    settings = SearchSettings(out=out_, clock=cleared.clock, at_once=cleared.jobs, resume=resume)
-    try:
-        outcome = _fly(found, settings, cleared, json=json_)
+        cleared = clear(found.flown, clock=clock, jobs=jobs, arm=True, arm_real=False)
+        most = most_flights(found.problem(at_once=cleared.jobs))
+        with runs_engine(engine, found.flown, cleared, jobs=jobs, runs=most, again=True) as runs:
+            cleared = replace(cleared, jobs=runs[1])
+            settings = SearchSettings(
+                out=out_, clock=cleared.clock, at_once=cleared.jobs, resume=resume
+            )
+            outcome = _fly(found, settings, cleared, runs[0], json=json_)
     except (OutputError, OperatingError) as error:
         err(error)
         return 3
+    except (RefusedError, EngineError) as error:
+        err(error)
+        return error.code
     except (ResumeError, SearchError, MissingExtraError) as error:
         err(error)
         return 2
@@ -95,8 +107,28 @@ def search(
     return outcome.exit_code
 
 
+def _refuse_attached(found: SearchCampaign) -> None:
+    """Raise RefusedError where the budget has a mode in which an attached vehicle flies."""
+    attached = attached_vehicles(found.flown)
+    if not attached:
+        return
+    names = " and ".join(one.name for one in attached)
+    where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
+    raise RefusedError(
+        f"{names}{where}: a search flies no attached vehicle, for nobody brings it back to its "
+        "start between proposals; give a budget to mode sim alone, and fly the files of failures "
+        "by `run`",
+        2,
+    )
+
+
 def _fly(
-    found: SearchCampaign, settings: SearchSettings, cleared: Cleared, *, json: bool
+    found: SearchCampaign,
+    settings: SearchSettings,
+    cleared: Cleared,
+    runs: RunEngine,
+    *,
+    json: bool,
 ) -> SearchOutcome:
     """Fly a search with a progress display."""
     most = most_flights(found.problem(at_once=settings.at_once))
@@ -107,8 +139,12 @@ def _fly(
             f"{found.campaign.name}: search by {strategy}, at most {most} flights, "
             f"{settings.at_once} at a time, {settings.clock} clock"
         )
-        engine = LocalEngine(
-            clock=cleared.clock, jobs=cleared.jobs, real_kind=cleared.real_kind, watcher=display
+        engine = BatchEngine(
+            clock=cleared.clock,
+            jobs=cleared.jobs,
+            real_kind=cleared.real_kind,
+            watcher=display,
+            runs=runs,
         )
         return fly_search(found, settings, engine, display.say)
 

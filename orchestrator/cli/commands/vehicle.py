@@ -7,12 +7,17 @@ from cyclopts import Parameter
 from pydantic import ValidationError
 
 from orchestrator.cli.standard_streams import err
-from vehicles.embedded.process.embedded_process import run_process
+from vehicles.embedded.process.embedded_process import Companion, run_process
+from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.embedded.process.standalone_settings import check_parameter, standalone_settings
-from vehicles.embedded.profile import ProfileError
+from vehicles.embedded.profile import ProfileError, load_profile
+from vehicles.faults import FaultError, parse_fault
 from vehicles.links.link_strings import LinkAddressError
+from worlds.files.documents import load
+from worlds.world_file.world import World
 
 _BAD_INPUT, _UNAVAILABLE = 2, 3
+_VIDEO = "127.0.0.1:5600"
 _LINKS = {"px4": "udpout://127.0.0.1:14540", "ardupilot": "tcpin://127.0.0.1:5760"}
 
 
@@ -26,7 +31,10 @@ def vehicle(
     seed: int = 1,
     system_id: int = 1,
     running: float = 0.0,
+    camera: Annotated[bool, Parameter(negative=())] = False,
+    video: str | None = None,
     param: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    fault: Annotated[tuple[str, ...], Parameter(negative=())] = (),
 ) -> int:
     """Fly an embedded PX4 or ArduCopter alone, for other programs; Ctrl-C ends it.
 
@@ -49,8 +57,16 @@ def vehicle(
         Its MAVLink system id.
     running
         For how many seconds it has been on when its link opens: ArduCopter needs 42 s to be ready.
+    camera
+        Render a camera at its nose in the world of --world, send it by RTP as H.264, and announce
+        it to ground stations as a MAVLink camera.
+    video
+        Where the camera's pictures go: HOST:PORT, 127.0.0.1:5600 without it.
     param
         NAME=VALUE: a parameter that differs from the default; may be given several times.
+    fault
+        NAME@SECONDS: a fault and when it begins, as motor@12, mute@5+2 or "pose_source stop@8"; may
+        be given several times. docs/vehicle.md lists all.
     """
     try:
         address = _LINKS[autopilot] if link is None else link
@@ -64,17 +80,73 @@ def vehicle(
             system_id=system_id,
             running_s=running,
             parameters=dict(_parameter(autopilot, each) for each in param),
+            faults=fault,
         )
-    except ValidationError as error:
-        for fault in error.errors():
-            option = str(fault["loc"][0]).removesuffix("_s").replace("_", "-")
-            err(f"--{option}: {fault['msg']}")
-        return _BAD_INPUT
+        companion = _camera_of(settings, world, video) if camera else None
+        if companion is None:
+            _check_no_camera(fault, video)
     except (LinkAddressError, ProfileError, ValueError) as error:
-        err(error)
+        _print_mistakes(error)
         return _BAD_INPUT
-    err(f"embedded {autopilot} at {address}, system id {system_id}; Ctrl-C ends it")
-    return _UNAVAILABLE if run_process(settings) else 0
+    shown = f", camera at {video or _VIDEO}" if camera else ""
+    err(f"embedded {autopilot} at {address}, system id {system_id}{shown}; Ctrl-C ends it")
+    return _fly(settings, companion)
+
+
+def _print_mistakes(error: Exception) -> None:
+    """Print what is wrong with options of the command, a line for each."""
+    match error:
+        case ValidationError():
+            for one in error.errors():
+                option = str(one["loc"][0]).removesuffix("_s").replace("_", "-")
+                err(f"--{option}: {one['msg']}")
+        case FaultError():
+            err(f"--fault {error}")
+        case _:
+            err(error)
+
+
+def _fly(settings: ProcessSettings, companion: Companion | None) -> int:
+    """Fly until it ends; return the exit code of the command."""
+    from orchestrator.delivery.image_delivery import DeliveryError  # noqa: PLC0415 - loads slowly
+
+    try:
+        return _UNAVAILABLE if run_process(settings, companion) else 0
+    except DeliveryError as error:
+        err(error)
+        return _UNAVAILABLE
+
+
+def _camera_of(settings: ProcessSettings, world: Path | None, video: str | None) -> Companion:
+    """Return the camera of an embedded vehicle. Raises ValueError, BadInput."""
+    if world is None:
+        raise ValueError("--camera: give --world FILE too: the camera shows that world")
+    from orchestrator.delivery.sdp import RtpAddress  # noqa: PLC0415 - loads slowly
+    from orchestrator.delivery.vehicle_camera import rtp_camera  # noqa: PLC0415 - loads slowly
+    from vehicles.cameras.camera_effects import CameraQuality  # noqa: PLC0415 - loads slowly
+
+    try:
+        address = RtpAddress.of(video or _VIDEO)
+    except ValueError as error:
+        raise ValueError(f"--video {error}") from error
+    camera = rtp_camera(
+        scene=World.parse(load(world)).scene("real", "W"),
+        quality=CameraQuality.of_profile(load_profile(settings.profile).camera),
+        address=address,
+        seed=settings.seed,
+    )
+    err("the camera renders its first picture (after an installation it compiles, up to a minute)")
+    camera.warm_up()
+    return camera.attach
+
+
+def _check_no_camera(faults: tuple[str, ...], video: str | None) -> None:
+    """Raise ValueError for options of a camera that is not there."""
+    if video is not None:
+        raise ValueError(f"--video {video}: there is no camera; give --camera")
+    for text in faults:
+        if parse_fault(text).name == "camera":
+            raise ValueError(f"--fault {text}: there is no camera; give --camera")
 
 
 def _parameter(autopilot: Literal["px4", "ardupilot"], text: str) -> tuple[str, float]:

@@ -1,7 +1,6 @@
 """The engine that flies a campaign on a bench of a Ray cluster, by the bench's own server."""
 
 import asyncio
-import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from typing import Any
 
 from campaigns.schema.bench import BenchRequestPart
 from campaigns.setup.bench_file import Bench, read_bench
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.bench.bench_agent import BenchAgent
 from orchestrator.engines.bench.bench_messages import FILE, TEXT, ConsentAnswer, ConsentAsked
 from orchestrator.engines.bench.bench_resources import (
@@ -21,6 +20,7 @@ from orchestrator.engines.bench.bench_resources import (
     resource_of,
 )
 from orchestrator.engines.node_facts import node_facts, unfit_text
+from orchestrator.engines.node_messages import DamagedMessageError, read_facts
 from orchestrator.engines.ray_agents import HiredAgent
 from orchestrator.engines.ray_engine import RayEngine, running_ray
 from worlds.files.documents import Document, parse
@@ -122,7 +122,11 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
         raise EngineError(
             f"bench {name} does not answer: {error}; its server has ended, start it again"
         ) from error
-    facts: dict[str, str] = pickle.loads(messages[0]) if messages else {}  # noqa: S301
+    try:
+        facts = read_facts(messages[0]) if messages else {}
+    except DamagedMessageError as error:
+        ray.kill(actor, no_restart=True)
+        raise EngineError(f"bench {name} does not say what it is: {error}") from error
     why = unfit_text(node_facts(), facts) if facts else f"bench {name} says nothing"
     if why:
         ray.kill(actor, no_restart=True)

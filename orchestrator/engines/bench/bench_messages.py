@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from orchestrator.model.results import VehicleKind
+from orchestrator.model.campaign_results import VehicleKind
 
 SOCKET_VARIABLE = "WIL_BENCH_SOCKET"
 """In the environment of the bench's node: the Unix socket of the bench's server."""

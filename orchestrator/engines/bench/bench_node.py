@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from campaigns.setup.bench_file import BenchFacts
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
 from orchestrator.engines.bench.bench_resources import resources_of
 from vehicles.processes.linux import die_with_parent

@@ -13,11 +13,20 @@ from contextlib import suppress
 from multiprocessing.connection import Client, Connection, Listener
 
 from campaigns.setup.bench_file import Bench
-from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.engines.bench.bench_gate import BenchGate
 from orchestrator.engines.bench.bench_messages import FILE, TEXT, ConsentAnswer, ConsentAsked
 from orchestrator.engines.node_agent import NodeAgent
-from orchestrator.engines.node_messages import RunEnded
+from orchestrator.engines.node_messages import (
+    CampaignBrought,
+    DamagedMessageError,
+    RunEnded,
+    RunOrdered,
+    read_message,
+)
+from orchestrator.state.run_setup import RunOrder
+from safety.guard.core.operator_command import OperatorCommand
 
 _LOOK_S = 1.0
 
@@ -41,7 +50,10 @@ class BenchServer:
         self._stopped = threading.Event()
 
     def serve(self, listener: Listener) -> None:
-        """Serve one connection after the other, until `stop`."""
+        """Serve one connection after the other, until `stop`.
+
+        Raises EngineError for a message that is damaged, when all has landed.
+        """
         while True:
             with listener.accept() as connection:
                 if self._stopped.is_set():
@@ -55,7 +67,10 @@ class BenchServer:
             pass  # whoever waits for a connection has one
 
     def serve_campaign(self, connection: Connection) -> None:
-        """Serve one campaign until its connection ends; then all it flies has landed."""
+        """Serve one campaign until its connection ends; then all it flies has landed.
+
+        Raises EngineError for a message that is damaged, after that.
+        """
         node = NodeAgent()
         lock = threading.Lock()
 
@@ -68,19 +83,35 @@ class BenchServer:
         gate = BenchGate(self._bench)
         try:
             while True:
-                self._take(connection.recv_bytes(), gate, node, reply)
+                content = connection.recv_bytes()
+                self._take(_read(content), content, gate, node, reply)
+        except DamagedMessageError as error:
+            raise EngineError(
+                f"bench {self._bench.name}: a message of the cluster is damaged, and what flew has "
+                f"landed: {error}; see that the machine of the campaign has the same wheel of "
+                "wil-campaign[cluster] with the same constraints, and start it again"
+            ) from error
         except (EOFError, OSError):
             pass
+        except KeyboardInterrupt:
+            said = OperatorCommand("abort", f"Ctrl-C at the terminal of bench {self._bench.name}")
+            with suppress(OSError):
+                node.send(pickle.dumps(said))
+            raise
         finally:
             node.close()
             passing.join()
             self._say(f"bench {self._bench.name} is free")
 
     def _take(
-        self, content: bytes, gate: BenchGate, node: NodeAgent, reply: Callable[[object], None]
+        self,
+        message: object,
+        content: bytes,
+        gate: BenchGate,
+        node: NodeAgent,
+        reply: Callable[[object], None],
     ) -> None:
-        """Answer a message, or pass it on to the process that flies."""
-        message = pickle.loads(content)  # noqa: S301  # behind the cluster's token
+        """Answer a message, or pass its content on to the process that flies."""
         if isinstance(message, ConsentAsked):
             answer = self._consent(message)
             if not answer.problem:
@@ -96,10 +127,10 @@ class BenchServer:
         self, node: NodeAgent, connection: Connection, reply: Callable[[object], None]
     ) -> None:
         """Pass what the process says on, its facts with the bench's file, until it ends."""
-        with suppress(EOFError, OSError):
+        with suppress(EOFError, OSError):  # what is damaged ends the campaign, as its end does
             while True:
                 for content in node.receive(_LOOK_S):
-                    message = pickle.loads(content)  # noqa: S301  # of a child of ours
+                    message = read_message(content)
                     reply(self._with_file(message) if isinstance(message, dict) else message)
         _shut(connection)
 
@@ -108,6 +139,16 @@ class BenchServer:
         document = self._bench.document
         lines = document.root.place.source.lines
         return {**facts, TEXT: "\n".join(lines), FILE: str(document.path.absolute())}
+
+
+def _read(content: bytes) -> object:
+    """Return the message of a campaign's machine. Raises DamagedMessageError."""
+    message = read_message(content)
+    if isinstance(message, RunOrdered) and not isinstance(message.order, RunOrder):
+        raise DamagedMessageError(f"an order is a {type(message.order).__name__}")
+    if not isinstance(message, ConsentAsked | CampaignBrought | RunOrdered | OperatorCommand):
+        raise DamagedMessageError(f"{type(message).__name__} is no message of a campaign")
+    return message
 
 
 def _shut(connection: Connection) -> None:

@@ -85,9 +85,14 @@ def _oracle_facts(oracle: OracleResult) -> list[tuple[str, str]]:
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
     if worst == NOTHING != limit:
         worst = "not measured"
-    found = [("rule", rule), ("at worst", worst), ("limit", limit)]
-    if oracle.margin is not None:
-        found.append(("by how much", _margin_text(oracle)))
+    found = [("rule", rule)]
+    if oracle.margin == 0.0:
+        # A worst value, a limit and a distance of 0 m each would say it three times.
+        found.append(("by how much", f"{worst}: reaching the limit is a violation already"))
+    else:
+        found += [("at worst", worst), ("limit", limit)]
+        if oracle.margin is not None:
+            found.append(("by how much", _margin_text(oracle)))
     if oracle.detail:
         found.append(("where", oracle.detail))
     return [(name, text) for name, text in found if text != NOTHING]
@@ -97,8 +102,6 @@ def _margin_text(oracle: OracleResult) -> str:
     margin = oracle.margin or 0.0
     if margin > 0.0:
         return f"{number_text(margin, oracle.unit)} inside of the limit"
-    if margin == 0.0:
-        return f"{number_text(0.0, oracle.unit)}: reaching the limit is a violation already"
     return f"{number_text(-margin, oracle.unit)} beyond the limit"
 
 

@@ -20,6 +20,7 @@ class EventLog:
 
     events: tuple[LogEvent, ...] = ()
     preflight: tuple[LogEvent, ...] = ()
+    before_arming: tuple[LogEvent, ...] = ()
     stages: tuple[tuple[str, float], ...] = ()
     left_out: int = 0
     problems: tuple[str, ...] = ()
@@ -37,7 +38,7 @@ def read_event_log(path: Path) -> EventLog:
     problems = (f"{path.name}: {damaged} lines are no events",) if damaged else ()
     if not found:
         problems = (f"{path.name} is empty",)
-    events = [event for event in told if event.kind != "preflight"]
+    events = [event for event in told if event.kind not in {"preflight", "before_arming"}]
     stages: dict[str, float] = {}
     for event in events:
         if event.kind == "stage":
@@ -45,6 +46,7 @@ def read_event_log(path: Path) -> EventLog:
     return EventLog(
         events=tuple(events[:MOST_EVENTS]),
         preflight=tuple(event for event in told if event.kind == "preflight")[:MOST_EVENTS],
+        before_arming=tuple(one for one in told if one.kind == "before_arming")[:MOST_EVENTS],
         stages=tuple(stages.items()),
         left_out=max(0, len(events) - MOST_EVENTS),
         problems=problems,
@@ -73,6 +75,9 @@ def _words(kind: str, fields: dict[str, Any]) -> Iterator[str]:
     bare = {"stage", "text", "reason", "message"} | ({"kind"} if kind != "decisive" else set())
     if kind == "preflight":
         bare |= {"check", "outcome"}
+    if kind == "before_arming":
+        bare |= {"step"}
+        fields = {name: value for name, value in fields.items() if name != "ok" or value is False}
     for name, value in fields.items():
         if name in {"vehicle", "who"} or value in (None, ""):
             continue

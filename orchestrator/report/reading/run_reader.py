@@ -110,6 +110,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         ),
         events=parts.log.events,
         preflight=parts.log.preflight,
+        before_arming=parts.log.before_arming,
         events_left_out=parts.log.left_out,
         video=None if video is None else VIDEO,
         video_bytes=0 if video is None else video.stat().st_size,

@@ -7,9 +7,10 @@ from campaigns.schema.campaign import UntilDecidedPart
 from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Share, parse_share
 from orchestrator.analysis.model import CampaignDocuments
+from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, synthesised_texts
 from orchestrator.model.control_results import expected_text
-from orchestrator.model.results import RunResult, Summary
+from orchestrator.model.results import RunResult
 from orchestrator.report.words import NOTHING, number_text
 from safety.model.oracle_results import EvidenceResult
 
@@ -52,6 +53,8 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
         counted += f" {totals.controls_met} of {totals.controls} controls ended as they must."
     if summary.not_flown:
         counted += f" {len(summary.not_flown)} were never flown."
+    if summary.ending:
+        counted += f" {summary.ending[0].upper()}{summary.ending[1:]}."
     if summary.accepted is None:
         return Verdict("nothing required was flown", "open", counted)
     if summary.accepted:

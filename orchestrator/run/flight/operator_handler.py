@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from orchestrator.model.operator_command import Inbox
 from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.run.flight.fence_changes import FenceChanges
-from orchestrator.run.flight.oracle_runner import OracleRunner
 from orchestrator.run.flight.progress_reporter import ProgressReporter
-from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.run.judging.oracle_runner import OracleRunner
+from orchestrator.run.vehicles.onboard_fences import OnboardFences
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_setup import RunSetup
 from safety.guard.core.operator_command import OperatorCommand
@@ -51,7 +51,7 @@ def operator_handler_of(
     reporter: ProgressReporter,
     recorder: RunRecorder,
     inbox: Inbox,
-    aboard: OnboardConfiguration,
+    aboard: OnboardFences,
 ) -> OperatorHandler:
     """Return the handler of a run's operator commands."""
 
@@ -61,7 +61,7 @@ def operator_handler_of(
 
     fencing = FenceChanges(
         guard=pair.guard,
-        aboard=aboard.fences,
+        aboard=aboard,
         frame=setup.campaign.world.frame,
         present=dict(setup.campaign.fences.items()),
         flying=tuple(one.name for one in setup.vehicles),

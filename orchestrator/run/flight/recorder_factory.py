@@ -25,7 +25,7 @@ def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) 
         time=loop.time,
         epoch_s=epoch_s,
         # Under the wall clock the guard's process logs the frames, so that they outlive this one.
-        vehicles=tuple(one.name for one in setup.vehicles if setup.clock == "virtual"),
+        vehicles=tuple(one.name for one in setup.guarded if setup.clock == "virtual"),
         video_rate_hz=max(rates, default=None),
         collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),
         clock=setup.clock,

@@ -1,13 +1,19 @@
 """What a run publishes of itself to consoles while it flies; nothing in it waits for one."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Self
 
-from orchestrator.live_feed.feed_messages import MarginView, MixingView, RunView, VehicleView
+from orchestrator.live_feed.feed_messages import (
+    MarginView,
+    MixingView,
+    RunView,
+    VehicleView,
+    flown_poses,
+)
 from orchestrator.live_feed.feed_publisher import FeedPublisher, Note
 from orchestrator.recording.recording_facts import facts_of
-from orchestrator.run.flight.oracle_runner import OracleRunner
+from orchestrator.run.judging.oracle_runner import OracleRunner
 from orchestrator.run.perception.mixing_loop import MixingLoop
 from orchestrator.run.perception.perception import Perception
 from orchestrator.state.mixtures import PreviewImages
@@ -22,6 +28,7 @@ from safety.model.verdict import DecisiveEvent
 from vehicles.driver.vehicle_state import VehicleEvent
 from vehicles.setpoints import PositionSetpoint, Setpoint
 from worlds.frames import Vec3
+from worlds.scene.track import RunHistory
 
 
 class RunFeed:
@@ -36,7 +43,7 @@ class RunFeed:
         *,
         setup: RunSetup,
         run_state: RunState,
-        events: Mapping[str, float],
+        events: RunHistory,
         epoch_ns: int,
         note: Note,
     ) -> None:
@@ -133,6 +140,7 @@ class RunFeed:
             margins=() if bench is None else tuple(map(MarginView.of, bench.results(now_s))),
             mixings=() if perception is None else tuple(map(_mixing_view, perception.mixings)),
             fences={name: plain_fence(fence) for name, fence in fences.items()},
+            flown=flown_poses(self._events, now_s),
         )
 
 

@@ -10,9 +10,9 @@ from orchestrator.run.perception.mixing_statistics import MixingStatistics
 from orchestrator.run.perception.runner_factory import AnyRunner
 from orchestrator.state.mixtures import MixedFrame
 from orchestrator.state.run_state import RunState
-from orchestrator.state.signal_faults import FaultySignal
 from recipes.working import StepError
 from vehicles.errors import VehicleError
+from vehicles.faults import FaultySignal
 from vehicles.readings import Reading
 from vehicles.sensors.sensor_streams import Stream
 

@@ -20,11 +20,12 @@ from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.mixtures import MixedFrame, PreviewImages
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
-from orchestrator.state.signal_faults import SignalFaults, restamp_reading
+from orchestrator.state.signal_faults import SignalFaults
 from orchestrator.state.vehicle_context import VehicleContext
 from recipes.pipeline.autonomy_readings import without_knowledge
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from vehicles.readings import CameraReading, Reading
+from vehicles.readings.copies import restamp_reading
 
 _POSE_WAIT_S = 0.05
 """How long a picture waits for the pose of its exposure, on top of what the camera is late."""

@@ -25,7 +25,7 @@ from campaigns.values.sensor_setups import (
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
 from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults, restamp_reading
+from orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.model.samples import PoseSample
 from vehicles.cameras.camera_effects import CameraQuality
@@ -37,6 +37,7 @@ from vehicles.cameras.rendered_cameras import (
     inline,
 )
 from vehicles.embedded.physics.states import TruthSample
+from vehicles.readings.copies import restamp_reading
 from vehicles.sensors.beams import RangeNoise
 from vehicles.sensors.depth import DepthSensor
 from vehicles.sensors.gps import GPS_TIMING, GpsSensor

@@ -5,7 +5,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
-from campaigns.setup.case_setup import LinkSetup, VehicleSetup
+from campaigns.setup.case_setup import LinkSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from orchestrator.run.vehicles.vehicle_backends import (
     InProcessBackend,
@@ -26,6 +27,7 @@ from vehicles.launch.prepared_launch import PreparedLaunch
 from vehicles.links.link import Link
 from vehicles.links.link_conditions import LinkConditions, under_conditions
 from vehicles.links.memory import memory_pair
+from worlds.scene.track import Track
 
 _LINK_LUCK = 3
 """Keeps the luck of links apart from that of other things with the same seed."""
@@ -37,11 +39,16 @@ own failsafe for want of setpoints anyway."""
 
 
 def guard_of(
-    setup: RunSetup, *, record: Record, prepared: Mapping[str, PreparedLaunch]
+    setup: RunSetup,
+    *,
+    record: Record,
+    prepared: Mapping[str, PreparedLaunch],
+    tracks: Mapping[str, Track],
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
     """Return the guard, the backend that starts vehicles for it, and its links by vehicle.
 
-    prepared: the simulators that are going to be launched. record: gets every frame under virtual
+    tracks: where objects of the world are that vehicles fly. prepared: the simulators that are
+    going to be launched. record: gets every frame under virtual
     time; under the wall clock the guard's process writes the logs of frames, and it gets the
     commands that went out.
     """
@@ -52,20 +59,21 @@ def guard_of(
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
             target=Target(vehicle.system_id),
-            limits=setup.campaign.limits,
+            # An actor flies as its motion says, which no autonomy has a say in.
+            limits=None if vehicle in setup.actors else setup.campaign.limits,
             attached=vehicle.attached is not None,
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
             fence=setup.campaign.fences.get(vehicle.name),
-            lands_alone=vehicle.name == setup.companion and vehicle.name != leader,
+            lands_alone=_lands_alone(setup, vehicle) and vehicle.name != leader,
         )
-        for vehicle in setup.vehicles
+        for vehicle in setup.guarded
     }
     keeping = setup.campaign.guarding
     settings = GuardSettings(
         keep_m=keeping.keep_m, latency_s=keeping.latency_s, braking_m_s2=keeping.braking_m_s2
     )
     if setup.clock == "virtual":
-        return _in_process(setup, guarded, settings, record)
+        return _in_process(setup, guarded, settings, record, tracks)
     guard_config = GuardConfig(
         run=setup.order.plan.name,
         folder=str(setup.order.folder.absolute()),
@@ -79,7 +87,7 @@ def guard_of(
                 spares=tuple(map(str, one.spares)),
                 conditions=conditions_of(setup, one),
             )
-            for one in setup.vehicles
+            for one in setup.guarded
         },
         settings=replace(settings, orchestrator_silent_s=HANGING_S * setup.pace),
         pace=pace,
@@ -87,6 +95,11 @@ def guard_of(
     guard = RemoteGuard(guard_config=guard_config, record=record)
     backend = SubprocessBackend(setup, guard, prepared)
     return guard, backend, {name: guard.link(name) for name in guarded}
+
+
+def _lands_alone(setup: RunSetup, vehicle: FlownSetup) -> bool:
+    """Return whether what happens to a vehicle brings it down and, by the guard, no other."""
+    return vehicle.name == setup.companion or vehicle in setup.actors
 
 
 def _pace_of(setup: RunSetup) -> PaceSetup | None:
@@ -97,14 +110,14 @@ def _pace_of(setup: RunSetup) -> PaceSetup | None:
     return PaceSetup(nominal=setup.pace, leader=leader.name, follows_us=leader.launch is None)
 
 
-def _address(vehicle: VehicleSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
+def _address(vehicle: FlownSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
     """Return the guard's link string to a vehicle; empty for a port of its choice."""
     if vehicle.name in prepared:
         return str(prepared[vehicle.name].plan.link)
     return "" if vehicle.attached is None else str(vehicle.attached)
 
 
-def conditions_of(setup: RunSetup, vehicle: VehicleSetup) -> LinkConditions:
+def conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
     """Return the link conditions between guard and vehicle, by the run's seed."""
     link = setup.campaign.links.get(vehicle.name, LinkSetup())
     return LinkConditions(
@@ -121,12 +134,13 @@ def _in_process(
     guarded: Mapping[str, GuardedVehicle],
     settings: GuardSettings,
     record: Record,
+    tracks: Mapping[str, Track],
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
     """Return a local guard, its in-process backend, and the links by vehicle."""
-    backend = InProcessBackend(setup)
+    backend = InProcessBackend(setup, tracks)
     inner: dict[str, GuardLinks] = {}
     outer: dict[str, Link] = {}
-    for vehicle in setup.vehicles:
+    for vehicle in setup.guarded:
         near, outer[vehicle.name] = memory_pair(name=f"{vehicle.name} guard")
         there = under_conditions(
             backend.link(vehicle), conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S

@@ -8,7 +8,9 @@ _LAST_TEXTS = 4
 
 def last_statustext(pair: Pair, event: GuardEvent) -> str:
     """Return the last statustext of a vehicle that was lost or went into a failsafe."""
-    context = next((one for one in pair.contexts if one.name == event.vehicle), None)
+    context = next(
+        (one for one in (*pair.contexts, *pair.actors) if one.name == event.vehicle), None
+    )
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""
     texts = [said.text.strip() for said in context.driver.state.texts[-_LAST_TEXTS:]]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 
 from campaigns.setup.case_setup import VehicleSetup
+from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.onboard_fences import OnboardFences
 from orchestrator.run.vehicles.preflight_checks import (
     ceiling_above_home_m,
@@ -32,8 +33,8 @@ _LOG_S = 300.0
 class OnboardConfiguration:
     """Applies and restores the onboard configuration of a run's vehicles; fetches logs.
 
-    note: takes what is worth recording. Only of attached vehicles anything is taken back: the
-    others end with the run.
+    record: takes each step; note: what else is worth recording. Only of attached vehicles anything
+    is set back: the others end with the run.
     """
 
     def __init__(
@@ -42,11 +43,13 @@ class OnboardConfiguration:
         setup: RunSetup,
         contexts: tuple[VehicleContext, ...],
         run_state: RunState,
+        record: ArmingRecord,
         note: Note,
     ) -> None:
         self._setup = setup
         self._contexts = contexts
         self._run_state = run_state
+        self._record = record
         self._note = note
         self._stacks: dict[str, AsyncExitStack] = {}
         self._unbooted: dict[str, frozenset[str]] = {}
@@ -61,8 +64,10 @@ class OnboardConfiguration:
         """Apply a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
         vehicle = self._setup.vehicle(context.name)
         stack = self._stacks[context.name] = AsyncExitStack()
-        await self._put_parameters(context, vehicle, stack)
-        await self.fences.put(context, stack)
+        with self._record.step("parameters", context.name) as said:
+            said(await self._put_parameters(context, vehicle, stack))
+        with self._record.step("fence", context.name) as said:
+            said(await self.fences.put(context, stack))
 
     async def restore(self) -> None:
         """Restore the onboard configuration; a failure is decisive, for it stays so."""
@@ -76,15 +81,17 @@ class OnboardConfiguration:
 
     async def _put_parameters(
         self, context: VehicleContext, vehicle: VehicleSetup, stack: AsyncExitStack
-    ) -> None:
+    ) -> str:
+        """Apply a vehicle's parameters, and say which."""
         parameters = context.driver.parameters
         if vehicle.attached is None:
             # All were born with the campaign's, and end with the run; a simulator has to show that
             # it was.
             given = {} if vehicle.embedded else vehicle.params
-            for name, value in {**await self._failsafes(context, vehicle), **given}.items():
+            values = {**await self._failsafes(context, vehicle), **given}
+            for name, value in values.items():
                 await parameters.set(name, value)
-            return
+            return ", ".join(f"{name} {value:g}" for name, value in values.items()) or "none set"
         journal = parameter_backup_folder()
         restored = await parameters.restore_backups(journal)
         for change in restored.restored:
@@ -95,8 +102,11 @@ class OnboardConfiguration:
         changes = {**await self._failsafes(context, vehicle), **vehicle.params}
         changed = parameters.changed(changes, journal=journal)
         await stack.enter_async_context(changed)
-        moved = (*restored.restored, *(one for one in changed.changes if one.before != one.wanted))
-        self._unbooted[context.name] = frozenset(one.name for one in moved)
+        moved = tuple(one for one in changed.changes if one.before != one.wanted)
+        names = (one.name for one in (*restored.restored, *moved))
+        self._unbooted[context.name] = frozenset(names)
+        said = [f"{one.name} {one.wanted:g} (was {one.before:g})" for one in moved]
+        return ", ".join(said) or "none changed"
 
     async def _failsafes(
         self, context: VehicleContext, vehicle: VehicleSetup
@@ -114,9 +124,13 @@ class OnboardConfiguration:
         return {name: value for name, value in wanted.items() if name not in vehicle.params}
 
     async def _undo(self, name: str, stack: AsyncExitStack) -> None:
+        attached = self._setup.vehicle(name).attached is not None
         try:
             await stack.aclose()
+            if attached:
+                self._record.restored(name, ok=True)
         except VehicleError as error:
+            self._record.restored(name, ok=False)
             said = f"{name} keeps the onboard configuration of this run: {error}"
             if name in self._run_state.dropped_out:
                 self._note("parameter", vehicle=name, text=said)

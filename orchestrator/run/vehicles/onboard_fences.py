@@ -48,13 +48,13 @@ class OnboardFences:
         """Return vehicles whose offered onboard fence is neither confirmed nor undone."""
         return tuple(name for name, kept in self._kept.items() if kept.unsettled)
 
-    async def put(self, context: VehicleContext, stack: AsyncExitStack) -> None:
-        """Upload the campaign's fence to a vehicle on the ground. Raises VehicleError.
+    async def put(self, context: VehicleContext, stack: AsyncExitStack) -> str:
+        """Upload the campaign's fence to a vehicle on the ground; say which. Raises VehicleError.
 
         stack: what gives an attached vehicle its own back when it is closed.
         """
         if self._setup.campaign.preflight.fence is None:
-            return
+            return "none uploaded: preflight.fence is null"
         vehicle = self._setup.vehicle(context.name)
         attached = vehicle.attached is not None
         kept = OnboardFence(
@@ -67,13 +67,17 @@ class OnboardFences:
             await stack.enter_async_context(kept)
         fence = self._setup.campaign.fences.get(vehicle.name)
         self._ceilings_m[context.name] = ceiling_above_home_m(self._setup, vehicle)
+        said = "none: the campaign has none for it"
         if fence is not None:
             await _await_location(context)
             start_m = context.start.position_ned_m
             own = self._own(context, fence, (start_m[0], start_m[1]))
             await kept.keep(own)
             self._report(context.name, own)
+            high = "" if own.ceiling_m is None else f", ceiling {own.ceiling_m:.2f} m above home"
+            said = f"{len(own.areas)} areas{high}"
         self._kept[context.name] = kept
+        return said
 
     async def offer(self, fences: Mapping[str, Fence]) -> None:
         """Upload other fences to flying vehicles, each read back.

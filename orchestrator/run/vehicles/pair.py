@@ -4,10 +4,9 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
-from typing import cast
 
-from campaigns.schema import VehicleName
-from campaigns.setup.case_setup import LinkSetup, VehicleSetup
+from campaigns.setup.case_setup import LinkSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.external.motion_captures import MotionCaptures
 from orchestrator.run.vehicles.guard_factory import guard_of
 from orchestrator.run.vehicles.simulator_launch import prepare_launches
@@ -19,7 +18,10 @@ from safety.guard.guard import Guard
 from safety.guard.local_guard import Record
 from vehicles.command_backends import command_backend_of
 from vehicles.driver import Driver
+from vehicles.driver.vehicle_state import EstimateSample
+from vehicles.embedded.physics.states import TruthSample
 from vehicles.links.tapped import TappedLink
+from worlds.scene.track import Track
 
 _OTHERS_TRUTH_HZ = 50.0
 """The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
@@ -35,21 +37,23 @@ _STEERED_CLOCK_DRIFT = 0.1
 class Pair:
     """The pair in flight: one vehicle context in modes sim and real, two in wil; and the guard.
 
-    links: to the vehicles through the guard, for who speaks MAVLink beside the drivers.
+    links: to the vehicles through the guard, for who speaks MAVLink beside the drivers. actors: the
+    vehicles that fly as objects of the world.
     """
 
     contexts: tuple[VehicleContext, ...]
     vehicles: Mapping[str, Feed]
     guard: Guard
     links: Mapping[str, TappedLink]
+    actors: tuple[VehicleContext, ...] = ()
 
-    def begin_outage(self, links: Mapping[VehicleName, LinkSetup], run_state: RunState) -> None:
+    def begin_outage(self, links: Mapping[str, LinkSetup], run_state: RunState) -> None:
         """Start the pair's link outages at the stages that the campaign names."""
 
         def entered(stage: Stage, _: float) -> None:
             loop = asyncio.get_running_loop()
             for context in self.contexts:
-                link = links.get(cast("VehicleName", context.name))
+                link = links.get(context.name)
                 for blackout in () if link is None else link.blackouts:
                     if blackout.stage == stage:
                         loop.call_later(
@@ -64,7 +68,7 @@ class Pair:
         With it the guard can place them by their own estimates, which it needs when nobody else
         tells it where they are, and it can limit setpoints, which are in these frames.
         """
-        for context in self.contexts:
+        for context in (*self.contexts, *self.actors):
             if context.driver.anchor is not None:
                 self.guard.anchor(context.name, context.driver.anchor)
 
@@ -76,16 +80,17 @@ class Pair:
 
 @asynccontextmanager
 async def open_pair(
-    setup: RunSetup, *, record: Record, captures: MotionCaptures
+    setup: RunSetup, *, record: Record, captures: MotionCaptures, tracks: Mapping[str, Track]
 ) -> AsyncIterator[Pair]:
     """Start the guard, then the pair of a run, and connect to it through the guard.
 
-    captures: motion capture from outside, for vehicles that have it. Closing stops the vehicles,
+    captures: motion capture from outside, for vehicles that have it. tracks: where the objects of
+    the world are that its actors fly. Closing stops the vehicles,
     wherever they are: land before that. Raises LinkError.
     """
     async with AsyncExitStack() as stack:
         prepared = prepare_launches(setup, stack)
-        guard, backend, guarded = guard_of(setup, record=record, prepared=prepared)
+        guard, backend, guarded = guard_of(setup, record=record, prepared=prepared, tracks=tracks)
         links = {name: TappedLink(link) for name, link in guarded.items()}
         contexts = [
             _vehicle_context(setup, vehicle, links[vehicle.name]) for vehicle in setup.vehicles
@@ -103,12 +108,19 @@ async def open_pair(
                 context.driver.on_truth(context.take_simulator)
             if not captures.listen(vehicle.name, context.take_mocap):
                 feed.on_mocap(context.take_mocap)
+        actors: list[VehicleContext] = []
+        for actor in setup.actors:
+            context = _vehicle_context(setup, actor, links[actor.name])
+            feed = await backend.start(stack, actor)
+            await stack.enter_async_context(context.driver)
+            _connect_actor(context, feed, guard)
+            actors.append(context)
         backend.all_started()
-        yield Pair(tuple(contexts), feeds, guard, links)
+        yield Pair(tuple(contexts), feeds, guard, links, tuple(actors))
 
 
-def _vehicle_context(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -> VehicleContext:
-    """Return the context of one vehicle of the pair, with its driver."""
+def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> VehicleContext:
+    """Return the context of one vehicle of the run, with its driver."""
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -128,8 +140,8 @@ def _vehicle_context(setup: RunSetup, vehicle: VehicleSetup, link: TappedLink) -
     )
 
 
-def _clock_drift(setup: RunSetup, vehicle: VehicleSetup) -> float:
-    """Return the clock drift that is tolerated of one vehicle of the pair."""
+def _clock_drift(setup: RunSetup, vehicle: FlownSetup) -> float:
+    """Return the clock drift that is tolerated of one vehicle of the run."""
     if setup.clock == "scaled":
         return _STEERED_CLOCK_DRIFT
     return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
@@ -139,4 +151,16 @@ def _connect(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: flo
     """Connect one vehicle's estimates and truth to its context and the guard."""
     context.driver.on_estimate(context.take_estimate)
     feed.on_truth(context.take_truth, truth_hz)
+    context.on_pose(guard.position)
+
+
+def _connect_actor(context: VehicleContext, feed: Feed, guard: Guard) -> None:
+    """Connect an actor's estimates to its context and its truth to the world and the guard."""
+
+    def take(truth: TruthSample) -> None:
+        t_s = truth.t_s
+        context.take_simulator(EstimateSample(t_s, t_s, t_s, truth.pose, truth.velocity_ned_m_s))
+
+    context.driver.on_estimate(context.take_estimate)
+    feed.on_truth(take, _OTHERS_TRUTH_HZ)
     context.on_pose(guard.position)

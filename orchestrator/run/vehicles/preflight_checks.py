@@ -53,16 +53,17 @@ _OF_CEILING = 0.75
 
 
 class Preflight:
-    """Runs the preflight checks before arming; `items` is the list."""
+    """Runs the preflight checks before arming; `items` is the list, note takes each for the log."""
 
-    def __init__(self, *, setup: RunSetup) -> None:
+    def __init__(self, *, setup: RunSetup, note: Note) -> None:
         self._setup = setup
+        self._note = note
         self.items: tuple[Item, ...] = ()
 
-    async def check(self, contexts: tuple[VehicleContext, ...], *, note: Note) -> None:
-        """Check all vehicles before arming. Raises FlightError with every reason against it.
+    async def check(self, contexts: tuple[VehicleContext, ...]) -> str:
+        """Check all vehicles before arming, and say how many checks there were.
 
-        note: takes each item for the run's log.
+        Raises FlightError with every reason against arming.
         """
         wanted = self._setup.campaign.preflight
         items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
@@ -74,9 +75,11 @@ class Preflight:
             items.append(unsigned_commands_item())
         self.items = settled(items, wanted.override)
         for item in self.items:
-            note("preflight", **asdict(item))
+            self._note("preflight", **asdict(item))
         if why := refused(self.items):
             raise FlightError(f"preflight: {why}{_advice(self.items)}")
+        overridden = sum(item.outcome == "overridden" for item in self.items)
+        return f"{len(self.items)} checks" + (f", {overridden} overridden" if overridden else "")
 
     async def _vehicle(self, context: VehicleContext) -> Iterable[Item]:
         setup, name = self._setup, context.name
@@ -133,10 +136,11 @@ class Preflight:
 
     def _truth_item(self, context: VehicleContext) -> Item:
         """Return the preflight item of the ground truth that a vehicle is judged by."""
-        seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
+        # Not of the poses: these begin with the anchor, which may be a moment old.
+        now_s = asyncio.get_running_loop().time()
         return ground_truth_item(
             context.name,
-            context.poses.rate_hz(_RATE_OVER_S) if seen_s <= _FRESH_S else None,
+            context.driver.truth.rate_hz(now_s, fresh_s=_FRESH_S),
             wanted_hz=self._setup.vehicle(context.name).rates.position_hz,
             message=message_name(
                 autopilot_named(context.driver.identity.autopilot).truth_message_id

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from dataclasses import replace
 
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.setup.vehicle_setups import SitlLaunch
+from campaigns.setup.vehicle_setups import FlownSetup, SitlLaunch
 from orchestrator.state.run_setup import RunSetup
 from safety.guard.process.remote_guard import RemoteGuard
 from vehicles.launch.launch_plan import Home
@@ -25,7 +24,7 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Pre
     Raises LaunchError when something is missing. Nothing is started.
     """
     prepared: dict[str, PreparedLaunch] = {}
-    for vehicle in setup.vehicles:
+    for vehicle in setup.guarded:
         if vehicle.launch is None:
             continue
         one = PreparedLaunch(
@@ -51,7 +50,7 @@ async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGua
         await stop(end)
 
 
-def _at_start(launch: SitlLaunch, setup: RunSetup, vehicle: VehicleSetup) -> SitlLaunch:
+def _at_start(launch: SitlLaunch, setup: RunSetup, vehicle: FlownSetup) -> SitlLaunch:
     """Return the simulator's launch at the vehicle's start in the world."""
     place = setup.campaign.world.frame.to_geodetic(vehicle.start.position_ned_m)
     home = Home(

@@ -2,11 +2,12 @@
 
 import math
 import sys
+import zlib
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
-from typing import Protocol
+from typing import Literal, Protocol
 
-from campaigns.setup.case_setup import VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.run.vehicles.simulator_launch import start_simulators
 from orchestrator.state.run_setup import RunSetup
 from safety.guard.process.remote_guard import RemoteGuard
@@ -22,6 +23,7 @@ from vehicles.links.link import Link
 from vehicles.links.memory import memory_pair
 from vehicles.readings import PoseReading
 from vehicles.tasks import start, stop
+from worlds.scene.track import Track
 
 _LINK_LATENCY_S = 0.003
 """Each way, as measured between processes on one machine's loopback, rounded up."""
@@ -30,6 +32,8 @@ _FIRST_WORD_S = 20.0
 _RUNNING_S = 60.0
 """For how long an embedded vehicle has been on when it is started: nobody waits for its filters."""
 TRUTH_HZ = 125.0
+_ACTOR_SEEDS = 1 << 62
+"""Keeps an actor's seed from its pair's; what is sent to a process has 64 bits."""
 
 
 class Feed(Protocol):
@@ -48,7 +52,7 @@ class Feed(Protocol):
 class VehicleBackend(Protocol):
     """Starts the vehicles of a run, once the guard holds their links (protocol)."""
 
-    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Start a vehicle whose link is open; the stack stops it. Raises LinkError."""
 
     def all_started(self) -> None:
@@ -56,19 +60,23 @@ class VehicleBackend(Protocol):
 
 
 class InProcessBackend:
-    """Vehicles in this event loop, at the far end of links in memory."""
+    """Vehicles in this event loop, at the far end of links in memory.
 
-    def __init__(self, setup: RunSetup) -> None:
+    tracks: where objects of the world are that vehicles fly.
+    """
+
+    def __init__(self, setup: RunSetup, tracks: Mapping[str, Track]) -> None:
         self._setup = setup
+        self._tracks = tracks
         self._far: dict[str, Link] = {}
 
-    def link(self, vehicle: VehicleSetup) -> Link:
+    def link(self, vehicle: FlownSetup) -> Link:
         """Return the near end of a vehicle's link in memory."""
         far, near = memory_pair(latency_s=_LINK_LATENCY_S, name=vehicle.name)
         self._far[vehicle.name] = far
         return near
 
-    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> EmbeddedVehicle:
+    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> EmbeddedVehicle:
         """Start the vehicle in this loop."""
         setup, frame = self._setup, self._setup.campaign.world.frame
         scene = setup.real_scene
@@ -77,7 +85,7 @@ class InProcessBackend:
             config=EmbeddedConfig(
                 autopilot=vehicle.autopilot,
                 profile=setup.profiles[vehicle.name],
-                source=vehicle.name,
+                source=_source_of(vehicle),
                 system_id=vehicle.system_id,
                 start=vehicle.start,
                 latitude_deg=frame.latitude_deg,
@@ -87,7 +95,9 @@ class InProcessBackend:
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
-            surroundings=SceneContactWorld(scene=scene, body=BODY) if real else None,
+            surroundings=SceneContactWorld(scene=scene, body=BODY, tracks=self._tracks)
+            if real
+            else None,
         )
         await stack.enter_async_context(embedded)
         return embedded
@@ -119,7 +129,7 @@ class SubprocessBackend:
         self._guard = guard
         self._prepared = prepared
 
-    async def start(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Have the guard start the vehicle's process, unless it is attached."""
         if vehicle.embedded:
             return await self._start_embedded(stack, vehicle)
@@ -131,9 +141,9 @@ class SubprocessBackend:
         """Have the guard lead the scaled clock from now on."""
         self._guard.follow()
 
-    async def _start_embedded(self, stack: AsyncExitStack, vehicle: VehicleSetup) -> Feed:
+    async def _start_embedded(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Start an embedded vehicle's process; its feed comes to us."""
-        feed = FeedClient(source=vehicle.name)
+        feed = FeedClient(source=_source_of(vehicle))
         await stack.enter_async_context(feed)
         self._guard.on_pace(feed.pace)
         settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
@@ -146,7 +156,7 @@ class SubprocessBackend:
             await stop(heard)
         return feed
 
-    def _settings(self, vehicle: VehicleSetup) -> ProcessSettings:
+    def _settings(self, vehicle: FlownSetup) -> ProcessSettings:
         setup, frame = self._setup, self._setup.campaign.world.frame
         north_m, east_m, down_m = vehicle.start.position_ned_m
         return ProcessSettings(
@@ -154,7 +164,7 @@ class SubprocessBackend:
             link=f"udpout://127.0.0.1:{self._guard.port(vehicle.name)}",
             seed=vehicle_seed(setup.seed, vehicle.name),
             profile=vehicle.profile,
-            source=vehicle.name,
+            source=_source_of(vehicle),
             system_id=vehicle.system_id,
             start=Start(
                 north_m=north_m,
@@ -180,10 +190,20 @@ class SubprocessBackend:
             return None
         return ContactWorldSettings(
             use="vehicles.embedded.physics.contact_world:from_argument",
-            argument=as_argument(world, self._setup.mode, "W"),
+            # That process does not know where an actor is; a contact is judged all the same.
+            argument=as_argument(
+                world, self._setup.mode, "W", without=[one.name for one in self._setup.actors]
+            ),
         )
 
 
 def vehicle_seed(seed: int, name: str) -> int:
-    """Return the seed of one vehicle: real and twin must not share their noise."""
-    return seed * 2 + (1 if name == "twin" else 0)
+    """Return the seed of one vehicle: no two vehicles of a run may share their noise."""
+    if name in {"real", "twin"}:
+        return seed * 2 + (1 if name == "twin" else 0)
+    return seed * 2 ^ (_ACTOR_SEEDS + zlib.crc32(name.encode()))
+
+
+def _source_of(vehicle: FlownSetup) -> Literal["real", "twin"]:
+    """Return what the readings of an embedded vehicle say they are of; nobody takes an actor's."""
+    return "real" if vehicle.name == "real" else "twin"

@@ -140,6 +140,12 @@ class GuardSettings:
     component_id: int = 191
 
 
+def is_about_fences(event: GuardEvent) -> bool:
+    """Return whether an event answers a proposal or a change of fences."""
+    refused = event.kind == "refused" and ": geofence: " in event.text
+    return refused or event.kind in {"proposed", "geofence"}
+
+
 _DECISIVE: dict[EventKind, DecisiveKind] = {
     "fence": "FAIL",
     "failsafe": "FAIL",

@@ -3,13 +3,14 @@
 import asyncio
 import math
 import os
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 from safety.fence.geofence import Fence
 from safety.fence.stopping import AccelerationEstimate, Motion
 from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardEvent
+from safety.guard.core.events import GuardEvent, is_about_fences
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.local_guard import Record
 from safety.guard.process.channel import Channel
@@ -91,10 +92,14 @@ class RemoteGuard:
         }
         self._accelerations = {name: AccelerationEstimate() for name in self._names}
         self._fences = {
-            name: [] if one.vehicle.fence is None else [one.vehicle.fence]
+            name: one.vehicle.fence
             for name, one in guard_config.vehicles.items()
+            if one.vehicle.fence is not None
         }
-        """That hold, held, or were to hold: a position that breaches one does not wait."""
+        """That hold: a position that breaches one does not wait."""
+        self._asked_fences: deque[Mapping[str, Fence]] = deque()
+        """That the guard was asked to take and has not answered, oldest first; empty for a mere
+        proposal. A position that breaches one does not wait either."""
         self.events: list[GuardEvent] = []
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._phases = dict.fromkeys(self._names, Phase.IDLE)
@@ -224,12 +229,12 @@ class RemoteGuard:
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Ask the remote guard whether vehicles could take new fences."""
+        self._asked_fences.append({})
         self._channel.send(NewFences(who, dict(fences), proposed=True))
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Have the remote guard change vehicles' fences, all or none."""
-        for name, fence in fences.items():
-            self._fences[name].append(fence)
+        self._asked_fences.append(dict(fences))
         self._channel.send(NewFences(who, dict(fences)))
 
     def bring_down(self, reason: str) -> None:
@@ -298,14 +303,16 @@ class RemoteGuard:
             return True
         acceleration = self._accelerations[sample.vehicle].update(velocity, sample.t_s)
         motion = Motion(place, velocity, acceleration)
+        asked = [self._fences, *self._asked_fences]
         return any(
-            fence.breached(
+            fences[sample.vehicle].breached(
                 motion,
                 latency_s=settings.latency_s,
                 braking_m_s2=settings.braking_m_s2,
                 keep_m=settings.keep_m,
             )
-            for fence in self._fences[sample.vehicle]
+            for fences in asked
+            if sample.vehicle in fences
         )
 
     def _beat(self) -> None:
@@ -356,6 +363,10 @@ class RemoteGuard:
             future.set_result(message)
 
     def _dispatch_event(self, event: GuardEvent) -> None:
+        if self._asked_fences and is_about_fences(event):
+            taken = self._asked_fences.popleft()
+            if event.kind == "geofence":
+                self._fences |= taken
         self.events.append(event)
         for listener in self._listeners:
             with Contained(f"a listener to the guard ({event.kind})"):

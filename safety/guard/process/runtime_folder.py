@@ -40,7 +40,9 @@ def open_runtime_folder() -> RuntimeFolder:
     passed_over: list[str] = []
     for folder in _places():
         try:
-            folder.mkdir(mode=0o700, parents=bool(passed_over), exist_ok=True)
+            if passed_over:
+                folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
             fault = _fault(folder)
         except OSError as error:
             fault = f"cannot be made: {error.strerror or error}"
@@ -78,7 +80,8 @@ def _places() -> tuple[Path, ...]:
     usual = Path(base) / _FOLDER
     if not base or len(os.fsencode(usual)) > _LONGEST_BYTES:
         usual = Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked by _fault
-    home = Path("~/.local/state").expanduser() / _FOLDER
+    # Its own folder: what else of ours is in the one above (parameter backups) others may read.
+    home = Path("~/.local/state").expanduser() / _FOLDER / "run"
     return tuple(one for one in (usual, home) if len(os.fsencode(one)) <= _LONGEST_BYTES)
 
 

@@ -340,21 +340,26 @@ def test_all_missing_files_and_the_autonomys_are_reported_at_once(files: Any, ca
 
 
 @pytest.mark.parametrize(
-    ("code", "text"),
+    "fault",
     [
-        ("import time\ntime.sleep(600)\n", "is not imported and built within 1 s: it blocks"),
+        (
+            "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\ntime.sleep(600)\n",
+            "is not imported and built within 1 s: it blocks",
+        ),
         ("import os\nos._exit(7)\n", "ends its process (exit status 7)"),
         ("KEPT = b'x' * 5_000_000_000\n", "it asks for more memory than autonomy.limits.memory_mb"),
     ],
 )
+@pytest.mark.parametrize("command", ["validate", "plan", "run"])
 def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
-    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch, code: str, text: str
+    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch, command: str, fault: tuple[str, str]
 ) -> None:
+    code, text = fault
     monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 1.0)
     pilot = Path(files.folder) / "pilot.py"
     pilot.write_text(code + pilot.read_text())
     began_s = time.monotonic()
-    assert main(["validate", str(files.path)]) == 2
+    assert main([command, str(files.path)]) == 2
     assert text in capsys.readouterr().err
     assert time.monotonic() - began_s < 60.0
 

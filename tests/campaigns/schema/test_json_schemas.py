@@ -154,3 +154,41 @@ def test_every_key_says_what_it_is(schemas: dict[str, Any], kind: str) -> None:
     assert len(keys) > 30
     texts = {place: key.get("description", "") for place, key in keys.items()}
     assert [place for place, text in texts.items() if not text or text.startswith("Unit:")] == []
+
+
+ON_BENCH = "  real:\n    start: {north_m: 0.5}\n    params: {MPC_XY_VEL_MAX: 2.0}\n  twin:"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("  twin:", ON_BENCH, ""),
+        ("bench: hall-a", "bench: {properties: {indoor: true}}", ""),
+        ("bench: hall-a\n", "", ""),  # then no vehicle is the bench's
+        (
+            "  twin:",
+            ON_BENCH.replace("start", "link: embedded\n    start"),
+            "is not valid under any",
+        ),
+        ("goal:", "geofence: {box: {}}\ngoal:", "'geofence' was unexpected"),
+        ("bench: hall-a\nvehicles:\n  twin:", f"vehicles:\n{ON_BENCH}", "is not valid under any"),
+    ],
+)
+def test_a_campaign_leaves_to_its_bench_what_every_bench_file_says(
+    schemas: dict[str, Any], old: str, new: str, said: str
+) -> None:
+    text = (ROOT / "campaigns" / "benches" / "gate-hall.yaml").read_text("utf-8")
+    assert old in text
+    found = faults(schemas["campaign"], text.replace(old, new, 1))
+    assert bool(found) is bool(said), found
+    assert said in "".join(found)
+
+
+def test_a_campaign_on_a_bench_may_leave_its_vehicles_out(schemas: dict[str, Any]) -> None:
+    data = load(ROOT / "campaigns" / "benches" / "gate-hall.yaml").data
+    assert isinstance(data, dict)
+    alone = {key: value for key, value in data.items() if key != "vehicles"}
+    validator = Draft202012Validator(schemas["campaign"])
+    assert [one.message for one in validator.iter_errors(alone)] == []
+    without = {key: value for key, value in alone.items() if key != "bench"}
+    assert [one.message for one in validator.iter_errors(without)] != []

@@ -11,11 +11,12 @@ from typing import Any
 from unittest import mock
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.campaign_runner import lost_result
-from orchestrator.campaign.local_workers import _lost_by
+from orchestrator.campaign.resuming.lost_runs import lost_result
+from orchestrator.campaign.workers.local_workers import _lost_by
 from orchestrator.model import clock
+from orchestrator.model.exit_codes import exit_code
 from orchestrator.model.faults import fault_log
-from orchestrator.model.results import RunResult, exit_code
+from orchestrator.model.results import RunResult
 from orchestrator.run.flight.run import Disturb, fly
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_setup import RunOrder, RunSetup

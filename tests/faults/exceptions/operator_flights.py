@@ -14,7 +14,7 @@ from unittest import mock
 
 from campaigns.setup.operator_setup import MqttSetup
 from campaigns.values.broker_address import BrokerAddress
-from orchestrator.campaign.campaign_folder import OutputError
+from orchestrator.campaign.folder.campaign_folder import OutputError
 from orchestrator.model.faults import Faults, fault_log
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.embedded_broker import embedded_broker

@@ -1,12 +1,16 @@
 """Every decoder and port takes or refuses what is not as it should be, and raises nothing else."""
 
 import random
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.faults.fuzzing import fuzzer
 from tests.faults.fuzzing.fuzzer import TARGETS, feed
 from tests.faults.fuzzing.mutations import mutated
+from tests.faults.fuzzing.targets import Prepared, Target
 
 _FIRST = 1_000_000
 """Numbers that bench/fuzz.py does not reach."""
@@ -35,6 +39,27 @@ def test_a_target_that_raises_is_found(tmp_path: Path) -> None:
     target = TARGETS["formula"]
     spoilt = type(target)(target.name, (), target.prepare)
     assert feed(spoilt, tmp_path, _FIRST, 40).failures
+
+
+def _spin(_: bytes) -> None:
+    while True:
+        pass
+
+
+def _wait(_: bytes) -> None:
+    threading.Event().wait()
+
+
+@pytest.mark.parametrize(("take", "of"), [(_spin, "the processor"), (_wait, "the wall clock")])
+def test_a_hang_is_time_of_the_processor_or_much_of_the_wall_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, take: Callable[[bytes], None], of: str
+) -> None:
+    monkeypatch.setattr(fuzzer, "LONGEST_CPU_S", 0.1)
+    monkeypatch.setattr(fuzzer, "LONGEST_WALL_S", 0.3 if take is _wait else 60.0)
+    hanging = Target("hanging", (), lambda _: Prepared((b"seed",), take))
+    [(number, text)] = feed(hanging, tmp_path, _FIRST, 1).failures
+    assert number == _FIRST
+    assert f"s of {of}" in text
 
 
 def test_inputs_follow_from_their_numbers() -> None:

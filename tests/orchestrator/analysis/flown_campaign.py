@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import RunResult, Summary, SyncResult, summarize
+from orchestrator.model.results import RunResult, Stop, SyncResult
 from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from safety.model.oracle_results import OracleResult, Verdict
@@ -81,7 +82,14 @@ def flights(
     ]
 
 
-def summary_of(given: Sequence[Flight], name: str = "gate", clock: str = "virtual") -> Summary:
+def summary_of(
+    given: Sequence[Flight],
+    name: str = "gate",
+    clock: str = "virtual",
+    *,
+    stopped: Stop | None = None,
+    broken: bool | None = False,
+) -> Summary:
     return summarize(
         [one.result() for one in given],
         (),
@@ -90,6 +98,8 @@ def summary_of(given: Sequence[Flight], name: str = "gate", clock: str = "virtua
         surrogate=True,
         real_kind="embedded",
         sensors={},
+        stopped=stopped,
+        broken=broken,
     )
 
 
@@ -104,6 +114,8 @@ def write_flown(
     document: Mapping[str, object] | None = None,
     with_motion: bool = True,
     documents: Callable[[Flight], str] = lambda _: "sha256:0",
+    stopped: Stop | None = None,
+    broken: bool | None = False,
 ) -> Path:
     """Write the results folder of flights, and return it."""
     folder.mkdir(parents=True)
@@ -113,7 +125,8 @@ def write_flown(
         (place / "result.json").write_text(to_json(one.result()))
         if with_motion:
             _write_motion(place, one)
-    (folder / "summary.json").write_text(to_json(summary_of(given, name, clock)))
+    summary = summary_of(given, name, clock, stopped=stopped, broken=broken)
+    (folder / "summary.json").write_text(to_json(summary))
     manifest = {
         "campaign": name,
         "started_utc": started_utc,

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -103,6 +104,79 @@ def test_the_command_exits_1_when_a_case_became_worse(tmp_path: Path, capsys: Ca
     assert main(["compare", str(bad), str(old), "--json"]) == 0
     last = capsys.readouterr().out
     assert json.loads(last[last.index('{\n  "schema"') :])["changes"][0]["outcome"] == "not worse"
+
+
+def test_what_is_not_judged_any_more_is_no_good_comparison(tmp_path: Path, capsys: Capture) -> None:
+    one, two = flights("a", "wil", "PPP", TEN[:3]), flights("b", "wil", "PPP", TEN[:3])
+    both = write_flown(tmp_path / "both", [*one, *two], with_motion=False)
+    fewer = write_flown(tmp_path / "fewer", one, with_motion=False)
+    assert main(["compare", str(both), str(fewer)]) == 3
+    outcome = capsys.readouterr()
+    assert "not flown any more: b/wil" in outcome.out
+    assert "give --removed where that is on purpose" in outcome.err
+    assert main(["compare", str(both), str(fewer), "--removed"]) == 0
+    assert "not flown any more: b/wil" in capsys.readouterr().out
+    assert main(["compare", str(fewer), str(both)]) == 0, "more is no less"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("remove", "not judged any more: a/wil: collision of real\n"),
+        ("report", "not judged any more: a/wil: collision of real is only reported now\n"),
+    ],
+)
+def test_an_oracle_that_is_gone_is_no_good_comparison(
+    tmp_path: Path, capsys: Capture, change: str, said: str
+) -> None:
+    flown = flights("a", "wil", "PPP", TEN[:3])
+    old = write_flown(tmp_path / "old", flown, with_motion=False)
+    new = write_flown(tmp_path / "new", flown, with_motion=False)
+    for path in new.glob("a/wil/*/result.json"):
+        document = json.loads(path.read_text())
+        if change == "remove":
+            document["oracles"] = []
+        else:
+            document["oracles"][0]["required"] = False
+        path.write_text(json.dumps(document))
+    assert main(["compare", str(old), str(new)]) == 3
+    assert said in capsys.readouterr().out
+    assert main(["compare", str(old), str(new), "--removed"]) == 0
+    assert said in capsys.readouterr().out
+    assert main(["compare", str(new), str(old)]) == 0, "more is no less"
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"stopped": "signal"}, "stopped by Ctrl-C or SIGTERM"),
+        ({"stopped": "command"}, "stopped by an operator's command"),
+        ({"broken": True}, "an exception of this program came up outside of its runs"),
+        ({"broken": None}, "summary.json does not say that it came to its end"),
+    ],
+)
+def test_what_ended_a_campaign_outside_of_its_runs_is_named(
+    tmp_path: Path, capsys: Capture, how: dict[str, Any], said: str
+) -> None:
+    flown = flights("a", "wil", "P" * 5, TEN[:5])
+    sound = write_flown(tmp_path / "sound", flown, with_motion=False)
+    ended = write_flown(tmp_path / "ended", flown, with_motion=False, **how)
+    assert main(["compare", str(sound), str(ended)]) == 3
+    assert f"{ended}: {said}" in capsys.readouterr().err
+    assert main(["compare", str(ended), str(sound)]) == 0, "the judged one came to its end"
+    assert f"{ended}: {said}" in capsys.readouterr().err
+
+
+def test_a_summary_of_an_earlier_version_is_not_taken_for_a_whole_campaign(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    flown = flights("a", "wil", "P" * 5, TEN[:5])
+    old = write_flown(tmp_path / "old", flown, with_motion=False)
+    document = json.loads((old / "summary.json").read_text())
+    del document["stopped"], document["broken"]
+    (old / "summary.json").write_text(json.dumps(document))
+    assert main(["compare", str(old), str(old)]) == 3
+    assert "flown by an earlier version" in capsys.readouterr().err
 
 
 def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Capture) -> None:

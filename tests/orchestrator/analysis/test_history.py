@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,31 @@ def test_a_damaged_file_is_named_with_its_line(
     assert main(["history", str(flown(tmp_path, 1, "PP")), "--keep", str(keep)]) == 2
     assert "history.jsonl" in capsys.readouterr().err
     assert keep.read_bytes() == content.encode("utf-8", "surrogateescape")
+
+
+def test_a_campaign_that_did_not_come_to_its_end_is_named(tmp_path: Path, capsys: Capture) -> None:
+    stopped = flown(tmp_path, 1, "PPP", stopped="command")
+    flown(tmp_path, 2, "PPP")
+    keep, page = tmp_path / "history.jsonl", tmp_path / "page.html"
+    command = ["history", str(tmp_path / "results"), "--keep", str(keep), "--page", str(page)]
+    assert main(command) == 3
+    outcome = capsys.readouterr()
+    said = "stopped by an operator's command"
+    assert f"gate of 2026-11-01T10:00:00Z: {said}" in outcome.out
+    assert "gate of 2026-11-02" not in outcome.out
+    assert outcome.err == f"{stopped}: {said}\n"
+    assert "stopped by an operator" in page.read_text()
+    # The file keeps it when the folder is gone, and an old line of it does not say.
+    shutil.rmtree(tmp_path / "results")
+    flown(tmp_path, 3, "PPP", broken=None)
+    lines = keep.read_text().splitlines()
+    old = {key: one for key, one in json.loads(lines[-1]).items() if key != "ending"}
+    keep.write_text("\n".join([*lines[:3], json.dumps(old)]) + "\n")
+    assert main(command) == 0
+    text = capsys.readouterr().out
+    assert f"gate of 2026-11-01T10:00:00Z: {said}" in text
+    assert "gate of 2026-11-02T10:00:00Z: not known how it ended" in text
+    assert "gate of 2026-11-03T10:00:00Z: summary.json does not say" in text
 
 
 def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) -> None:

@@ -20,7 +20,7 @@ from pymavlink import mavutil
 
 import wil_campaign
 from tests.orchestrator.api.test_python_docs import BLOCKS
-from vehicles.embedded.process.injected_faults import FaultError
+from vehicles.faults import FaultError
 
 WITHIN_S = 30.0
 
@@ -51,6 +51,7 @@ def acknowledgement(link: Any, command: int) -> int:
         ({"link": "memory://"}, "a mock vehicle is at udp or tcp"),
         ({"parameters": {"MIS_TAKEOF_ALT": 3}}, "did you mean 'MIS_TAKEOFF_ALT'?"),
         ({"faults": ["motor 9 0"]}, "'motor 9 0' is no fault"),
+        ({"faults": ["mute", "camera stop@3"]}, "a mock vehicle has no camera"),
     ],
 )
 def test_a_wrong_argument_is_refused_in_words(given: dict[str, Any], said: str) -> None:
@@ -76,8 +77,12 @@ async def test_pymavlink_finds_it_in_an_event_loop_and_faults_act() -> None:
         assert acknowledgement(link, 400) == 0
         link.close()
         with pytest.raises(FaultError):
-            vehicle.fault("motor")
+            vehicle.fault("motor 9")
+        with pytest.raises(FaultError, match="no camera"):
+            vehicle.fault("camera stop")
         pid = vehicle.pid
+        vehicle.fault("mute@0+0.2")
+        await asyncio.to_thread(wait, lambda: "fault ended: mute@0+0.2" in vehicle.output)
         vehicle.fault("kill")
         await asyncio.to_thread(wait, lambda: vehicle.pid is None)
         with pytest.raises(wil_campaign.MockVehicleError, match="does not run"):

@@ -224,6 +224,54 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
     assert last.startswith("not accepted of what was flown; never flown: 4 of 6")
 
 
+@pytest.mark.parametrize(
+    "ended",
+    [
+        ({"stopped": "signal"}, 130, "stopped by Ctrl-C or SIGTERM"),
+        ({"stopped": "command"}, 4, "stopped by an operator's command"),
+        ({"broken": True}, 3, "an exception of this program came up outside of its runs"),
+        ({"broken": None}, 3, "summary.json does not say that it came to its end"),
+        (None, 3, "it was cut off, or flown by an earlier version"),
+    ],
+)
+def test_what_ended_the_campaign_outside_of_its_runs_decides_again(
+    recorded: Path, tmp_path: Path, capsys: Any, ended: tuple[dict[str, Any] | None, int, str]
+) -> None:
+    fields, code, said = ended
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    document = json.loads((folder / "summary.json").read_text())
+    assert (document["stopped"], document["broken"], document["accepted"]) == (None, False, True)
+    if fields is None:
+        del document["stopped"], document["broken"]
+    else:
+        document |= fields
+    (folder / "summary.json").write_text(json.dumps(document))
+    assert judge(folder) == code
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last.startswith("not accepted of what was flown;")
+    assert said in last
+    assert judge(folder, json=True) == code
+    assert json.loads(capsys.readouterr().out)["accepted"] is False
+
+
+@pytest.mark.parametrize("content", [None, "{", "{}"])
+def test_a_folder_without_its_summary_is_refused(
+    recorded: Path, tmp_path: Path, capsys: Any, content: str | None
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    if content is None:
+        (folder / "summary.json").unlink()
+    else:
+        (folder / "summary.json").write_text(content)
+    assert judge(folder) == 3
+    outcome = capsys.readouterr()
+    assert outcome.out == ""
+    assert "summary.json" in outcome.err
+    assert "what ended the campaign outside of its runs cannot be known" in outcome.err
+
+
 def test_a_control_is_judged_again_as_a_control(recorded: Path, capsys: Any) -> None:
     assert judge(recorded) == 0
     assert "blind/sim/1  FAIL   FAIL" in capsys.readouterr().out

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.sensor_kinds import sensor_kinds
-from orchestrator.model.results import SensorKind
+from orchestrator.model.campaign_results import SensorKind
 from tests.orchestrator.wall import write_wall
 
 CAMERA = "{type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"

@@ -16,7 +16,7 @@ import pytest
 from pymavlink import mavutil
 
 import wil_campaign
-from orchestrator.campaign.attached_vehicles import AttachedVehicle
+from orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from orchestrator.cli import main, vehicle_check
 from orchestrator.doctor.step_responses import Flown, OperatorAbortError
 from tests.orchestrator.api.test_mock_vehicle import wait

@@ -11,7 +11,7 @@ import pytest
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
-from orchestrator.campaign.run_engine import EngineError
+from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli import main
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.engines import node_agent

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign.manifest import read_files
-from orchestrator.engines.run_ledger import RunLedger, newest_session
+from orchestrator.campaign.folder.manifest import read_files
+from orchestrator.campaign.resuming.run_ledger import RunLedger, newest_session
 from orchestrator.engines.travelling_files import (
     DamagedFileError,
     TravellingFiles,

@@ -10,6 +10,7 @@ import pytest
 from campaigns.values.acceptance import Requirement, Share
 from orchestrator.cli import main
 from orchestrator.cli.verdict_table import conclusions
+from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.junit import junit_xml
 from orchestrator.model.results import (
@@ -19,9 +20,7 @@ from orchestrator.model.results import (
     Percentiles,
     RunResult,
     ShownResult,
-    Summary,
     SyncResult,
-    summarize,
 )
 from orchestrator.model.results_reader import read_result
 from orchestrator.model.twin_results import DropOut, TwinResult

@@ -11,10 +11,12 @@ from campaigns.values.acceptance import Requirement, Share
 from campaigns.values.expectation import Expectation
 from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.model.attempts import retry_due
+from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.control_results import control_result
 from orchestrator.model.document_writer import to_json
+from orchestrator.model.exit_codes import accepted, exit_code
 from orchestrator.model.junit import junit_xml
-from orchestrator.model.results import RunResult, Summary, accepted, exit_code, summarize
+from orchestrator.model.results import RunResult
 from safety.model.oracle_results import Verdict
 from tests.orchestrator.model.test_results import result
 

@@ -12,21 +12,17 @@ from hypothesis import strategies as st
 
 from campaigns.values.acceptance import Requirement, Share
 from orchestrator.cli.verdict_table import conclusions
+from orchestrator.model.campaign_results import VERDICTS, Summary, summarize
 from orchestrator.model.document_writer import to_json
+from orchestrator.model.exit_codes import accepted, exit_code, rehearsal_code
 from orchestrator.model.results import (
     NOT_ARMED,
-    VERDICTS,
     Also,
     MixingResult,
     Percentiles,
     RunResult,
-    Summary,
     SyncResult,
-    accepted,
-    exit_code,
     percentiles,
-    rehearsal_code,
-    summarize,
 )
 from safety.model.oracle_results import OracleResult
 
@@ -226,13 +222,13 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     document = json.loads(to_json(summary([full_run()])))
     assert fields(document) == (
         "campaign clock surrogate real_kind sensors runs totals accepted left_out controls unmet "
-        "caveats not_flown"
+        "caveats not_flown stopped broken"
     )
     (run,) = document["runs"]
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
         " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
-        " not_judged note trace exceptions twin losses"
+        " not_judged note trace exceptions twin losses before_arming actors"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"

@@ -8,17 +8,11 @@ from typing import Any
 import pytest
 
 from campaigns.values.acceptance import Requirement, Share
+from orchestrator.model.campaign_results import summarize
 from orchestrator.model.control_results import ControlResult
+from orchestrator.model.exit_codes import accepted, exit_code
 from orchestrator.model.junit import junit_xml
-from orchestrator.model.results import (
-    NOT_ARMED,
-    Also,
-    RunResult,
-    SyncResult,
-    accepted,
-    exit_code,
-    summarize,
-)
+from orchestrator.model.results import NOT_ARMED, Also, RunResult, SyncResult
 from safety.model.oracle_results import OracleResult, Verdict
 
 REQUIRED = (Requirement("large", "sim", Share(2, 2)),)

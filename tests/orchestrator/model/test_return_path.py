@@ -11,8 +11,8 @@ import pytest
 
 from campaigns.expansion.expansion import Campaign, load_campaign
 from orchestrator.campaign.between_runs import BetweenRuns
-from orchestrator.campaign.run_order import fly_order
-from orchestrator.campaign.run_workers import WorkerLost
+from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.model.results import RunResult, SyncResult
 from orchestrator.model.return_path import (
     CLEAR_M,

@@ -146,7 +146,7 @@ async def test_what_a_killed_campaign_left_is_swept_away(tmp_path: Path, runtime
 def unsafe(runtime: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No place for sockets is ours alone."""
     monkeypatch.setenv("HOME", str(short_folder))
-    for folder in (runtime, short_folder / ".local" / "state" / "wil-campaign"):
+    for folder in (runtime, short_folder / ".local" / "state" / "wil-campaign" / "run"):
         folder.mkdir(parents=True)
         folder.chmod(0o755)
 

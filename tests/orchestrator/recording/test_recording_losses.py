@@ -10,7 +10,7 @@ from orchestrator.model.results import Loss
 from orchestrator.recording.mcap.mcap_encode import Encoder
 from orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
 from orchestrator.recording.recording_losses import excessive_loss
-from orchestrator.run.flight.run_outcome import also_of
+from orchestrator.run.judging.run_outcome import also_of
 from safety.model.verdict import Decision, DecisiveEvent
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from tests.recipes.samples import beam

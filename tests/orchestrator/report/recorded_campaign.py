@@ -7,15 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import (
-    MixingResult,
-    Percentiles,
-    RunResult,
-    Summary,
-    SyncResult,
-    summarize,
-)
+from orchestrator.model.results import MixingResult, Percentiles, RunResult, SyncResult
 from orchestrator.model.run_log import RunLog
 from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings

@@ -51,6 +51,17 @@ def test_a_failed_run_names_its_cause_in_the_first_screen(page: Page) -> None:
     assert page.value("getComputedStyle(document.querySelector('#overview')).display") == "none"
 
 
+def test_a_phone_shows_violation_image_and_command_without_scrolling(page: Page) -> None:
+    page.resize(390, 844)
+    show(page, "run-large-wil-1")
+    run = "document.querySelector('#run-large-wil-1"
+    commanded = f"[...{run}').querySelectorAll('dt')].find((one) => one.textContent == 'commanded')"
+    bottoms = [f"{run}{part}')" for part in (" .violated", " .saw .main img")] + [commanded]
+    shown = [page.value(f"{one}.getBoundingClientRect().bottom") for one in bottoms]
+    page.resize(1280, 900)
+    assert all(0 < bottom < 844 for bottom in shown), shown
+
+
 def test_one_cursor_moves_in_all_plots_and_maps(page: Page) -> None:
     show(page, "run-large-wil-1")
     run = "document.querySelector('#run-large-wil-1')"

@@ -1,7 +1,9 @@
 """The page: what it says first, and that nothing from a file is more than text."""
 
+import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
@@ -63,6 +65,28 @@ def test_a_failed_run_names_its_cause_before_anything_else(page: str) -> None:
     order += ["data:image/jpeg", "Around the moment", "from above", "Over time", "Oracles"]
     places = [run.index(words) for words in order]
     assert places == sorted(places)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "heading"),
+    [
+        ("FAIL", "What was violated"),
+        ("INVALID", "What makes it INVALID"),
+        ("ERROR", "What went wrong"),
+        ("ABORTED", "Who ended it"),
+    ],
+)
+def test_the_cause_of_every_verdict_has_its_heading(
+    tmp_path: Path, verdict: str, heading: str
+) -> None:
+    folder = write_campaign(tmp_path / "gate")
+    for file in folder.glob("large/wil/*/result.json"):
+        document = json.loads(file.read_text("utf-8"))
+        file.write_text(json.dumps({**document, "verdict": verdict}), "utf-8")
+    written = write_report(folder)
+    text = written.path.read_text("utf-8")
+    assert heading in text
+    assert "cannot be shown" not in text
 
 
 def test_nothing_from_a_file_acts(elements: _Reader) -> None:

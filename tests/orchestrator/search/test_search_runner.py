@@ -9,7 +9,7 @@ import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
 from campaigns.search.search_file import load_search
-from orchestrator.campaign.resumption import ResumeError
+from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.cli import main
 from orchestrator.cli.search_text import search_text
 from orchestrator.search.errors import SearchError

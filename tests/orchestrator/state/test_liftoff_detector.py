@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from orchestrator.run.flight.synchronisation import Synchronisation
+from orchestrator.run.stages.synchronisation import Synchronisation
 from orchestrator.state.liftoff_detector import LiftoffDetector
 from orchestrator.state.run_state import RunState
 

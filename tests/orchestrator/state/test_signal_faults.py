@@ -10,12 +10,12 @@ from orchestrator.model.clock import run_virtual
 from orchestrator.state.run_state import RunState
 from orchestrator.state.signal_faults import (
     FaultyOnDemand,
-    FaultySignal,
     SignalFaults,
-    restamp_reading,
 )
 from vehicles.cameras.rendered_cameras import NoImageError
+from vehicles.faults import FaultySignal
 from vehicles.readings import RangefinderReading, Reading
+from vehicles.readings.copies import restamp_reading
 from worlds.frames import AT_ORIGIN, Pose
 
 READING = RangefinderReading(

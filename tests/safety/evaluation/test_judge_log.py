@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from safety.evaluation.judge import Judge, OracleUse, build_oracles
 from safety.evaluation.judge_log import (
+    ActorPose,
     JudgeLogError,
     JudgeLogPacker,
     LoggedSample,
@@ -44,6 +45,7 @@ from vehicles.embedded.physics.contact_world import body_of
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose
 from worlds.scene.scene import Scene
+from worlds.scene.track import RunHistory
 
 BODY = body_of(Airframe())
 USES: tuple[tuple[str, dict[str, object]], ...] = (
@@ -236,7 +238,7 @@ def test_judging_a_judge_log_is_judging_the_flight(taped: list[LoggedSample]) ->
     online = judge_of(events)
     for sample in taped:
         feed(online, events, sample)
-    again: dict[str, float] = {}
+    again = RunHistory()
     offline = judge_of(again)
     played = judge_from_log(read_judge_log(io.BytesIO(packed(taped))), offline, again)
     reached = {s.stage: s.t_s for s in taped if isinstance(s, StageSample)}
@@ -287,3 +289,13 @@ def shown(taped: list[LoggedSample]) -> list[str]:
 def test_what_is_no_judge_log_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(JudgeLogError, match=said):
         list(read_judge_log(io.BytesIO(data)))
+
+
+def test_where_an_actor_flew_reads_back_into_the_history() -> None:
+    """What is judged again meets the object where the vehicle was, to the last bit."""
+    pose = Pose((1.1, -0.2, -0.3), (0.6, 0.0, 0.8, 0.0))
+    taped: list[LoggedSample] = [ActorPose(0.1, "intruder", pose, (0.1, 0.2, -0.3))]
+    assert list(read_judge_log(io.BytesIO(packed(taped)))) == taped
+    history = RunHistory()
+    judge_from_log(taped, judge_of(history), history)
+    assert history.tracks["intruder"].pose_at(0.1) == pose

@@ -213,3 +213,40 @@ def test_a_grid_repeats_places_while_it_hovers_but_no_attitude(
     (result,) = evidence.results()
     assert result.verdict == verdict
     assert ("it repeats one" in result.reason) is (verdict == "INVALID")
+
+
+@pytest.mark.parametrize("signal", ["pose", "velocity"])
+@pytest.mark.parametrize(
+    ("on_grid", "stands_from_m", "reported_s", "verdict"),
+    [
+        (True, 0.0, 2.0, "PASS"),  # ArduCopter and PX4 report it within 3 s
+        (True, 0.0, 3.5, "INVALID"),
+        (True, 0.5, 2.0, "INVALID"),  # it was coming down: its source stopped
+        (False, 0.0, 2.0, "INVALID"),  # what is measured does not repeat on the ground either
+    ],
+)
+def test_a_simulated_vehicle_stands_to_the_last_bit_until_its_landing_is_reported(
+    signal: str, on_grid: bool, stands_from_m: float, reported_s: float, verdict: str
+) -> None:
+    evidence = Evidence([replace(terms(signal), on_grid=on_grid, references={})])
+    evidence.stage(StageSample(0.0, "takeoff"))
+    evidence.stage(StageSample(0.0, "at_height"))
+    evidence.stage(StageSample(0.01, "land"))
+    evidence.state(StateSample(0.01, "real", True, Mode.LAND, landed=False))
+    height_m, down_m_s = 1.0, 0.5
+    stands_at_s = (height_m - stands_from_m) / down_m_s
+    for tick in range(1, 300):
+        t_s = tick / 50.0
+        flies = t_s < stands_at_s
+        moves_m_s = (1e-3 * math.sin(t_s), 0.0, down_m_s)
+        if not flies and not stands_from_m:
+            moves_m_s = (0.0, 0.0, 0.0)
+        elif not flies:
+            moves_m_s = (1e-3, 0.0, down_m_s)
+        down_m = min(down_m_s * t_s - height_m, -stands_from_m)
+        evidence.pose(PoseSample(t_s, "real", Pose((0.0, 0.0, down_m)), moves_m_s))
+        if t_s >= stands_at_s + reported_s:
+            evidence.state(StateSample(t_s, "real", True, Mode.LAND, landed=True))
+    (result,) = evidence.results()
+    assert result.verdict == verdict, result.reason
+    assert ("it repeats one" in result.reason) is (verdict == "INVALID")

@@ -145,6 +145,13 @@ def test_a_thin_exclusion_is_not_jumped_over() -> None:
     assert fence.breached(Motion((0, 0, -1), (0, 10.0, 0)), latency_s=0.2, braking_m_s2=5) is None
 
 
+def test_a_predicted_breach_tells_the_distance_of_the_boundary_that_it_names() -> None:
+    beside_the_wall = Motion((4.1, 0.0, -1.0), (0.0, 0.0, -2.0))
+    breach = BOX.breached(beside_the_wall, latency_s=0.5, braking_m_s2=2.5)
+    assert breach is not None
+    assert str(breach) == "cannot stop before the fence's ceiling, 1.30 m away"
+
+
 @pytest.mark.parametrize(
     ("speed_m_s", "breaks"), [(0.0, False), (1.0, False), (1.9, False), (2.1, True)]
 )

@@ -70,6 +70,30 @@ def test_a_reading_that_jumps_is_not_taken_for_an_acceleration_beyond_the_brakin
     assert then == pytest.approx((0.5, 0.0, 0.0))
 
 
+def test_a_firmware_that_leaves_the_ground_is_not_taken_over() -> None:
+    # LOCAL_POSITION_NED of ArduCopter 4.7 in a takeoff, 20 Hz from liftoff on: (height, climb).
+    takeoff = (
+        *((0.02, 0.19), (0.03, 0.22), (0.05, 0.24), (0.06, 0.27), (0.07, 0.30), (0.09, 0.33)),
+        *((0.11, 0.36), (0.13, 0.53), (0.16, 0.79), (0.21, 1.00), (0.26, 1.14), (0.32, 1.21)),
+        *((0.38, 1.22), (0.43, 1.21), (0.49, 1.18), (0.55, 1.16), (0.60, 1.14), (0.66, 1.15)),
+    )
+    fence = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-0.5, 2.3))
+    estimate = AccelerationEstimate()
+    for i, (height_m, climb_m_s) in enumerate(takeoff):
+        velocity = (0.0, 0.0, -climb_m_s)
+        motion = Motion((0.0, 0.0, -height_m), velocity, estimate.update(velocity, 0.05 * i))
+        assert fence.breached(motion, latency_s=0.7, braking_m_s2=2.5) is None, height_m
+
+
+def test_a_climb_into_the_ceiling_is_stopped_sooner_than_a_steady_one() -> None:
+    def breaks_ceiling(climbing_m_s2: float) -> bool:
+        motion = Motion((0.0, 0.0, -3.0), (0.0, 0.0, -1.2), (0.0, 0.0, -climbing_m_s2))
+        return breaks(motion)
+
+    assert not breaks_ceiling(0.0)
+    assert breaks_ceiling(2.5)
+
+
 @pytest.mark.parametrize("east_m", [0.2, 0.4])
 def test_both_parts_of_the_path_count(east_m: float) -> None:
     wall = Fence.box(north_m=(-9, 9), east_m=(-9, east_m), up_m=(0, 4))

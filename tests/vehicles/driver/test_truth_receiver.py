@@ -97,6 +97,17 @@ def test_it_is_anchored_at_the_start_pose(
     assert sample.velocity_ned_m_s == pytest.approx((2.0, 0.0, 0.0), abs=1e-6)
 
 
+def test_how_often_it_comes_is_known_before_it_is_anchored() -> None:
+    """An attached PX4 was ready 27 ms before its preflight: one pose had been anchored."""
+    simulator = Simulator(Px4())
+    assert simulator.receiver.rate_hz(0.0, fresh_s=0.5) is None
+    simulator.stand(hil_state(), until_s=1.5)
+    assert simulator.receiver.rate_hz(1.5, fresh_s=0.5) == pytest.approx(20.0)
+    assert simulator.receiver.rate_hz(2.1, fresh_s=0.5) is None
+    simulator.receiver.restart()
+    assert simulator.receiver.rate_hz(1.5, fresh_s=0.5) is None
+
+
 def test_height_is_up_whatever_the_sea_level() -> None:
     simulator = Simulator(ArduCopter())
     simulator.stand(sim_state())
@@ -119,7 +130,22 @@ def test_it_is_as_late_as_the_telemetry_before_it(burst_s: float) -> None:
     assert sample.boot_s == pytest.approx(102.005, abs=2e-3)
 
 
-def test_a_time_that_the_message_states_makes_it_neither_older_nor_newer() -> None:
+def test_after_a_stall_each_of_a_burst_has_its_own_time() -> None:
+    """A PX4 stood for 58 ms between an attitude and its ground truth: three were lost behind it."""
+    simulator = Simulator(Px4())
+    simulator.stand(hil_state())
+    simulator.receiver.anchor_at(START)
+    simulator.attitude(2.000)
+    for passed_ms, stall_ms in ((8, 58), (28, 38), (48, 18), (68, 0)):
+        t_s, late_s = 2.0 + passed_ms * 1e-3, LATE_S + stall_ms * 1e-3
+        if passed_ms > 8:
+            simulator.attitude(t_s - 0.008, late_s=late_s + 0.008)
+        simulator.truth(hil_state(time_usec=round((t_s + 100.0) * 1e6)), t_s, late_s=late_s)
+    stamps = [sample.boot_s for sample in simulator.samples]
+    assert stamps == pytest.approx([102.008, 102.028, 102.048, 102.068], abs=1e-3)
+
+
+def test_a_time_that_telemetry_contradicts_makes_it_neither_older_nor_newer() -> None:
     simulator = Simulator(Px4())
     simulator.stand(hil_state())
     simulator.receiver.anchor_at(START)

@@ -32,6 +32,10 @@ class EmbeddedProcess:
     def exit_code(self) -> int | None:
         return None if self._child is None else self._child.exit_code
 
+    @property
+    def stderr_tail(self) -> str:
+        return "" if self._child is None else self._child.stderr_tail.rstrip()
+
     async def __aenter__(self) -> Self:
         load_kernels()  # as a run does before it launches vehicles
         await self.feed.__aenter__()

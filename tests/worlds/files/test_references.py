@@ -1,8 +1,11 @@
 """Things of the user's, by `file.py:Name`."""
 
+import signal
 from pathlib import Path
 
-from worlds.files.references import forget_loaded, load_reference
+import pytest
+
+from worlds.files.references import BadReferenceError, forget_loaded, load_reference
 
 
 def test_a_file_runs_once_until_it_is_forgotten(tmp_path: Path) -> None:
@@ -18,3 +21,25 @@ def test_a_file_runs_once_until_it_is_forgotten(tmp_path: Path) -> None:
     assert [count(), count()] == [1, 2]
     forget_loaded()
     assert count() == 1
+
+
+@pytest.mark.parametrize("ends", ["", "raise ValueError('no')\n"])
+def test_a_file_takes_no_signal_away_that_ends_this_program(tmp_path: Path, ends: str) -> None:
+    (tmp_path / "deaf.py").write_text(
+        "import signal\n"
+        "for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):\n"
+        "    signal.signal(one, signal.SIG_IGN)\n"
+        f"{ends}def fly(): ...\n"
+    )
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(one) for one in numbers]
+    try:
+        if ends:
+            with pytest.raises(BadReferenceError):
+                load_reference("deaf.py:fly", tmp_path)
+        else:
+            load_reference("deaf.py:fly", tmp_path)
+        assert [signal.getsignal(one) for one in numbers] == before
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -94,13 +94,31 @@ def test_a_triangle_is_a_mesh(tmp_path: Path) -> None:
     ],
 )
 def test_instances_are_counted_before_they_are_made(
-    tmp_path: Path, changes: dict[str, Any], said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], said: str
 ) -> None:
+    monkeypatch.setattr("worlds.scene.mesh_files._load", _load_nothing)
     nodes = changes["nodes"]
     roots = range(60_000, 60_012) if len(nodes) > 100 else [len(nodes) - 1]
     path = tmp_path / "many.gltf"
     path.write_text(gltf(**changes, scenes=[{"nodes": [*roots]}]))
     assert said in refused(path)
+
+
+def _load_nothing(path: Path) -> None:
+    raise AssertionError(f"{path} is loaded")
+
+
+def test_faces_are_counted_with_all_instances_before_they_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("worlds.scene.mesh_files._load", _load_nothing)
+    path = tmp_path / "many.gltf"
+    index = {"bufferView": 1, "componentType": 5123, "count": 150_000, "type": "SCALAR"}
+    document = json.loads(gltf())
+    accessors = [document["accessors"][0], index]
+    nodes = [{"mesh": 0}] * 11
+    path.write_text(gltf(accessors=accessors, nodes=nodes, scenes=[{"nodes": [*range(11)]}]))
+    assert "more than 500000 faces" in refused(path)
 
 
 def test_vertices_that_a_file_only_states_are_not_allocated(tmp_path: Path) -> None:

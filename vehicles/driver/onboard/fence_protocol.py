@@ -88,6 +88,8 @@ def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[st
     if fence.ceiling_m is not None:
         parameters["FENCE_ALT_MAX"] = fence.ceiling_m
     return parameters | {
+        # Avoidance keeps a vehicle so far inside, 2 m by default: a hall is left with no room.
+        "FENCE_MARGIN": 0.0,
         "FENCE_TYPE": kinds,
         "FENCE_ACTION": _ARDUPILOT_ACTIONS[fence.action],
         "FENCE_ENABLE": 1,

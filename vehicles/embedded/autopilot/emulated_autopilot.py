@@ -46,6 +46,8 @@ _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
 """Of 2009 on: what is earlier is a clock that was never set."""
 _HIGHEST_INTERVAL_ID = 65535
 """MESSAGE_INTERVAL carries ids of 16 bits."""
+_LONGEST_INTERVAL_US = 2**31 - 1
+"""MESSAGE_INTERVAL carries intervals of 32 bits with sign."""
 
 
 class EmulatedAutopilot(ABC):
@@ -329,7 +331,9 @@ class EmulatedAutopilot(ABC):
         if not 0 <= message_id <= _HIGHEST_INTERVAL_ID:
             return DENIED
         interval_s = self.streams.interval_s(message_id)
-        interval_us = -1 if interval_s is None else round(interval_s * 1e6)
+        interval_us = -1
+        if interval_s is not None:
+            interval_us = round(min(interval_s * 1e6, _LONGEST_INTERVAL_US))
         self.outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
         return ACCEPTED
 

@@ -20,6 +20,8 @@ _HEADING = 9
 _MOST_GAIN, _LEAST_DIVISOR = 1e4, 1e-3
 _DIVISORS = frozenset({"MPC_XY_VEL_P_ACC", "MOT_THST_HOVER", "WPNAV_ACCEL", "WPNAV_ACCEL_Z"})
 """Gains by which a law divides."""
+_MOST_TILT_DEG = {"ATC_ANGLE_MAX": 80.0, "MPC_TILTMAX_AIR": 89.0}
+"""The largest of the documented ranges; from a right angle on no tilt carries the weight."""
 _RATE_GAIN_TIMES_LAG = 0.85
 """Rate loop's gain (1/s) times motor lag in PX4's SIH at default gains: 0.15 * 113.1 * 0.05."""
 
@@ -134,6 +136,7 @@ class ControlLaw:
         for place, name in enumerate(kind.gains):
             value = parameters[name]
             if math.isfinite(value):
+                value = min(value, _MOST_TILT_DEG.get(name, value))
                 value = value / 100.0 if name in kind.hundredths else value
                 value = math.radians(value) if name in kind.degrees else value
                 least = _LEAST_DIVISOR if name in _DIVISORS else 0.0

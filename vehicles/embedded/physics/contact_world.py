@@ -1,7 +1,7 @@
 """The physical things round an embedded vehicle: those of its world's scene."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from vehicles.embedded.physics.airframe import Airframe
@@ -10,6 +10,7 @@ from worlds.files.documents import Document, parse
 from worlds.frames import Pose
 from worlds.scene.parts import BoxShape
 from worlds.scene.scene import Scene
+from worlds.scene.track import RunHistory, Track
 from worlds.world_file.world import Mode, Which, World
 
 _NEAR_M = 0.05
@@ -27,11 +28,16 @@ BODY: BoxShape = body_of(Airframe())
 
 
 class SceneContactWorld:
-    """The contact world of a scene; the ground it stands on is no contact."""
+    """The contact world of a scene; the ground it stands on is no contact.
 
-    def __init__(self, *, scene: Scene, body: BoxShape) -> None:
+    tracks: where its objects are that other vehicles fly; they grow as those fly.
+    """
+
+    def __init__(
+        self, *, scene: Scene, body: BoxShape, tracks: Mapping[str, Track] | None = None
+    ) -> None:
         self._probe = ClearanceProbe(scene, body, floors=False, within_m=_NEAR_M)
-        self._events: dict[str, float] = {}
+        self._events = RunHistory(tracks)
 
     def notify(self, event: str, t_s: float) -> None:
         """Notify the contact world of an event at t_s: moving objects may start."""
@@ -45,9 +51,13 @@ class SceneContactWorld:
         return None if first is None else f"{first.object_name}.{first.part_name}".rstrip(".")
 
 
-def as_argument(world: Document, mode: Mode, which: Which) -> str:
-    """Return the contact world as text for `from_argument` in another process."""
-    return json.dumps({"path": str(world.path), "mode": mode, "which": which, "world": world.data})
+def as_argument(world: Document, mode: Mode, which: Which, *, without: Collection[str] = ()) -> str:
+    """Return the contact world as text for `from_argument` in another process.
+
+    without: names of objects of which that process cannot know where they are.
+    """
+    document = {"path": str(world.path), "mode": mode, "which": which, "world": world.data}
+    return json.dumps({**document, "without": sorted(without)})
 
 
 def from_argument(argument: str) -> SceneContactWorld:
@@ -57,5 +67,7 @@ def from_argument(argument: str) -> SceneContactWorld:
     document = parse(json.dumps(given["world"]).encode(), name=path.name, path=path)
     mode: Mode = given["mode"]  # type: ignore[assignment]  # written by as_argument
     which: Which = given["which"]  # type: ignore[assignment]  # written by as_argument
-    scene = World.parse(document).scene(mode, which)
+    without: list[str] = given["without"]  # type: ignore[assignment]  # written by as_argument
+    whole = World.parse(document).scene(mode, which)
+    scene = Scene(tuple(thing for thing in whole.objects if thing.name not in without))
     return SceneContactWorld(scene=scene, body=body_of(Airframe()))

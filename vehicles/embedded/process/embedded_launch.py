@@ -17,7 +17,7 @@ from vehicles.embedded.process.feed import (
     is_finite,
     to_vehicle,
 )
-from vehicles.embedded.process.injected_faults import Fault
+from vehicles.faults import Fault
 from vehicles.links.link import LinkError
 from vehicles.processes.codec import MessageError
 from vehicles.readings import PoseReading, Source

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from typing import Any, cast
 
 from pydantic import ValidationError
@@ -27,27 +28,33 @@ from vehicles.embedded.process.feed import (
     from_vehicle,
     to_vehicle,
 )
-from vehicles.embedded.process.injected_faults import Fault, FaultError, parse_fault
 from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
+from vehicles.embedded.process.vehicle_faults import VehicleFaults
 from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.faults import FaultError, parse_fault
 from vehicles.links.link import LinkError
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.processes.codec import MessageError
 from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 from vehicles.readings import PoseReading
+from vehicles.readings.copies import restamp_pose
 from worlds.files.documents import BadInput
 
 BAD_SETTINGS, FAILED = 2, 1
 """Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""
 
 
+Companion = Callable[[EmbeddedVehicle, VehicleFaults], AbstractAsyncContextManager[None]]
+"""What is beside the vehicle in its process while it flies, as a camera."""
+
+
 class FeedEnd(asyncio.DatagramProtocol):
     """The embedded process's end of its feed."""
 
-    def __init__(self, *, vehicle: EmbeddedVehicle, stop: asyncio.Event) -> None:
+    def __init__(self, *, vehicle: EmbeddedVehicle, faults: VehicleFaults) -> None:
         self._vehicle = vehicle
-        self._stop = stop
+        self._faults = faults
         self._transport: asyncio.DatagramTransport | None = None
         self._seq = 0
 
@@ -87,19 +94,12 @@ class FeedEnd(asyncio.DatagramProtocol):
             case GoOn(_, segment):
                 _go_on(segment)
             case MakeFault(_, fault):
-                self._make(parse_fault(fault))
-
-    def _make(self, fault: Fault) -> None:
-        """Inject a fault into the vehicle of this embedded process."""
-        if fault.name == "kill":
-            self._stop.set()
-        elif fault.name == "motor":
-            self._vehicle.fail_motor(fault.motor, factor=fault.factor)
-        else:
-            self._vehicle.mute(muted=fault.name == "mute")
+                self._faults.inject(parse_fault(fault))
 
 
-async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
+async def fly(
+    settings: ProcessSettings, stop: asyncio.Event, companion: Companion | None = None
+) -> None:
     """Run the embedded vehicle until `stop` is set. Raises LinkError, BadInput, or its error."""
     vehicle = EmbeddedVehicle(
         config=settings.config(),
@@ -110,18 +110,25 @@ async def fly(settings: ProcessSettings, stop: asyncio.Event) -> None:
     vehicle.on_fault(stop.set)
     if settings.print_texts:
         vehicle.on_sent(_print_text)
-    feed = FeedEnd(vehicle=vehicle, stop=stop)
+    faults = VehicleFaults(vehicle, kill=stop.set, report=_report_fault)
+    feed = FeedEnd(vehicle=vehicle, faults=faults)
     transport: asyncio.BaseTransport | None = None
     if settings.feed_port:
         transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
             lambda: feed, remote_addr=(settings.feed_host, settings.feed_port)
         )
-        vehicle.on_truth(feed.send_truth, settings.truth_hz)
-        vehicle.on_mocap(feed.send_mocap)
+        truth = faults.through("pose_source", _restamp_truth, feed.send_truth)
+        vehicle.on_truth(truth, settings.truth_hz)
+        vehicle.on_mocap(faults.through("pose_source", restamp_pose, feed.send_mocap))
     try:
-        async with vehicle:
+        async with AsyncExitStack() as stack:
+            await stack.enter_async_context(vehicle)
+            if companion is not None:
+                await stack.enter_async_context(companion(vehicle, faults))
             # What is loaded by now lives as long as the process: the collector need not look.
             gc.freeze()
+            for text in settings.faults:
+                faults.inject(parse_fault(text))
             await stop.wait()
     finally:
         if transport is not None:
@@ -141,14 +148,17 @@ def main(arguments: list[str]) -> int:
     return run_process(settings)
 
 
-def run_process(settings: ProcessSettings) -> int:
-    """Run the process of an embedded vehicle until it ends; return the exit code."""
+def run_process(settings: ProcessSettings, companion: Companion | None = None) -> int:
+    """Run the process of an embedded vehicle until it ends; return the exit code.
+
+    Raises what opening its companion raises.
+    """
     try:
         if settings.end_with_parent:
             die_with_parent(signal.SIGTERM)
         load_kernels()
         with asyncio.Runner(loop_factory=lambda: PacedLoop(settings.speed)) as runner:
-            runner.run(_await_stop(settings))
+            runner.run(_await_stop(settings, companion))
     except (LinkError, BadInput, ValueError, UnsupportedSystemError) as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
@@ -162,7 +172,7 @@ def _go_on(segment: Segment) -> None:
         loop.follow(segment)
 
 
-async def _await_stop(settings: ProcessSettings) -> None:
+async def _await_stop(settings: ProcessSettings, companion: Companion | None) -> None:
     """Run the embedded process's vehicle until SIGTERM, SIGINT or stdin's end."""
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -178,9 +188,19 @@ async def _await_stop(settings: ProcessSettings) -> None:
         stop.set()
 
     loop.set_exception_handler(failed)
-    await fly(settings, stop)
+    await fly(settings, stop, companion)
     if errors:
         raise errors[0]
+
+
+def _report_fault(text: str) -> None:
+    """Print that a fault of an embedded vehicle has begun or ended."""
+    sys.stderr.write(f"{text}\n")
+
+
+def _restamp_truth(last: TruthSample, new: TruthSample) -> TruthSample:
+    """Return a truth sample with the time of another."""
+    return last._replace(t_s=new.t_s)
 
 
 def _print_text(boot_s: float, message: Any) -> None:

@@ -42,6 +42,7 @@ class ProcessSettings(_Part):
     well, so that its failsafes can act. running_s: for how long its autopilot has been on when its
     link opens; ArduCopter's needs 42 s to be ready. boot_unix_us: the time of day, which its GPS
     has, when it was switched on. print_texts: its STATUSTEXTs and acknowledgements go to stderr.
+    faults: texts of `parse_fault`, counted from when its link is open.
     """
 
     autopilot: AutopilotKind
@@ -69,6 +70,7 @@ class ProcessSettings(_Part):
     print_texts: bool = False
     never_ready: bool = False
     refuse_arm: str | None = None
+    faults: tuple[str, ...] = ()
 
     def config(self) -> EmbeddedConfig:
         """Return the vehicle's config. Raises ProfileError, BadInput."""

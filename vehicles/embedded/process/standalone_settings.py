@@ -1,7 +1,7 @@
 """The settings of an embedded vehicle that flies alone, for other programs."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vehicles.embedded.autopilot.known_parameters import known_parameters
@@ -9,6 +9,7 @@ from vehicles.embedded.physics.config import AutopilotKind
 from vehicles.embedded.physics.contact_world import as_argument
 from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
 from vehicles.embedded.profile import load_profile
+from vehicles.faults import parse_fault
 from vehicles.links.link_strings import parse_link
 from worlds.files.documents import closest, load
 from worlds.world_file.world import World
@@ -25,12 +26,13 @@ def standalone_settings(
     system_id: int = 1,
     running_s: float = 0.0,
     parameters: Mapping[str, float] | None = None,
+    faults: Iterable[str] = (),
 ) -> ProcessSettings:
     """Return the settings of an embedded vehicle at a link, with the streams of its firmware.
 
     link: seen from the vehicle. profile: a name, or a YAML file. world: a world file, for its
-    origin and its obstacles. Raises LinkAddressError, ProfileError, BadInput, pydantic's
-    ValidationError, and ValueError for an unknown parameter.
+    origin and its obstacles. faults: texts of `parse_fault`. Raises LinkAddressError, ProfileError,
+    FaultError, BadInput, pydantic's ValidationError, and ValueError for an unknown parameter.
     """
     parse_link(link)
     load_profile(profile)
@@ -48,6 +50,7 @@ def standalone_settings(
         running_s=running_s,
         boot_unix_us=time.time_ns() // 1000 - round(running_s * 1e6),
         end_with_parent=False,
+        faults=tuple(str(parse_fault(text)) for text in faults),
     )
     return settings if world is None else _in_world(settings, world)
 

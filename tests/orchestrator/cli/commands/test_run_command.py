@@ -19,7 +19,7 @@ import pytest
 import orchestrator.cli
 from campaigns.expansion.expansion import load_campaign
 from orchestrator.campaign import campaign_runner
-from orchestrator.campaign.manifest import manifest
+from orchestrator.campaign.folder.manifest import manifest
 from orchestrator.cli import main
 from tests.orchestrator.hover import STILL, WORLD, write_hover
 
@@ -134,6 +134,52 @@ def test_other_signals_land_what_flies(
         assert main([*command(campaign)[3:], *ENDLESS]) == 130
         sending.result()
     assert_aborted(campaign, number.name, capsys.readouterr().out)
+
+
+HANGS = """\
+        import multiprocessing, pathlib, signal, time
+        tried = multiprocessing.current_process().name == "autonomy check"
+        hanging = multiprocessing.parent_process() is not None and not tried  # of the run
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM) if hanging else ():
+            signal.signal(number, signal.SIG_IGN)
+        while hanging:
+            pathlib.Path(__file__).with_name("hangs").touch()
+            time.sleep(1.0)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_hangs_before_its_first_word_ends_with_the_first_signal(
+    campaign: Path, number: signal.Signals
+) -> None:
+    first = "        self.ticks = "
+    assert first in STILL
+    (campaign.parent / "still.py").write_text(STILL.replace(first, f"{HANGS}{first}"))
+    with subprocess.Popen(  # noqa: S603 - our own interpreter
+        command(campaign),
+        cwd=ROOT,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as running:
+        try:
+            deadline_s = time.monotonic() + 100.0
+            while not (campaign.parent / "hangs").exists():
+                assert time.monotonic() < deadline_s
+                assert running.poll() is None
+                time.sleep(0.05)
+            os.kill(running.pid, number)
+            said, _ = running.communicate(timeout=100.0)
+        finally:
+            if running.poll() is None:
+                os.killpg(running.pid, signal.SIGKILL)
+    assert running.returncode == 130
+    document = summary_of(campaign)
+    assert (document["stopped"], document["accepted"]) == ("signal", False)
+    (run,) = document["runs"]
+    assert run["verdict"] == "ERROR"
+    assert "aborted before its process had prepared the run; it was killed" in run["reason"]
+    assert "not accepted; never flown: 1 of 2; stopped by Ctrl-C or SIGTERM\n" in said
 
 
 def test_before_it_flies_a_document_says_that_nothing_has_passed(

@@ -8,8 +8,8 @@ import pytest
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign, requested_bench
 from campaigns.setup.bench_file import Bench, BenchFacts, load_benches
-from orchestrator.campaign.bench_lock import held_benches
-from orchestrator.campaign.campaign_folder import TakenError
+from orchestrator.campaign.folder.bench_lock import held_benches
+from orchestrator.campaign.folder.campaign_folder import TakenError
 from orchestrator.cli import main
 from orchestrator.cli.bench_flight import is_for_bench
 from orchestrator.engines.bench.bench_engine import await_bench
@@ -40,13 +40,13 @@ ASKING = {
 PLACE = "anna on desk"
 
 
-def write_campaign(folder: Path) -> Path:
+def write_campaign(folder: Path, *, ticks: int = 40) -> Path:
     path = write_hover(folder)
     text = path.read_text()
     for old, new in ASKING.items():
         assert old in text
         text = text.replace(old, new)
-    path.write_text(text)
+    path.write_text(text.replace("ticks: 40", f"ticks: {ticks}"))
     return path
 
 

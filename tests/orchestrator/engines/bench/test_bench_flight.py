@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Listener
 from pathlib import Path
 
@@ -35,7 +35,8 @@ class MortalBenchAgent(BenchAgent):
     """An agent whose death ends its connection, as Ray has it."""
 
     def die(self) -> None:
-        with socket.socket(fileno=os.dup(self._to.fileno())) as one:
+        # One that has closed its connection has nothing left to lose.
+        with suppress(OSError), socket.socket(fileno=os.dup(self._to.fileno())) as one:
             one.shutdown(socket.SHUT_RDWR)
 
 

@@ -4,6 +4,7 @@ import asyncio
 import errno
 import json
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -328,6 +329,19 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
     (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
     assert landed.verdict == "PASS"
     assert (folder / "trajectory.csv").exists()
+
+
+def test_a_folder_that_somebody_removes_in_flight_lands_it_and_is_an_error(
+    fly_run: Fly, tmp_path: Path
+) -> None:
+    """What is written into removed files is lost, and no system call says so."""
+    removing = at_stage("goal", 0.5, lambda _: shutil.rmtree(tmp_path / "run1"))
+    result, folder = fly_run(mode="sim", sets=BRIEF, disturb=removing)
+    assert result.verdict == "ERROR"
+    assert result.reason == f"the recording ended early: somebody removed {folder}"
+    assert (result.exceptions, result.artifacts) == ((), ())
+    (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
+    assert landed.verdict == "PASS"
 
 
 def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: Fly) -> None:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReadi
 from orchestrator.run.perception import warm_up
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from vehicles.autonomy import Command, Telemetry
-from vehicles.readings import Reading, sensor_type_of
+from vehicles.readings import CameraReading, Reading, sensor_type_of
 from vehicles.setpoints import VelocitySetpoint
 from worlds.files.documents import BadInput
 
@@ -179,6 +180,43 @@ def test_every_sensor_is_mixed_delivered_and_recorded(
     assert written["twin camera"] == 2 * combined["camera.real"].frames  # each mixture asks
     assert written["twin gps"] >= combined["gps"].frames
     assert len(asked) == len(set(asked))
+
+
+class Painting(Listening):
+    """Paints over every image that it is given."""
+
+    def perceive(self, reading: Reading) -> None:
+        if isinstance(reading, CameraReading):
+            self.heard.append(replace(reading, image_bgr=reading.image_bgr.copy()))
+            reading.image_bgr[:] = 255
+
+
+def test_an_autonomy_that_paints_on_its_images_changes_nobody_elses(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: list[list[bytes]] = []
+    for kind in (Listening, Painting):
+        Listening.made = []
+        monkeypatch.setattr(
+            "campaigns.setup.autonomy_under_test.find_autonomy", lambda *_, kind=kind: kind
+        )
+        _, folder = fly_run(sets=(*SMALLEST, "vehicles.twin.coupling=free"))
+        perceived = [one for one in flown(Listening.made) if one.heard]
+        assert len(perceived) == 2
+        images = [
+            each for one in perceived for each in one.heard if isinstance(each, CameraReading)
+        ]
+        assert not any((image.image_bgr == 255).all() for image in images)
+        recorded.append(
+            [
+                item.reading.image_bgr.tobytes()
+                for item in Recording(folder / "run.mcap")
+                if isinstance(item, RecordedReading) and isinstance(item.reading, CameraReading)
+            ]
+        )
+    plain, painted = recorded
+    assert len(plain) > 10
+    assert painted == plain
 
 
 def _type_of(name: str) -> str:

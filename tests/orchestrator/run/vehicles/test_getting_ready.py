@@ -5,13 +5,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.clock import run_virtual
 from orchestrator.model.results import NOT_ARMED
-from orchestrator.run.flight.operator_hold import OperatorHold
-from orchestrator.run.flight.pair_flight import fly_together
+from orchestrator.run.stages.before_arming import BeforeArming
+from orchestrator.run.stages.operator_hold import OperatorHold
+from orchestrator.run.stages.pair_flight import fly_together
+from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.simulator_logs import flight_log
 from orchestrator.state.run_state import RunState
 
@@ -55,19 +57,39 @@ class Standing:
 
 def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> None:
     """A PX4 in SIH waited 45 s for an ArduCopter: its estimate had left its anchor by 0.54 m."""
-    monkeypatch.setattr("orchestrator.run.flight.pair_flight.same_vehicle", lambda *_: False)
+    monkeypatch.setattr("orchestrator.run.stages.pair_flight.same_vehicle", lambda *_: False)
     asked: list[tuple[float, str]] = []
 
     async def flown() -> str:
         run_state = RunState(time=asyncio.get_running_loop().time)
         contexts = (Standing("real", 45.0, asked), Standing("twin", 5.0, asked))
 
-        async def report(what: str, *_: object) -> None:
+        async def report(what: str, *_: object, **__: object) -> str:
             asked.append((asyncio.get_running_loop().time(), what))
+            return what
 
-        async def prepare(context: Any) -> None:
+        async def goal(_: float) -> None:
+            raise AssertionError("flown without arming")
+
+        async def put(context: Any) -> None:
             context.note("prepared")
 
+        loop = asyncio.get_running_loop()
+        record = ArmingRecord(now=loop.time, note=lambda *_, **__: None)
+        before_arming = BeforeArming(
+            setup=cast(
+                "Any",
+                SimpleNamespace(
+                    campaign=SimpleNamespace(sync=SYNC),
+                    vehicle=lambda _: SimpleNamespace(anchor="start"),
+                ),
+            ),
+            contexts=cast("Any", contexts),
+            outside=cast("Any", SimpleNamespace(before_arming=partial(report, "proven"))),
+            preflight=cast("Any", SimpleNamespace(check=partial(report, "preflight"))),
+            configuration=cast("Any", SimpleNamespace(put=put, unbooted={})),
+            record=record,
+        )
         await fly_together(
             contexts,  # type: ignore[arg-type]  # as much of them as is used
             run_state=run_state,
@@ -76,13 +98,15 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
             heights_m={},
             liftoff_delays_s={},
             stagger=lambda _: None,
-            before_arming=partial(report, "proven"),
+            before_arming=before_arming.apply,
             barrier=lambda: None,
-            goal=partial(report, "goal"),
-            prepare=prepare,
-            preflight=partial(report, "preflight"),
+            goal=goal,
             arm=False,
         )
+        assert [(one.step, one.text) for one in before_arming.steps] == [
+            ("external", "proven"),
+            ("preflight", "preflight"),
+        ]
         return run_state.decisive[0].text
 
     assert run_virtual(flown()) == NOT_ARMED

@@ -16,6 +16,7 @@ from campaigns.setup.case_setup import VehicleSetup
 from campaigns.values.external_setups import InjectionSetup
 from orchestrator.external.injection_check import UnsupportedInjectionError, prove_injection
 from orchestrator.model.clock import run_virtual
+from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
 from orchestrator.state.parameter_backups import parameter_backup_folder
 from orchestrator.state.vehicle_context import VehicleContext
@@ -65,11 +66,17 @@ class Rig:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
         setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
         run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said), dropped_out={})
+
+        def note(event: str, **more: Any) -> None:
+            self.noted.append((event, more))
+
+        self.record = ArmingRecord(now=asyncio.get_running_loop().time, note=note)
         return OnboardConfiguration(
             setup=cast("Any", setup),
             contexts=(self.context,),
             run_state=cast("Any", run_state),
-            note=lambda event, **more: self.noted.append((event, more)),
+            record=self.record,
+            note=note,
         )
 
     async def prove(self, onboard: OnboardConfiguration) -> None:
@@ -118,7 +125,12 @@ def test_what_the_campaign_sets_is_set_back(
         assert rig.has(name) == 5.0
         assert len(list(parameter_backup_folder().iterdir())) == 1
         assert onboard.unbooted == {"real": frozenset({name})}
+        parameters, fence = rig.record.steps
+        assert (parameters.step, parameters.vehicle, parameters.ok) == ("parameters", "real", True)
+        assert (parameters.text, parameters.restored) == (f"{name} 5 (was {before:g})", None)
+        assert (fence.step, fence.text) == ("fence", "none uploaded: preflight.fence is null")
         await onboard.restore()
+        assert [one.restored for one in rig.record.steps] == [True, True]
         assert rig.has(name) == before
         assert list(parameter_backup_folder().iterdir()) == []
         assert rig.decided == []

@@ -2,7 +2,7 @@
 
 import asyncio
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from orchestrator.model.results import RunResult
 from orchestrator.run.vehicles import vehicle_backends
 from orchestrator.run.vehicles.pair import Pair
+from orchestrator.run.vehicles.preflight_checks import Preflight
 from orchestrator.state.run_state import RunState
+from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from safety.preflight import Item
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from tests.vehicles.embedded.charge import set_remaining
@@ -25,6 +28,7 @@ from vehicles.embedded.autopilot.px4 import px4_telemetry
 from vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
+from vehicles.poses.pose_history import PoseHistory
 from worlds.frames import Pose
 
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
@@ -220,3 +224,23 @@ def test_a_simulator_that_does_not_say_where_its_vehicle_is(
     assert first.startswith("twin position: its distance from its start pose by simulator is not")
     assert others[0].startswith(f"twin ground_truth: {said}")
     assert "pose_source: mavlink judges by its estimate" in others[0]
+
+
+def test_a_ground_truth_that_was_just_anchored_is_no_missing_one(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On an attached PX4 whose parameters were set already the checks came 20 ms after it."""
+    check_source = Preflight._source
+
+    async def just_anchored(self: Preflight, context: VehicleContext) -> Iterable[Item]:
+        first = context.poses.latest().pose
+        assert first is not None
+        context.poses = PoseHistory(HISTORY_S)
+        context.poses.add(asyncio.get_running_loop().time(), first)
+        return await check_source(self, context)
+
+    monkeypatch.setattr(Preflight, "_source", just_anchored)
+    result, _ = fly_run(mode="sim", sets=(*BRIEF, "vehicles.twin.pose_source=simulator"))
+    assert result.verdict == "PASS", result.reason
+    (item,) = [item for item in result.preflight if item.check == "ground_truth"]
+    assert item.actual == pytest.approx(50.0, rel=0.1)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.run_order import fly_order
+from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.cli import main
 from orchestrator.model.results import RunResult
 from orchestrator.run.vehicles import onboard_fences
@@ -63,6 +63,33 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
     assert found == [("disk", ""), *both, ("pair", "")]
     noted = [line for line in log_of(folder) if line.get("event") == "preflight"]
     assert [(line["check"], line["vehicle"]) for line in noted] == found
+
+
+def test_what_is_done_before_arming_is_one_record_in_its_order(fly_run: Fly) -> None:
+    result, folder = fly_run(sets=BRIEF)
+    steps = result.before_arming
+    of_each = [("parameters", "real"), ("fence", "real"), ("parameters", "twin"), ("fence", "twin")]
+    assert sorted((one.step, one.vehicle) for one in steps[:4]) == sorted(of_each)
+    for vehicle in ("real", "twin"):
+        order = [one.step for one in steps if one.vehicle == vehicle]
+        assert order == ["parameters", "fence"]
+    assert [(one.step, one.vehicle) for one in steps[4:]] == [("external", ""), ("preflight", "")]
+    assert {one.ok for one in steps} == {True}
+    assert {one.restored for one in steps} == {None}  # they end with the run
+    assert [one.at_s for one in steps] == sorted(one.at_s for one in steps)
+    assert steps[-1].text == f"{len(result.preflight)} checks"
+    assert "RTL_RETURN_ALT 1.725" in next(one.text for one in steps if one.step == "parameters")
+    noted = [line for line in log_of(folder) if line.get("event") == "before_arming"]
+    assert [(line["step"], line["text"]) for line in noted] == [(o.step, o.text) for o in steps]
+
+
+def test_the_step_that_speaks_against_arming_is_the_last(hover: Any) -> None:
+    flight = hover("preflight.start_tolerance_m=1e-12")
+    *before, last = flight.result.before_arming
+    assert (last.step, last.ok) == ("preflight", False)
+    assert last.text == flight.result.reason
+    assert all(one.ok for one in before)
+    assert not flight.armed
 
 
 @pytest.mark.parametrize(
@@ -159,3 +186,17 @@ def test_a_disk_without_room_is_reported_before_the_first_run(
     said = capsys.readouterr().err
     assert "is 5 MB, and at least 200 MB is required; free space, or lower" in said
     assert not list(out.rglob("result.json"))
+
+
+def test_commands_that_nobody_signs_are_shown_by_the_preflight(hover: Any) -> None:
+    def operator_items(commands: str) -> list[Item]:
+        mqtt = f"{{broker: 'mqtt://127.0.0.1', commands: {commands}}}"
+        flown = hover(f"operator.mqtt={mqtt}")
+        assert flown.result.verdict == "PASS"
+        shutil.rmtree(flown.folder)
+        return [item for item in flown.result.preflight if item.check == "operator"]
+
+    (item,) = operator_items("unsigned")
+    assert (item.outcome, item.by) == ("overridden", "operator.mqtt.commands: unsigned")
+    assert "whoever may publish at the broker commands the flight" in item.text
+    assert operator_items("signed") == []

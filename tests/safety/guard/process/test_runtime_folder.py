@@ -11,7 +11,9 @@ from safety.guard.process.runtime_folder import (
     open_runtime_folder,
     runtime_folders,
     sweep,
+    unsafe_folders,
 )
+from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +27,7 @@ def usual(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def other(short_folder: Path) -> Path:
-    return short_folder / "home" / ".local" / "state" / "wil-campaign"
+    return short_folder / "home" / ".local" / "state" / "wil-campaign" / "run"
 
 
 def test_the_usual_folder_is_ours_alone(usual: Path) -> None:
@@ -58,6 +60,14 @@ def test_a_folder_that_others_made_is_reported_and_another_used(
     }
     assert opened.passed_over == (f"{usual} {said[trap]}",)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_parameter_backups_in_the_same_place_are_not_in_the_way(usual: Path, other: Path) -> None:
+    CrashSafeFile.write(other.parent / "parameters", ".parameters.json", {}).remove()
+    assert unsafe_folders() == ()
+    usual.write_text("in the way")
+    assert open_runtime_folder().path == other
+    assert other.stat().st_mode & 0o777 == 0o700
 
 
 def test_a_folder_of_another_user_is_not_used(

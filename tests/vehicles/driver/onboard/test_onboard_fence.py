@@ -66,7 +66,7 @@ class Rig:
 
     @property
     def parameters(self) -> dict[str, float]:
-        names = ("GF_MAX_VER_DIST", "GF_ACTION", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_ENABLE")
+        names = ("GF_MAX_VER_DIST", "GF_ACTION", "FENCE_TYPE", "FENCE_ALT_MAX", "FENCE_MARGIN")
         known = self.vehicle.autopilot.parameters
         return {name: known[name] for name in names if name in known}
 
@@ -230,5 +230,16 @@ def test_a_parameter_that_is_refused_leaves_all_as_it_was() -> None:
             await kept.offer(SECOND)
         await kept.put_back()
         assert rig.radius_m == 20.0
+
+    with_vehicle("ardupilot", script)
+
+
+def test_an_arducopter_keeps_no_further_from_the_fence_than_the_guard() -> None:
+    async def script(rig: Rig) -> None:
+        assert rig.parameters["FENCE_MARGIN"] == 2.0
+        async with rig.kept() as kept:
+            await kept.keep(FIRST)
+            assert rig.parameters["FENCE_MARGIN"] == 0.0
+        assert rig.parameters["FENCE_MARGIN"] == 2.0
 
     with_vehicle("ardupilot", script)

@@ -167,3 +167,15 @@ def test_the_time_of_day_is_that_of_gps_once_it_has_it(autopilot: str) -> None:
     bare.send(mavlink.MAVLink_system_time_message(boot_us - 5_000_000, 0))
     bare.run(1.0)
     assert time_us() == boot_us + 11_000_000
+
+
+@BOTH
+def test_an_interval_longer_than_the_answer_can_carry_is_answered_as_the_longest(
+    autopilot: str,
+) -> None:
+    bare = BareAutopilot(autopilot)
+    assert bare.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30.0, 3.4e38) == 0
+    request = (mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 0, 30.0, *(0.0,) * 6)
+    told, ack = bare.send(mavlink.MAVLink_command_long_message(1, 1, *request))
+    assert (told.message_id, told.interval_us) == (30, 2**31 - 1)
+    assert ack.result == mavlink.MAV_RESULT_ACCEPTED

@@ -193,3 +193,18 @@ def test_a_slower_motor_is_tuned_to_less_authority() -> None:
     assert PX4.authority(0.1)[0] == pytest.approx(113.1 / 2.0, rel=0.01)
     assert COPTER.authority(0.008)[0] == 500.0
     assert math.isclose(COPTER.authority(0.06)[2], 40.0)
+
+
+@pytest.mark.parametrize("tilt_deg", [120.0, 491.0, 21196.0])
+@pytest.mark.parametrize(
+    ("kind", "name", "most_deg"), [(PX4, "MPC_TILTMAX_AIR", 89.0), (COPTER, "ATC_ANGLE_MAX", 80.0)]
+)
+def test_a_tilt_of_a_right_angle_or_more_is_the_largest_there_is(
+    kind: LawKind, name: str, most_deg: float, tilt_deg: float
+) -> None:
+    now = motion(position=(30.0, 2.0, -1.0), velocity=(1.0, -0.5, 0.2), euler=(0.2, -0.1, 0.4))
+    laws = [new_law(kind, **{name: value}) for value in (tilt_deg, most_deg)]
+    for _ in range(500):
+        given, most = (law.run(now, Target((0.0, 0.0, -3.0), yaw_rad=1.0)) for law in laws)
+        assert np.isfinite(given).all()
+        assert given == most

@@ -12,8 +12,8 @@ import pytest
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
 from vehicles.embedded.process.embedded_launch import FeedClient
 from vehicles.embedded.process.embedded_process import main
-from vehicles.embedded.process.injected_faults import Fault
 from vehicles.embedded.process.process_settings import ProcessSettings, Start
+from vehicles.faults import Fault
 from vehicles.links.link import LinkError
 from vehicles.links.link_strings import parse_link
 from vehicles.links.udp import UdpLink
@@ -92,6 +92,24 @@ async def test_a_kill_fault_ends_it() -> None:
         async with asyncio.timeout(5.0):
             while process.exit_code is None:  # noqa: ASYNC110 - another process has no event
                 await asyncio.sleep(0.02)
+    assert process.exit_code == 0
+
+
+async def test_a_fault_of_its_settings_begins_at_its_moment() -> None:
+    settings = ProcessSettings(
+        autopilot="px4",
+        link=f"udpout://127.0.0.1:{free_port()}",
+        seed=1,
+        faults=("mute", "kill@0.3"),
+    )
+    async with EmbeddedProcess(settings=settings) as process:
+        async with asyncio.timeout(5.0):
+            while process.exit_code is None:  # noqa: ASYNC110 - another process has no event
+                await asyncio.sleep(0.02)
+        assert process.stderr_tail.split("\n")[-2:] == [
+            "fault begun: mute",
+            "fault begun: kill@0.3",
+        ]
     assert process.exit_code == 0
 
 

@@ -20,7 +20,6 @@ from vehicles.embedded.process.feed import (
     is_finite,
     to_vehicle,
 )
-from vehicles.embedded.process.injected_faults import Fault, FaultError, parse_fault
 from vehicles.processes.codec import MessageError
 from vehicles.readings import PoseReading
 from worlds.frames import Pose
@@ -96,17 +95,3 @@ def test_damaged_datagrams_never_crash(data: st.DataObject) -> None:
             is_finite(from_vehicle.decode(damaged))
         except MessageError:
             continue
-
-
-@given(
-    st.sampled_from(["kill", "mute", "unmute"]).map(Fault)
-    | st.builds(Fault, st.just("motor"), st.integers(0, 3), st.floats(0.0, 2.0))
-)
-def test_faults_survive_as_texts(fault: Fault) -> None:
-    assert parse_fault(str(fault)) == fault
-
-
-@pytest.mark.parametrize("text", ["", "explode", "motor", "motor 9 1", "motor x 1", "kill now"])
-def test_unknown_faults_are_refused(text: str) -> None:
-    with pytest.raises(FaultError, match="is no fault"):
-        parse_fault(text)

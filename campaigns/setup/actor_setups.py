@@ -1,0 +1,112 @@
+"""Actors as a run needs them: vehicles that fly as objects of the world, from a campaign file."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from campaigns.schema.actors import ActorPart
+from campaigns.setup.vehicle_setups import FlownSetup, profile_of, unknown_parameters
+from worlds.files.documents import Document, Problem, closest
+from worlds.files.documents import Path as KeyPath
+from worlds.scene.motion import Motion
+from worlds.scene.scene import SceneObject
+from worlds.world_file.world import World
+
+_FIRST_SYSTEM_ID = 3
+_OVER_START_M = 0.05
+"""How far from above its start the first waypoint may be: a takeoff goes straight up."""
+_LEAST_CLIMB_M = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActorSetup(FlownSetup):
+    """The setup of a vehicle that flies as an object of the world, along that object's motion.
+
+    name: the object's. motion: its takeoff is the first waypoint. max_offset_m: from its way, and
+    max_delay_s: behind its motion, beyond which the run is INVALID.
+    """
+
+    motion: Motion
+    max_offset_m: float
+    max_delay_s: float
+
+
+def actor_setups(
+    campaign: Document,
+    parts: Mapping[str, ActorPart],
+    world: World,
+    taken: Mapping[str, int],
+    problems: list[Problem],
+) -> dict[str, ActorSetup]:
+    """Return the setups of a campaign's actors by name; problems are collected.
+
+    taken: the system ids of the other vehicles.
+    """
+    objects = {each.thing.name: each.thing for each in world.placed}
+    ids = dict(taken)
+    found: dict[str, ActorSetup] = {}
+    for index, (name, part) in enumerate(parts.items()):
+        at: KeyPath = ("actors", name)
+        own_id = part.system_id or _FIRST_SYSTEM_ID + index
+        other = next((one for one, system_id in ids.items() if system_id == own_id), None)
+        if other is not None:
+            said = f"'{other}' has system id {own_id}, too; give '{name}' another one"
+            problems.append(campaign.problem((*at, "system_id"), said))
+        ids[name] = own_id
+        problems += unknown_parameters(campaign, at, part.autopilot, part.params)
+        profile = profile_of(campaign, at, part.profile, problems)
+        thing = objects.get(name)
+        wrong = list(_object_problems(campaign, at, name, thing, tuple(objects)))
+        problems += wrong
+        if wrong or thing is None or thing.motion is None:
+            continue
+        found[name] = ActorSetup(
+            name=name,
+            link=part.link,
+            autopilot=part.autopilot,
+            profile=profile,
+            start=thing.pose,
+            system_id=own_id,
+            pose_source="simulator",
+            params=dict(part.params),
+            motion=thing.motion,
+            max_offset_m=part.max_offset_m,
+            max_delay_s=part.max_delay_s,
+        )
+    return found
+
+
+def _object_problems(
+    campaign: Document, at: KeyPath, name: str, thing: SceneObject | None, known: tuple[str, ...]
+) -> Iterator[Problem]:
+    """Yield why no vehicle can fly as an object of the world."""
+    if name in {"real", "twin"}:
+        said = f"'{name}' is a vehicle of the pair; an actor has the name of an object of the world"
+        yield campaign.problem(at, said, key=True)
+    elif thing is None:
+        said = f"the world has no object '{name}'"
+        yield campaign.problem(at, said, closest(name, known), key=True)
+    elif thing.motion is None:
+        said = f"'{name}' has no motion in the world file: the vehicle flies along it; give it one"
+        yield campaign.problem(at, said, key=True)
+    elif thing.shape.limbs:
+        said = f"'{name}' is a {thing.shape.kind}; a vehicle flies as an object without limbs"
+        yield campaign.problem(at, said, key=True)
+    elif thing.motion.loop:
+        said = f"the motion of '{name}' repeats for ever; a vehicle flies a motion that ends"
+        yield campaign.problem(at, said, key=True)
+    elif not _takes_off(thing.motion):
+        said = (
+            f"the first waypoint of '{name}' is not above its start: the vehicle takes off to it; "
+            f"give it the same north_m and east_m, and an up_m higher by {_LEAST_CLIMB_M:g} m"
+        )
+        yield campaign.problem(at, said, key=True)
+
+
+def _takes_off(motion: Motion) -> bool:
+    """Return whether an actor's motion begins with a climb straight up."""
+    if not motion.waypoints:
+        return False
+    begin, first = motion.begin.position_ned_m, motion.waypoints[0].position_ned_m
+    climb_m = begin[2] - first[2]
+    return math.dist(begin[:2], first[:2]) <= _OVER_START_M and climb_m >= _LEAST_CLIMB_M

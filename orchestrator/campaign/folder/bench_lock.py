@@ -1,0 +1,28 @@
+"""One flight at a time on a bench: its file is locked by the program that flies there."""
+
+import fcntl
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from campaigns.setup.bench_file import Bench
+from orchestrator.campaign.folder.campaign_folder import TakenError
+
+
+@contextmanager
+def held_benches(benches: Iterable[Bench]) -> Iterator[None]:
+    """Lock benches of this machine for this process, until it ends at the latest.
+
+    Raises TakenError for one that another process flies on, and OSError.
+    """
+    with ExitStack() as stack:
+        for bench in benches:
+            handle = os.open(bench.document.path, os.O_RDONLY | os.O_CLOEXEC)
+            stack.callback(os.close, handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise TakenError(
+                    f"bench {bench.name} is in use by another wil-campaign: wait until it has ended"
+                ) from error
+        yield

@@ -1,0 +1,174 @@
+"""Vehicles that are attached from outside: which ones, who they are, and whether they may arm.
+
+What we neither embed nor launch may be hardware, also behind a port of loopback.
+"""
+
+import asyncio
+import itertools
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from campaigns.expansion.expansion import Campaign
+from campaigns.setup.case_setup import VehicleSetup
+from orchestrator.model.campaign_results import VehicleKind
+from vehicles.driver import Driver
+from vehicles.driver.session.identity import Identity, same_vehicle
+from vehicles.errors import IdentifyError
+from vehicles.links.link import Link
+from vehicles.links.link_conditions import LinkConditions, under_conditions
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import LinkAddress
+from vehicles.links.udp import UdpLink
+
+_PLACE_S = 3.0
+"""How long is waited for a position and a battery, which it may not have."""
+_LOOK_S = 0.05
+_HEARTBEATS_S = 1.2
+"""Until whoever is there was heard once: heartbeats come every second."""
+
+
+@dataclass(frozen=True, slots=True)
+class AttachedVehicle:
+    """An attached vehicle that was identified over its link.
+
+    place_deg: latitude and longitude by its own estimate, None while it knows none. battery: 0 to
+    1, None where unknown.
+    """
+
+    name: str
+    address: str
+    identity: Identity
+    place_deg: tuple[float, float] | None
+    battery: float | None
+    armed: bool
+
+    def __str__(self) -> str:
+        """Return the attached vehicle in words."""
+        who = self.identity
+        kind = "a simulation" if who.simulation else f"board {who.uid}"
+        battery = "" if self.battery is None else f", battery {self.battery:.0%}"
+        return (
+            f"{self.name}: {who.autopilot} {who.version_text} {who.vehicle_type}, system "
+            f"{who.system_id}, {kind}, on {self.address}, {self.where}{battery}"
+        )
+
+    @property
+    def where(self) -> str:
+        """Return the attached vehicle's place in words."""
+        if self.place_deg is None:
+            return "position unknown"
+        return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
+
+
+def flown_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
+    """Return the vehicles that fly in the campaign's modes, in any of its cases, each once."""
+    found: dict[tuple[str, object], VehicleSetup] = {}
+    for setup in campaign.setups.values():
+        for name in dict.fromkeys(name for mode in campaign.modes for name in setup.flying(mode)):
+            vehicle = setup.vehicles[name]
+            found.setdefault((name, vehicle.link), vehicle)
+    return tuple(found.values())
+
+
+def attached_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
+    """Return the campaign's attached vehicles: neither embedded nor launched."""
+    return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
+
+
+def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
+    """Return what plays the real vehicle: attached, launched or embedded."""
+    real = next((one for one in flown_vehicles(campaign) if one.name == "real"), None)
+    if real is None or real.embedded:
+        return "embedded"
+    if real.launch is not None:
+        return "sitl"
+    answered = next((one for one in found if one.name == "real"), None)
+    if answered is None:
+        return "unknown"
+    return "sitl" if answered.identity.simulation else "hardware"
+
+
+async def find_all(
+    vehicles: Iterable[VehicleSetup], timeout_s: float
+) -> tuple[AttachedVehicle, ...]:
+    """Connect to the attached vehicles and identify them. Raises VehicleError, the first one.
+
+    Nothing is changed in them, and the links are closed again.
+    """
+    found = await asyncio.gather(*(_find(vehicle, timeout_s) for vehicle in vehicles))
+    for one, other in itertools.combinations(found, 2):
+        if one.name != other.name and same_vehicle(one.identity, other.identity):
+            raise IdentifyError(
+                f"{one.name} on {one.address} and {other.name} on {other.address} are one vehicle "
+                f"(uid {one.identity.uid})"
+            )
+    return tuple(found)
+
+
+async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
+    """Connect to an attached vehicle and identify it. Raises VehicleError."""
+    if vehicle.attached is None:
+        raise ValueError(f"{vehicle.name} is not attached")
+    conditions = LinkConditions(signing=vehicle.signing)
+    signed = vehicle.signing is not None
+    raw = [open_link(address, signed=signed) for address in vehicle.addresses]
+    link = under_conditions(raw[0], conditions, utc_s=time.time(), spares=raw[1:]).link
+    driver = Driver(
+        name=vehicle.name,
+        link=link,
+        autopilot=vehicle.autopilot,
+        system_id=vehicle.system_id,
+        rates=vehicle.rates,
+    )
+    return await _look(driver, raw, address=link.name, timeout_s=timeout_s)
+
+
+async def find_at(address: LinkAddress, timeout_s: float) -> AttachedVehicle:
+    """Connect to the vehicle at an address and identify it. Raises VehicleError.
+
+    Nothing is changed in it, and the link is closed again.
+    """
+    link = open_link(address)
+    driver = Driver(name="vehicle", link=link)
+    return await _look(driver, [link], address=str(address), timeout_s=timeout_s)
+
+
+async def _look(
+    driver: Driver, links: Iterable[Link], *, address: str, timeout_s: float
+) -> AttachedVehicle:
+    """Identify a driver's vehicle, wait for its place and battery. Raises VehicleError."""
+    loop = asyncio.get_running_loop()
+    async with driver:
+        began_s = loop.time()
+        identity = await driver.identify(timeout_s)
+        for _ in range(round(_PLACE_S / _LOOK_S)):
+            if _complete(driver) and loop.time() - began_s >= _HEARTBEATS_S:
+                break
+            await asyncio.sleep(_LOOK_S)
+        _refuse_rivals(driver.name, links)
+        state = driver.state
+        return AttachedVehicle(
+            name=driver.name,
+            address=address,
+            identity=identity,
+            place_deg=driver.place_deg,
+            battery=None if state.battery is None else state.battery.remaining,
+            armed=state.armed,
+        )
+
+
+def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
+    """Refuse two attached vehicles with one system id on one port. Raises IdentifyError."""
+    for link in links:
+        said = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
+        if said is not None:
+            raise IdentifyError(
+                f"{name} on {link.name}: {said}; switch one off, or give one another id "
+                "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+            )
+
+
+def _complete(driver: Driver) -> bool:
+    """Return whether an attached vehicle has reported its place and battery."""
+    return driver.place_deg is not None and driver.state.battery is not None

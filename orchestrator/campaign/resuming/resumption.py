@@ -1,0 +1,99 @@
+"""Which campaign is resumed: its folder, and whether it is the same campaign still."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from orchestrator.campaign.folder.campaign_folder import newest_folder
+from orchestrator.campaign.folder.manifest_changes import changed_keys
+from orchestrator.model.document_writer import to_json
+
+
+class ResumeError(Exception):
+    """A campaign that cannot be resumed; says why, and what to do."""
+
+
+def resumed_folder(out: Path, campaign: str) -> Path:
+    """Return the folder to resume: `out` itself, or the campaign's newest beneath it.
+
+    Raises ResumeError when there is none.
+    """
+    if (out / "campaign.json").is_file():
+        return out
+    newest = newest_folder(out / campaign)
+    if newest is None:
+        raise ResumeError(
+            f"there is nothing to resume: no campaign.json in {out}, nor beneath {out / campaign}; "
+            "name the folder by --out"
+        )
+    return newest
+
+
+def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, object]:
+    """Return the manifest of a resumed folder with the resumption added; now: today's.
+
+    Raises ResumeError when they differ: two campaigns in one folder prove nothing.
+    """
+    path = folder / "campaign.json"
+    try:
+        before = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResumeError(f"{path} cannot be read: {error}") from error
+    present = json.loads(to_json(now))
+    if not isinstance(before, dict) or not before.keys() >= present.keys():
+        raise ResumeError(
+            f"{path} was written by another version: start the campaign again without --resume"
+        )
+    if said := list(_differences(before, present)):
+        raise ResumeError(
+            f"{folder} cannot be resumed: {'; '.join(said)}. Results of two campaigns do not make "
+            "one: bring back what was, or begin anew without --resume"
+        )
+    again = [*before.get("resumed_utc", []), present["started_utc"]]
+    return {**before, "resumed_utc": again}
+
+
+def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield differences of the manifests that forbid resuming: name, clock, seed, options."""
+    for key, word in (("campaign", "its name"), ("clock", "its clock"), ("seed", "its seed")):
+        if before[key] != now[key]:
+            yield f"{word} was {before[key]}, and is {now[key]}"
+    if not before["arm"]:
+        yield "it armed nothing (--no-arm)"
+    files = list(_changes(before["files"], now["files"]))
+    yield from (f"{name} {what}" for name, _, _, what in files)
+    for name, was, present, _ in _changes(before["versions"], now["versions"]):
+        yield f"{name} was {was}, and is {present}"
+    if before["document"] != now["document"] and not files:
+        for key, was, present in changed_keys(before["document"], now["document"]):
+            yield f"{key} was {was}, and is {present} (an option, or --set {key}=...)"
+    elif before["runs"] != now["runs"] and not files:
+        yield from _different_runs(before, now)
+
+
+def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the resumption's options that select other runs, or override other files."""
+    was, present = before.get("options", {}), now.get("options", {})
+    said = [
+        f"--{name} was {_shown(was.get(name))}, and is {_shown(present.get(name))}"
+        for name in present
+        if was.get(name) != present.get(name)
+    ]
+    yield from said or [f"it had {len(before['runs'])} runs, and has {len(now['runs'])}, or others"]
+
+
+def _shown(values: object) -> str:
+    """Return an option's values as a resumption message shows them."""
+    return " and ".join(map(str, values)) if isinstance(values, list) and values else "not given"
+
+
+def _changes(
+    before: Mapping[str, str], now: Mapping[str, str]
+) -> Iterator[tuple[str, str | None, str | None, str]]:
+    """Yield the files that changed since the resumed campaign was flown."""
+    for name in sorted({*before, *now}):
+        was, present = before.get(name), now.get(name)
+        if was != present:
+            what = "was not there" if was is None else "is gone" if present is None else "changed"
+            yield name, was, present, what

@@ -1,0 +1,1 @@
+"""The processes that fly runs: prepared, watched, ended."""

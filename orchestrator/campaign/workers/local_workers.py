@@ -1,0 +1,233 @@
+"""Local workers: each run has a process of this machine of its own, forked from the run server.
+
+The parent owns Ctrl-C and the terminal. A worker whose parent has died treats that as an operator's
+abort: it lands, writes its result, and ends.
+"""
+
+import asyncio
+import contextlib
+import os
+import select
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from multiprocessing import reduction
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any, Generic
+
+from orchestrator.campaign.workers.left_processes import adopt_descendants, end_descendants
+from orchestrator.campaign.workers.run_server import run_context
+from orchestrator.campaign.workers.run_workers import Fly, Order, OrderDone, Outcome, WorkerLost
+from orchestrator.model.progress import News
+from safety.guard.core.operator_command import OperatorCommand
+
+_ITSELF = "the run itself: its parent process died"
+
+
+class _Stderr:
+    """The stderr of the pool's process, handed to a worker; number: its descriptor there."""
+
+    def __init__(self, number: int = 2) -> None:
+        self.number = number
+
+    def __reduce__(self) -> "tuple[Callable[[Any], _Stderr], tuple[object]]":
+        """Return what a worker makes it of again: a copy of the descriptor goes with it."""
+        return _received, (reduction.DupFd(self.number),)
+
+
+def _received(descriptor: Any) -> _Stderr:
+    """Return the pool's stderr as it arrived in a worker."""
+    return _Stderr(descriptor.detach())
+
+
+class PipeInbox:
+    """A worker's inbox of operator commands from the parent; the parent's death is an abort."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._orphaned = False
+
+    def poll(self) -> OperatorCommand | None:
+        """Return the next operator command from the parent process, or None."""
+        if self._orphaned:
+            return None
+        try:
+            if not self._connection.poll(0):
+                return None
+            command = self._connection.recv()
+        except (EOFError, OSError):
+            self._orphaned = True
+            return OperatorCommand("abort", _ITSELF)
+        return command if isinstance(command, OperatorCommand) else None
+
+
+def _work(
+    connection: Connection,
+    fly: "Fly[Any, Any]",
+    environment: Mapping[str, str],
+    stderr: _Stderr,
+) -> None:
+    """Fly an order in a worker process, and end when the parent closes the pipe."""
+    # The run server's environment and terminal may be older than its campaign's.
+    os.environ.clear()
+    os.environ.update(environment)
+    os.dup2(stderr.number, 2)
+    os.close(stderr.number)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # `timeout`, a service manager and a terminal that closes send these to the whole group; the
+        # parent tells us what to do. A handler, for what is ignored our children would ignore too.
+        signal.signal(number, lambda *_: None)
+    os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
+    adopt_descendants()
+    inbox = PipeInbox(connection)
+
+    def report(news: News) -> None:
+        # A parent that does not read (SIGSTOP) must not make a flight wait.
+        _, writable, _ = select.select([], [connection], [], 0.0)
+        if writable:
+            with contextlib.suppress(OSError):
+                connection.send(news)
+
+    order = _first_order(connection)
+    if order is None:
+        return
+    try:
+        outcome = fly(order, report, inbox)
+    except BaseException as error:  # noqa: BLE001  # a worker must tell, whatever it was
+        outcome = _lost_by(error)
+    if left := end_descendants():
+        sys.stderr.write(f"ended what a run left behind: {', '.join(left)}\n")
+    try:
+        connection.send(OrderDone(outcome))
+    except OSError:
+        return
+    except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
+        connection.send(OrderDone(_lost_by(error)))
+    _first_order(connection)  # until the parent has read it, and closes the pipe
+
+
+def _first_order(connection: Connection) -> Any:  # what the pool's owner flies
+    """Return a worker's order; None once the parent has closed the pipe."""
+    while True:
+        try:
+            order = connection.recv()
+        except (EOFError, OSError):
+            return None
+        if not isinstance(order, OperatorCommand):  # one came after the run that it was meant for
+            return order
+
+
+def _lost_by(error: BaseException) -> WorkerLost:
+    """Return the worker's loss by an exception."""
+    kind = type(error).__name__
+    return WorkerLost(f"{kind}: {error}", traceback.format_exc(), kind)
+
+
+class LocalWorker(Generic[Order, Outcome]):
+    """A worker process of this machine, and the pipe to it."""
+
+    def __init__(self, process: BaseProcess, connection: Connection) -> None:
+        self._process = process
+        self._connection = connection
+
+    async def begin(self, order: Order) -> None:
+        """Send the order to the process. Raises OSError."""
+        self._connection.send(order)
+
+    async def receive(self) -> object:
+        """Return the process's next message. Raises EOFError, OSError."""
+        return await receive_message(self._connection)
+
+    def send(self, command: OperatorCommand) -> None:
+        """Pass a command on to the process, unless its pipe is full."""
+        _, writable, _ = select.select([], [self._connection], [], 0.0)
+        if writable:
+            with contextlib.suppress(OSError):
+                self._connection.send(command)
+
+    def kill(self) -> None:
+        """Kill the process."""
+        self._process.kill()
+
+    async def outcome_of_lost(self, reason: str) -> WorkerLost:
+        """Return how the process ended."""
+        if reason:
+            return WorkerLost(reason)
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, self._process.join, 5.0)
+        return WorkerLost(_exit_text(self._process.exitcode))
+
+    async def end(self) -> str:
+        """End the process; return in words what was wrong with its end."""
+        self._connection.close()
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, self._process.join, 20.0)
+        if self._process.is_alive():
+            print(  # noqa: T201  # the last word to a person about a process that hangs
+                f"worker process {self._process.pid} did not exit; killing it", file=sys.stderr
+            )
+            self._process.kill()
+            await loop.run_in_executor(None, self._process.join)
+            return f"worker process {self._process.pid} did not exit; it was killed"
+        if self._process.exitcode:
+            return _exit_text(self._process.exitcode, "after its last verdict")
+        return ""
+
+
+class LocalWorkers(Generic[Order, Outcome]):
+    """Starts worker processes on this machine. fly: flies an order, in the process."""
+
+    def __init__(self, fly: "Fly[Order, Outcome]") -> None:
+        self._fly = fly
+        self._context = run_context()
+
+    async def start(self) -> LocalWorker[Order, Outcome]:
+        """Return a new worker process; preparing the run server takes seconds, in a thread."""
+        return await asyncio.get_running_loop().run_in_executor(None, self._start)
+
+    async def close(self) -> None:
+        """Do nothing: the run server ends with its campaign."""
+
+    def _start(self) -> LocalWorker[Order, Outcome]:
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(
+            target=_work,
+            args=(theirs, self._fly, dict(os.environ), _Stderr()),
+            name="wil-campaign run",
+            daemon=False,
+        )
+        process.start()
+        theirs.close()
+        return LocalWorker(process, ours)
+
+
+async def receive_message(connection: Connection) -> object:
+    """Return a worker's next message without blocking the loop."""
+    loop = asyncio.get_running_loop()
+    if not connection.poll(0):
+        ready: asyncio.Future[None] = loop.create_future()
+        loop.add_reader(connection.fileno(), _set_once, ready)
+        try:
+            await ready
+        finally:
+            loop.remove_reader(connection.fileno())
+    message: object = connection.recv()
+    return message
+
+
+def _set_once(ready: "asyncio.Future[None]") -> None:
+    """Set a worker's future, unless it is done."""
+    if not ready.done():
+        ready.set_result(None)
+
+
+def _exit_text(exitcode: int | None, when: str = "before it had a verdict") -> str:
+    """Return a worker's exit code in words."""
+    if exitcode is None:
+        return "its process stopped answering"
+    if exitcode < 0:
+        return f"its process was ended by {signal.Signals(-exitcode).name}"
+    return f"its process ended with exit status {exitcode} {when}"

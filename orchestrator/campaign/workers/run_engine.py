@@ -1,0 +1,47 @@
+"""Where the runs of a campaign are flown: an engine provides the workers of the worker pool."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from campaigns.expansion.expansion import Campaign
+from orchestrator.campaign.workers.local_workers import LocalWorkers
+from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_workers import Workers
+from orchestrator.model.results import RunResult
+from orchestrator.state.run_setup import RunOrder
+
+
+class EngineError(Exception):
+    """An engine cannot fly: says why, and the remedy. code: the exit code of the program."""
+
+    def __init__(self, text: str, code: int = 3) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+class RunEngine(Protocol):
+    """Flies the runs of campaigns somewhere (protocol)."""
+
+    def workers(
+        self, campaign: Campaign, folder: Path, say: Callable[[str], None]
+    ) -> Workers[RunOrder, RunResult]:
+        """Return the workers of a campaign. folder: of its results, which is there.
+
+        say: shows a sentence to a person. Raises EngineError.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class LocalRunEngine:
+    """Flies runs in processes of this machine."""
+
+    def workers(
+        self,
+        campaign: Campaign,  # noqa: ARG002  # a run brings what it needs with its order
+        folder: Path,  # noqa: ARG002
+        say: Callable[[str], None],  # noqa: ARG002
+    ) -> LocalWorkers[RunOrder, RunResult]:
+        """Return worker processes, forked from the run server."""
+        return LocalWorkers(fly_order)

@@ -1,0 +1,24 @@
+"""Imported by the run server alone: what every run needs, before one is forked from it."""
+
+import os
+
+# A fork has no threads but its first; runs share the cores by processes as it is.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import gc
+import signal
+
+import cv2
+
+import orchestrator.campaign.workers.run_order
+from orchestrator.run.perception.warm_up import load_kept_kernels
+
+__all__ = ["orchestrator"]
+
+for _number in (signal.SIGTERM, signal.SIGHUP):
+    # They go to the whole process group; the server ends when its campaign does.
+    signal.signal(_number, lambda *_: None)
+cv2.setNumThreads(1)  # threads of its own would not be in a fork
+load_kept_kernels()
+gc.collect()
+gc.freeze()

@@ -1,0 +1,164 @@
+"""The worker pool: flies orders on workers, as many at once as there are jobs.
+
+A worker that is lost takes one run with it, never more: the caller is told and a new worker takes
+the next run.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Generic
+
+from orchestrator.campaign.workers.run_workers import (
+    Order,
+    OrderDone,
+    Outcome,
+    Worker,
+    WorkerLost,
+    Workers,
+)
+from orchestrator.model.progress import News, Report
+from safety.guard.core.operator_command import OperatorCommand
+from vehicles.tasks import finish
+
+_FIRST_WORD_S = 600.0
+"""Until its first word a worker loads the campaign's files and compiles."""
+_ABORTED_S = 5.0
+"""What is left of that once an abort has come: nothing flies yet that would have to land."""
+
+
+@dataclass(slots=True)
+class _BusyWorker(Generic[Order, Outcome]):
+    worker: Worker[Order, Outcome]
+    preparing: asyncio.Timeout | None = None
+    """Runs until the first word of the present order."""
+
+    def hurry(self) -> None:
+        """Have a worker that has not said anything yet do so soon, or be killed."""
+        if self.preparing is not None:
+            due_s = asyncio.get_running_loop().time() + _ABORTED_S
+            self.preparing.reschedule(min(due_s, self.preparing.when() or due_s))
+
+
+class Pool(Generic[Order, Outcome]):
+    """A pool of up to `jobs` workers that fly orders; outcomes come when done.
+
+    done: takes an order's outcome; what it returns is flown next. ready: takes an order when its
+    turn has come, and returns it with what is known by then; None: it is not flown any more.
+
+    stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
+    was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
+    its orders and then did not end as it should.
+    """
+
+    def __init__(
+        self,
+        *,
+        jobs: int,
+        workers: Workers[Order, Outcome],
+        report: Report,
+        done: Callable[[Order, Outcome | WorkerLost], Order | None],
+        stall_s: float = 60.0,
+        ended_badly: Callable[[str], None] = lambda _: None,
+        ready: Callable[[Order], Order | None] = lambda order: order,
+    ) -> None:
+        self._ready = ready
+        self._ended_badly = ended_badly
+        self._jobs = jobs
+        self._workers = workers
+        self._report = report
+        self._done = done
+        self._stall_s = stall_s
+        self._busy: list[_BusyWorker[Order, Outcome]] = []
+        self._stopped: OperatorCommand | None = None
+        self._going = asyncio.Event()
+        self._going.set()
+
+    def abort(self, command: OperatorCommand) -> None:
+        """Have every worker's run land as aborted; orders not begun are not flown."""
+        self._stopped = command
+        self._going.set()
+        self.pass_on(command)
+        for busy in self._busy:
+            busy.hurry()
+
+    def pass_on(self, command: OperatorCommand) -> int:
+        """Pass an operator command to every worker's run; return how many there are."""
+        for busy in self._busy:
+            busy.worker.send(command)
+        return len(self._busy)
+
+    def pause(self) -> None:
+        """Have the pool begin no order until `go_on`; runs in flight continue."""
+        self._going.clear()
+
+    def go_on(self) -> None:
+        """Have the pool begin orders again."""
+        self._going.set()
+
+    async def fly(self, orders: Iterable[Order]) -> None:
+        """Fly all orders on the workers, in order of start; return when no worker is left."""
+        waiting = deque(orders)
+        async with asyncio.TaskGroup() as group:
+            for number in range(min(self._jobs, len(waiting))):
+                group.create_task(self._serve(waiting), name=f"worker {number}")
+
+    async def _serve(self, waiting: "deque[Order]") -> None:
+        worker: Worker[Order, Outcome] | None = None
+        try:
+            while waiting:
+                await self._going.wait()
+                # Preparing the run server takes seconds; signals are heeded meanwhile.
+                if worker is None:
+                    worker = await self._workers.start()
+                await self._going.wait()
+                if self._stopped is not None or not waiting:
+                    break
+                order = self._ready(waiting.popleft())
+                if order is None:
+                    continue
+                outcome = await self._fly_one(worker, order)
+                over, worker = worker, None
+                ended = await finish(over.end(), name="the end of a worker")
+                if ended and not isinstance(outcome, WorkerLost):
+                    self._ended_badly(ended)
+                again = self._done(order, outcome)
+                if again is not None:
+                    waiting.appendleft(again)
+        finally:
+            if worker is not None:
+                ended = await finish(worker.end(), name="the end of a worker")
+                if ended:
+                    self._ended_badly(ended)
+
+    async def _fly_one(self, worker: Worker[Order, Outcome], order: Order) -> Outcome | WorkerLost:
+        busy = _BusyWorker(worker)
+        self._busy.append(busy)
+        patience_s = _FIRST_WORD_S
+        try:
+            await worker.begin(order)
+            while True:
+                async with asyncio.timeout(patience_s) as preparing:
+                    busy.preparing = preparing if patience_s == _FIRST_WORD_S else None
+                    if busy.preparing is not None and self._stopped is not None:
+                        busy.hurry()
+                    message = await worker.receive()
+                busy.preparing = None
+                patience_s = self._stall_s
+                if isinstance(message, OrderDone):
+                    outcome: Outcome | WorkerLost = message.outcome
+                    return outcome
+                if isinstance(message, News):
+                    self._report(message)
+        except TimeoutError:
+            worker.kill()
+            reason = f"its process did not respond for {patience_s:g} s; it was killed"
+            if busy.preparing is not None and self._stopped is not None:
+                reason = "aborted before its process had prepared the run; it was killed"
+            return await worker.outcome_of_lost(reason)
+        except (EOFError, OSError):
+            return await worker.outcome_of_lost("")
+        finally:
+            busy.preparing = None
+            self._busy.remove(busy)

@@ -1,0 +1,133 @@
+"""What the results of a campaign's runs come to: accepted or not, and the exit code; pure."""
+
+from collections.abc import Iterable, Sequence
+
+from campaigns.values.acceptance import Requirement, Share, Standing, standings
+from orchestrator.model.results import NOT_ARMED, RunResult, Stop
+
+_PROVEN = frozenset({"PASS", "FAIL"})
+
+
+def standings_of(
+    runs: Iterable[RunResult], requirements: Iterable[Requirement]
+) -> tuple[Standing, ...]:
+    """Return how far run results meet each requirement of the campaign."""
+    return standings(
+        requirements,
+        (
+            (run.case, run.mode, run.verdict == "PASS" if run.verdict in _PROVEN else None)
+            for run in runs
+            if run.control is None
+        ),
+    )
+
+
+def accepted(
+    runs: Sequence[RunResult],
+    requirements: Sequence[Requirement],
+    *,
+    stopped: Stop | None = None,
+    broken: bool = False,
+    controls_due: int = 0,
+    missing: int = 0,
+) -> bool | None:
+    """Return whether results make the campaign accepted; None without a required run.
+
+    Accepted is what ends with exit code 0, and nothing else; the arguments are those of
+    `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those
+    flights prove nothing, so they cannot be among the ones that a campaign may lose. Nor may it
+    lose one that was never flown. Nor is a campaign accepted with a control that is not flown or
+    did not end as it must: its green would mean nothing.
+    """
+    if any(run.control is not None and not run.control.met for run in runs):
+        return False
+    if not any(run.required for run in runs):
+        return None
+    code = exit_code(
+        runs,
+        requirements,
+        stopped=stopped,
+        broken=broken,
+        controls_due=controls_due,
+        missing=missing,
+    )
+    return code == 0
+
+
+def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
+    """Return the requirements that results do not meet; uncovered runs must pass by themselves."""
+    wanted = list(requirements)
+    covered = {(one.case, one.mode) for one in wanted}
+    for run in required:
+        if (run.case, run.mode) not in covered:
+            covered.add((run.case, run.mode))
+            count = sum((r.case, r.mode) == (run.case, run.mode) for r in required)
+            wanted.append(Requirement(run.case, run.mode, Share(count, count)))
+    return [standing for standing in standings_of(required, wanted) if not standing.met]
+
+
+def is_rehearsed(run: RunResult) -> bool:
+    """Return whether a run came to arming as --no-arm asks, and nothing went wrong after that.
+
+    An ERROR of its end is one: a vehicle may have kept parameters and fence of the run.
+    """
+    came_there = run.verdict == "ABORTED" and run.reason == NOT_ARMED
+    return came_there and not run.exceptions and all(one.verdict != "ERROR" for one in run.also)
+
+
+def rehearsal_code(runs: Sequence[RunResult]) -> int:
+    """Return the exit code of results without arming (--no-arm): 5 when all works.
+
+    A run that was aborted for another reason than that has shown nothing.
+    """
+    if any(run.verdict == "ABORTED" and run.reason != NOT_ARMED for run in runs):
+        return 4
+    return 5 if all(map(is_rehearsed, runs)) else 3
+
+
+def exit_code(
+    runs: Sequence[RunResult],
+    requirements: Sequence[Requirement],
+    *,
+    stopped: Stop | None = None,
+    broken: bool = False,
+    controls_due: int = 0,
+    missing: int = 0,
+) -> int:
+    """Return the exit code of a campaign's results; the first of 130, 4, 3, 1, 5, 0.
+
+    stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
+    vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
+    operator's command whether or not it was required. Required runs (missing: how many) and
+    controls that were never flown though nobody stopped the campaign are 3, whatever share of the
+    required runs may FAIL.
+
+    A control that did not end as it must is 3 where it came to ERROR or INVALID, which prove
+    nothing, and else 1, as a required run that FAILed: all was flown, and something is wrong.
+    """
+    if stopped == "signal":
+        return 130
+    if stopped == "command" or any(run.verdict == "ABORTED" for run in runs):
+        return 4
+    broken = broken or any(run.exceptions for run in runs)
+    if broken or missing:
+        return 3
+    return _code_of(runs, requirements, controls_due)
+
+
+def _code_of(
+    runs: Sequence[RunResult], requirements: Sequence[Requirement], controls_due: int
+) -> int:
+    """Return the exit code of an uninterrupted campaign's results."""
+    required = [run for run in runs if run.required]
+    unmet = [run for run in runs if run.control is not None and not run.control.met]
+    if any(run.verdict in {"ERROR", "INVALID"} for run in (*required, *unmet)):
+        return 3
+    if sum(run.control is not None for run in runs) < controls_due:
+        return 3
+    if not required:
+        return 1 if unmet else 5
+    short = _short(required, requirements)
+    if not all(standing.is_complete for standing in short):
+        return 3
+    return 1 if short or unmet else 0

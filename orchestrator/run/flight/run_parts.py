@@ -1,0 +1,305 @@
+"""The parts of a run: those that exist before its vehicles, and those that its tasks share."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+
+from orchestrator.external.external_io import ExternalIo
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from orchestrator.recording.run_recorder import RunRecorder
+from orchestrator.run.flight.operator_handler import OperatorHandler, operator_handler_of
+from orchestrator.run.flight.progress_reporter import ProgressReporter
+from orchestrator.run.flight.recorder_factory import recorder_of
+from orchestrator.run.flight.run_feed import RunFeed
+from orchestrator.run.flight.watchdog import Watchdog
+from orchestrator.run.judging.oracle_runner import OracleRunner
+from orchestrator.run.judging.run_oracles import build_judge
+from orchestrator.run.perception.perception import Perception
+from orchestrator.run.perception.perception_builder import PerceptionWatchers, build_perception
+from orchestrator.run.perception.runner_factory import AnyRunner
+from orchestrator.run.stages.actor_flight import ActorFlight
+from orchestrator.run.stages.before_arming import BeforeArming
+from orchestrator.run.stages.goal_flight import GoalFlight
+from orchestrator.run.stages.operator_hold import OperatorHold
+from orchestrator.run.stages.synchronisation import Synchronisation
+from orchestrator.run.stages.twin_monitor import TwinMonitor
+from orchestrator.run.vehicles.arming_record import ArmingRecord
+from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.run.vehicles.preflight_checks import Preflight
+from orchestrator.state.mixtures import PreviewImages
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import RunState, Stage
+from orchestrator.state.signal_faults import SignalFaults
+from safety.evaluation.judge import COLLISION_ALWAYS, Judge
+from safety.evaluation.judge_log import ActorPose, WorldEvent
+from safety.model.oracle_results import Flag
+from safety.model.samples import PoseSample
+from vehicles.readings import Reading
+from worlds.scene.motion import MOMENTS
+from worlds.scene.track import RunHistory, Track
+
+
+@dataclass(slots=True, kw_only=True)
+class FlightParts:
+    """The parts of a run that its tasks share."""
+
+    setup: RunSetup
+    run_state: RunState
+    pair: Pair
+    bench: OracleRunner
+    outside: ExternalIo
+    perception: Perception
+    recorder: RunRecorder
+    goal: GoalFlight
+    actors: tuple[ActorFlight, ...]
+    sync: Synchronisation
+    twin: TwinMonitor | None
+    holding: OperatorHold
+    reporter: ProgressReporter
+    before_arming: BeforeArming
+    watchdog: Watchdog
+    commanding: OperatorHandler
+    feed: RunFeed
+
+
+@dataclass(slots=True, kw_only=True)
+class GroundParts:
+    """The parts of a run that exist before and after its vehicles.
+
+    perception, actors: once built.
+    """
+
+    setup: RunSetup
+    run_state: RunState
+    events: RunHistory
+    judge: Judge
+    bench: OracleRunner
+    outside: ExternalIo
+    recorder: RunRecorder
+    sync: Synchronisation
+    twin: TwinMonitor | None
+    reporter: ProgressReporter
+    preflight: Preflight
+    arming: ArmingRecord
+    feed: RunFeed
+    perception: Perception | None = None
+    actors: tuple[ActorFlight, ...] = ()
+
+
+def ground_parts(
+    setup: RunSetup, run_state: RunState, report: Report, streams: ExitStack
+) -> GroundParts:
+    """Return the run's parts that exist before its vehicles, streams open."""
+    events = RunHistory({one.name: Track() for one in setup.actors})
+    judge = build_judge(setup, events)
+    kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
+    recorder = streams.enter_context(recorder_of(setup, run_state, kinds))
+    run_state.on_stage(recorder.stage)
+    run_state.on_decisive(recorder.decisive)
+    reporter = ProgressReporter(
+        plan=setup.order.plan, report=report, run_state=run_state, kinds=kinds
+    )
+    feed = streams.enter_context(
+        RunFeed(
+            setup=setup,
+            run_state=run_state,
+            events=events,
+            epoch_ns=recorder.epoch_ns,
+            note=lambda text: recorder.note("live feed", fault=text),
+        )
+    )
+    outside = ExternalIo(setup=setup, events=events)
+    bench = OracleRunner(
+        judge=judge,
+        run_state=run_state,
+        kinds=kinds,
+        watch=(recorder.flag, reporter.flag, feed.flag, partial(_contact, outside, kinds)),
+        tape=recorder.judged,
+    )
+    return GroundParts(
+        setup=setup,
+        run_state=run_state,
+        events=events,
+        judge=judge,
+        bench=bench,
+        outside=outside,
+        recorder=recorder,
+        sync=Synchronisation(setup=setup.campaign.sync, run_state=run_state),
+        twin=_twin_monitor(setup, run_state),
+        reporter=reporter,
+        preflight=Preflight(setup=setup, note=recorder.note),
+        arming=ArmingRecord(now=asyncio.get_running_loop().time, note=recorder.note),
+        feed=feed,
+    )
+
+
+def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
+    """Return what watches the twin beside the judged vehicle; None where there is none."""
+    if setup.mode != "wil":
+        return None
+    return TwinMonitor(
+        coupling=setup.vehicle("twin").coupling,
+        limit_m=setup.campaign.sync.max_twin_distance_m,
+        run_state=run_state,
+    )
+
+
+def flight_parts(
+    ground: GroundParts, pair: Pair, runners: Mapping[str, AnyRunner], inbox: Inbox
+) -> FlightParts:
+    """Return the run with all its parts connected to the vehicles."""
+    setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
+    reporter, bench = ground.reporter, ground.bench
+    subject = next(one for one in pair.contexts if one.name == setup.subject)
+    run_state.last_note = lambda: subject.note
+    ground.outside.attach(pair.contexts)
+    faults = SignalFaults(
+        setup.campaign.faults,
+        run_state=run_state,
+        note=lambda text: recorder.note("fault injected", fault=text),
+    )
+    for context in pair.contexts:
+        context.inject(faults)
+    ground.perception = perception = build_perception(
+        setup,
+        pair=pair,
+        runners=runners,
+        outside=ground.outside,
+        run_state=run_state,
+        events=ground.events,
+        watchers=_watchers(recorder, ground.outside, ground.feed),
+        faults=faults,
+    )
+    goal = GoalFlight(
+        runners=perception.runners,
+        subject=setup.subject,
+        run_state=run_state,
+        events=ground.events,
+        started=sync.goal_given,
+        within_s=setup.campaign.sync.goal_timeout_s,
+        companion=setup.companion,
+        notify=partial(_world_event, recorder, pair),
+    )
+    run_state.on_stage(partial(_moment, ground.events, goal.notify))
+    sync.attach(pair.contexts)
+    if ground.twin is not None and setup.companion is not None:
+        ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
+    pair.begin_outage(setup.campaign.links, run_state)
+    holding = OperatorHold(run_state=run_state)
+    ground.actors = _actor_flights(ground, pair, holding)
+    before_arming = _before_arming(ground, pair)
+    return FlightParts(
+        setup=setup,
+        run_state=run_state,
+        pair=pair,
+        bench=bench,
+        outside=ground.outside,
+        perception=perception,
+        recorder=recorder,
+        goal=goal,
+        actors=ground.actors,
+        sync=sync,
+        twin=ground.twin,
+        holding=holding,
+        reporter=reporter,
+        before_arming=before_arming,
+        watchdog=Watchdog.of(run_state, setup.campaign.sync, pace=setup.pace),
+        commanding=operator_handler_of(
+            setup,
+            pair,
+            bench,
+            reporter=reporter,
+            recorder=recorder,
+            inbox=inbox,
+            aboard=before_arming.configuration.fences,
+        ),
+        feed=ground.feed,
+    )
+
+
+def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
+    """Return what is done to the run's vehicles before they arm."""
+    return BeforeArming(
+        setup=ground.setup,
+        contexts=pair.contexts,
+        outside=ground.outside,
+        preflight=ground.preflight,
+        configuration=OnboardConfiguration(
+            setup=ground.setup,
+            contexts=pair.contexts,
+            run_state=ground.run_state,
+            record=ground.arming,
+            note=ground.recorder.note,
+        ),
+        record=ground.arming,
+        others={one.name: one.prepare for one in ground.actors},
+    )
+
+
+def _actor_flights(
+    ground: GroundParts, pair: Pair, holding: OperatorHold
+) -> tuple[ActorFlight, ...]:
+    """Return the flights of the run's actors; their poses go to world and judge log."""
+
+    def place(sample: PoseSample) -> None:
+        t_s, name, pose, velocity_ned_m_s = sample
+        ground.recorder.judged(ActorPose(t_s, name, pose, velocity_ned_m_s))
+        ground.events.add_pose(name, t_s, pose, velocity_ned_m_s)
+
+    setup = ground.setup
+    return tuple(
+        ActorFlight(
+            setup=actor,
+            context=context,
+            run_state=ground.run_state,
+            holding=holding,
+            sync=setup.campaign.sync,
+            events=ground.events,
+            place=place,
+        )
+        for actor, context in zip(setup.actors, pair.actors, strict=True)
+    )
+
+
+def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> None:
+    """Record an event of the world in the run, and pass it to the vehicles."""
+    recorder.judged(WorldEvent(t_s, name))
+    pair.notify(name, t_s)
+
+
+def _moment(
+    events: dict[str, float], notify: Callable[[str, float], None], stage: Stage, t_s: float
+) -> None:
+    """Pass a stage of the run to the world's motions; t0 comes from the goal's flight."""
+    if stage in MOMENTS and stage != "goal":
+        events[stage] = t_s
+        notify(stage, t_s)
+
+
+def _watchers(recorder: RunRecorder, outside: ExternalIo, feed: RunFeed) -> PerceptionWatchers:
+    """Return the run's watchers of perception: recorder, external I/O, live feed."""
+
+    def reading(one: Reading) -> None:
+        recorder.reading(one)
+        outside.untouched(one)
+
+    def shown(images: PreviewImages) -> None:
+        recorder.shown(images)
+        feed.shown(images)
+
+    return PerceptionWatchers(
+        reading=reading,
+        frame=recorder.mixture,
+        perceived=outside.perceived,
+        shown=shown,
+    )
+
+
+def _contact(outside: ExternalIo, kinds: Mapping[str, str], flag: Flag) -> None:
+    """Send a collision of the run to external I/O."""
+    if kinds.get(flag.oracle) == "collision":
+        outside.contact(flag)

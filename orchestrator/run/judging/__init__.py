@@ -1,0 +1,1 @@
+"""What a run is judged by: its oracles, their evidence, and the outcome."""

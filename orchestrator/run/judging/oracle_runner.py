@@ -1,0 +1,230 @@
+"""Feeds the judge and the guard what the pair does, and tells the course what they find."""
+
+import asyncio
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import cast, get_args
+
+from orchestrator.model.results import FenceChange
+from orchestrator.run.judging.judged_times import JudgedTimes
+from orchestrator.state.run_state import RunState, Stage
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.evaluation.judge import Judge
+from safety.evaluation.judge_log import LoggedSample, Tick
+from safety.fence.geofence import Fence
+from safety.model.oracle_results import Flag, OracleResult
+from safety.model.samples import (
+    DoubtSample,
+    FenceSample,
+    GroundSpeedSample,
+    LinkSample,
+    PoseSample,
+    ReferenceSample,
+    ReportSample,
+    StageSample,
+    StateSample,
+)
+from safety.model.samples import Stage as JudgedStage
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.driver.onboard.gps_receiver import GroundSpeed
+from vehicles.driver.vehicle_state import VehicleEvent, VehicleState
+from vehicles.embedded.physics.states import TruthSample
+
+TICK_HZ = 10.0
+_JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
+_CLEARANCE_KINDS = frozenset({"collision", "clearance"})
+
+FlagWatcher = Callable[[Flag], None]
+Tape = Callable[[LoggedSample], None]
+
+
+class OracleRunner:
+    """Runs the oracles in flight: feeds every sample to the judge, passes on every flag.
+
+    tape: gets each sample before the judge does, so that the run can be judged again.
+    kinds: of the oracles, by name. fence_changes: what an operator changed of what is judged by,
+    oldest first; changed_fences: by vehicle what it was changed to.
+    """
+
+    def __init__(
+        self,
+        *,
+        judge: Judge,
+        run_state: RunState,
+        kinds: dict[str, str],
+        watch: tuple[FlagWatcher, ...],
+        tape: Tape,
+    ) -> None:
+        self._judge = judge
+        self._run_state = run_state
+        self.kinds = kinds
+        self._watch = watch
+        self._tape = tape
+        self._contexts: list[VehicleContext] = []
+        self._heard_s: dict[str, float] = {}
+        self._judged: defaultdict[str, JudgedTimes] = defaultdict(JudgedTimes)
+        self._reported_s: dict[tuple[str, str], float] = {}
+        self._events_passed_on = 0
+        self.fence_changes: list[FenceChange] = []
+        self.changed_fences: dict[str, Fence] = {}
+        run_state.on_stage(self._stage)
+
+    def attach(self, context: VehicleContext) -> None:
+        """Feed a vehicle's poses, state and silence to the oracles from now on."""
+        self._contexts.append(context)
+        context.on_pose(self._pose)
+        context.on_reference(self._reference)
+        if self._judge.needs_ground_speed(context.name):
+            context.driver.on_ground_speed(partial(self._ground_speed, context.name))
+        context.driver.on_event(lambda event: self._event(context, event))
+        context.driver.on_failure(lambda error: self._failure(context, str(error)))
+        context.on_contact(lambda truth: self._contact(context, truth))
+
+    async def run(self, alive: Callable[[], None]) -> None:
+        """Tick the oracles until cancelled. alive: called at each tick."""
+        loop = asyncio.get_running_loop()
+        t0_s, count = loop.time(), 0
+        while True:
+            count += 1
+            await sleep_until(t0_s + count / TICK_HZ)
+            alive()
+            for context in self._contexts:
+                self._state(context, loop.time())
+            tick = Tick(loop.time())
+            self._tape(tick)
+            self._take(self._judge.tick(tick.t_s))
+
+    def clearance_m(self, t_s: float) -> float | None:
+        """Return the least clearance so far of any collision or clearance oracle, or None."""
+        results = [
+            oracle.result(t_s)
+            for oracle in self._judge.oracles
+            if self.kinds.get(oracle.name) in _CLEARANCE_KINDS
+        ]
+        return min([r.actual for r in results if r.actual is not None], default=None)
+
+    def results(self, t_s: float) -> tuple[OracleResult, ...]:
+        """Return the results so far of the oracles that keep one at hand."""
+        return tuple(one.result(t_s) for one in self._judge.oracles if not one.is_costly)
+
+    def fences(self, fences: Mapping[str, Fence], who: str) -> None:
+        """Give the oracles changed fences of vehicles."""
+        now_s = asyncio.get_running_loop().time()
+        self.fence_changes.append(FenceChange(now_s, who, tuple(sorted(fences))))
+        self.changed_fences |= fences
+        for name, fence in fences.items():
+            changed = FenceSample(now_s, name, fence)
+            self._tape(changed)
+            self._take(self._judge.fence(changed))
+
+    def report(self, sample: ReportSample) -> None:
+        """Report to the oracles that a sample of a signal has arrived."""
+        self._tape(sample)
+        self._judge.report(sample)
+        self._take(())
+
+    def doubt(self, sample: DoubtSample) -> None:
+        """Report to the oracles that a signal is not credible: the run is INVALID."""
+        self._tape(sample)
+        self._judge.doubt(sample)
+        self._take(())
+
+    def last_state(self, t_s: float) -> None:
+        """Feed every vehicle's last state to the oracles."""
+        for context in self._contexts:
+            self._state(context, t_s)
+
+    def _pose(self, sample: PoseSample) -> None:
+        if not self._judged[sample.vehicle].is_due(sample.t_s):
+            return
+        self._tape(sample)
+        self._take(self._judge.pose(sample))
+
+    def _reference(self, sample: ReferenceSample) -> None:
+        self._tape(sample)
+        self._judge.reference(sample)
+        self._take(())
+
+    def _ground_speed(self, vehicle: str, speed: GroundSpeed) -> None:
+        sample = GroundSpeedSample(
+            speed.arrived_s, vehicle, "gps", speed.speed_m_s, speed.accuracy_m_s
+        )
+        self._tape(sample)
+        self._judge.ground_speed(sample)
+        self._take(())
+
+    def _state(self, context: VehicleContext, t_s: float) -> None:
+        state = context.driver.state
+        if state.last_heard_s is None:
+            return
+        if state.last_heard_s > self._heard_s.get(context.name, -1.0):
+            self._heard_s[context.name] = state.last_heard_s
+            heard = LinkSample(state.last_heard_s, context.name)
+            self._tape(heard)
+            self._take(self._judge.received(heard))
+        for name, reported_s in context.driver.reported_s.items():
+            if reported_s > self._reported_s.get((context.name, name), -1.0):
+                self._reported_s[context.name, name] = reported_s
+                self.report(ReportSample(reported_s, context.name, name))
+        self._judge_state(state_sample(context.name, state, t_s))
+
+    def _judge_state(self, sample: StateSample) -> None:
+        self._tape(sample)
+        self._take(self._judge.state(sample))
+
+    def _event(self, context: VehicleContext, event: VehicleEvent) -> None:
+        if event.kind != "text":
+            self._judge_state(state_sample(context.name, context.driver.state, event.t_s))
+
+    def _failure(self, context: VehicleContext, reason: str) -> None:
+        if context.may_drop_out and self._run_state.reached("takeoff"):
+            self._run_state.drop_out(context.name, reason)
+        else:
+            self._run_state.decide("ERROR", reason)
+
+    def _contact(self, context: VehicleContext, truth: TruthSample) -> None:
+        """Report a vehicle's physical contact: a broken drone, whatever the oracles judge."""
+        self._run_state.decide(
+            "FAIL",
+            f"{context.name} physically touched {truth.contact}",
+            t_s=truth.t_s,
+            source=f"contact/{context.name}",
+        )
+
+    def _stage(self, stage: Stage, t_s: float) -> None:
+        if stage in _JUDGED_STAGES:
+            reached = StageSample(t_s, cast("JudgedStage", stage))
+            self._tape(reached)
+            self._take(self._judge.stage(reached))
+
+    def _take(self, flags: tuple[Flag, ...]) -> None:
+        for flag in flags:
+            for watch in self._watch:
+                watch(flag)
+        for event in self._judge.decisive[self._events_passed_on :]:
+            self._events_passed_on += 1
+            self._run_state.decide(
+                event.kind,
+                event.text,
+                t_s=event.t_s,
+                source=event.source,
+                ends_flight=self._judge.ends_flight(event),
+            )
+
+
+def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
+    """Return a vehicle's reported state as a sample for the oracles."""
+    faults = [*state.faults, *(["failsafe"] if state.failsafe else [])]
+    return StateSample(
+        t_s=t_s,
+        vehicle=name,
+        armed=state.armed,
+        mode=state.mode,
+        mode_name=state.mode_name,
+        landed=None if state.landed == "unknown" else state.landed == "on_ground",
+        fault="; ".join(faults) or None,
+        battery_fraction=None if state.battery is None else state.battery.remaining,
+        battery_v=None if state.battery is None else state.battery.voltage_v,
+        estimator_fault="; ".join(state.faults) or None,
+    )

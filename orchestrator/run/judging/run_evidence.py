@@ -1,0 +1,143 @@
+"""The signals that a run is judged by, and what is expected of each."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import get_args
+
+from campaigns.setup.case_setup import VehicleSetup
+from campaigns.values.external_setups import CAPTURED, ESTIMATED, SIMULATED, PoseAccuracy
+from orchestrator.state.run_setup import RunSetup
+from safety.evidence.agreement import Accuracy
+from safety.evidence.evidence import POSE, VELOCITY
+from safety.evidence.terms import SignalTerms, position_limit_s, status_limit_s
+from safety.oracles.oracle import MotionName, Oracle
+from safety.oracles.oracle_terms import STAGES, Window
+from vehicles.autopilots.autopilot import TelemetryRates
+from vehicles.driver.vehicle_state import ReportName
+
+JUDGED_EVERY_S = 0.018
+"""50 poses a second are judged, as JudgedTimes chooses them: between two, a vehicle that brakes at
+3 m/s^2 leaves the straight way that is swept by a dt^2 / 8 = 0.15 mm, less than the
+tolerance of 1 mm of a clearance."""
+_HEARTBEAT_HZ = 1.0
+_OVER_LINK = frozenset({"mavlink", "simulator"})
+"""Sources of poses that come over the vehicle's link, as often as its positions."""
+_SOURCES: Mapping[str, PoseAccuracy] = {
+    "mavlink": ESTIMATED,
+    "mocap": CAPTURED,
+    "truth": PoseAccuracy(position_m=0.0, attitude_rad=0.0),
+    "simulator": SIMULATED,
+}
+"""Who may know where a vehicle is, and how exactly, unless the campaign says it of its source."""
+
+
+def signal_terms(setup: RunSetup, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
+    """Yield the evidence terms of a run's signals; required are those of required oracles."""
+    judges = tuple(oracles)
+    for vehicle in setup.vehicles:
+        pose = _pose_terms(setup, vehicle, judges)
+        yield pose
+        yield from _motion_terms(pose, judges)
+        yield from _report_terms(vehicle, judges)
+
+
+def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]) -> SignalTerms:
+    """Return the evidence terms of a vehicle's pose."""
+    source = vehicle.pose_source
+    return SignalTerms(
+        signal=POSE,
+        vehicle=vehicle.name,
+        source=source,
+        limit_s=_pose_limit_s(setup, vehicle),
+        required=any(_rests_on_pose(one, vehicle.name) for one in judges),
+        over_link=source in _OVER_LINK,
+        on_grid=source == "simulator",
+        accuracy=_accuracy(vehicle.pose_accuracy),
+        references=_references(source),
+    )
+
+
+def _references(source: str) -> dict[str, Accuracy]:
+    """Return the other sources of a vehicle's pose, and how exact each is.
+
+    An estimate beside the simulator's ground truth is not held to its velocity: where it steps, as
+    estimators do, what is judged is right, and the estimate's error is only reported.
+    """
+    found = {name: _accuracy(one) for name, one in _SOURCES.items() if name != source}
+    if source == "simulator":
+        found["mavlink"] = replace(found["mavlink"], velocity_m_s=None)
+    return found
+
+
+def _motion_terms(pose: SignalTerms, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
+    """Yield the evidence terms of a vehicle's velocity and attitude where an oracle judges them.
+
+    Places and velocities of a simulator's ground truth come from different parts of it, and the
+    velocity is held to the places in any case: it shows where these stand still.
+    """
+    using = [one for one in judges if pose.vehicle in one.watches]
+    for part in get_args(MotionName):
+        windows = [one.terms.window for one in using if part in one.motion]
+        required = any(one.required and part in one.motion for one in using)
+        if part == VELOCITY and pose.on_grid:
+            yield replace(pose, signal=part, required=required or pose.required)
+        elif windows:
+            yield replace(pose, signal=part, required=required, window=_widest(windows))
+
+
+def _report_terms(vehicle: VehicleSetup, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
+    """Yield the evidence terms of a vehicle's state reports that its oracles judge."""
+    using = [one for one in judges if one.vehicle == vehicle.name]
+    for report, rate_hz in _rates(vehicle.rates).items():
+        windows = [one.terms.window for one in using if report in one.reports]
+        if not windows:
+            continue
+        yield SignalTerms(
+            signal=report,
+            vehicle=vehicle.name,
+            source="mavlink",
+            limit_s=max(status_limit_s(rate_hz), vehicle.max_gap_s or 0.0),
+            required=any(one.required and report in one.reports for one in using),
+            over_link=True,
+            window=_widest(windows),
+        )
+
+
+def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
+    """Return the rates of a vehicle's reports, for the evidence."""
+    return {
+        "heartbeat": _HEARTBEAT_HZ,
+        "landed_state": rates.state_hz,
+        "battery": rates.status_hz,
+        "estimator": rates.status_hz,
+    }
+
+
+def _widest(windows: Iterable[Window]) -> Window:
+    """Return the evidence window from any first to any last stage, at most in flight."""
+    known = tuple(windows)
+    first = min((one.first for one in known), key=STAGES.index)
+    last = max((one.last for one in known), key=STAGES.index)
+    return Window(first, "landed" if last == "end" else last)
+
+
+def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
+    """Return the longest gap of a vehicle's poses that the evidence accepts."""
+    if vehicle.pose_source in _OVER_LINK:
+        rate_hz, declared_s = vehicle.rates.position_hz, vehicle.max_gap_s
+    elif vehicle.mocap is not None:
+        return vehicle.mocap.stall_s
+    else:
+        rate_hz, declared_s = setup.profiles[vehicle.name].mocap.rate_hz, None
+    return declared_s or position_limit_s(rate_hz, judged_every_s=JUDGED_EVERY_S)
+
+
+def _accuracy(given: PoseAccuracy) -> Accuracy:
+    """Return a pose source's accuracy for the evidence."""
+    return Accuracy(given.position_m, given.velocity_m_s, given.attitude_rad)
+
+
+def _rests_on_pose(oracle: Oracle, vehicle: str) -> bool:
+    """Return whether an oracle needs evidence of a vehicle's pose."""
+    watches = type(oracle).on_pose is not Oracle.on_pose
+    return oracle.required and watches and vehicle in oracle.watches

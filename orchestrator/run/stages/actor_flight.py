@@ -1,0 +1,208 @@
+"""The flight of an actor: a vehicle of its own that flies as an object of the world."""
+
+import asyncio
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from campaigns.setup.actor_setups import ActorSetup
+from campaigns.setup.case_setup import SyncSetup
+from orchestrator.model.results import ActorResult
+from orchestrator.run.stages.actor_way import ActorWay
+from orchestrator.run.stages.operator_hold import OperatorHold
+from orchestrator.state.run_state import FlightError, RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.model.samples import PoseSample
+from vehicles.autopilots.registry import autopilot_named
+from vehicles.cameras.rendered_cameras import sleep_until
+from vehicles.errors import VehicleError
+from vehicles.setpoints import VelocitySetpoint
+from vehicles.tasks import stop, together
+from worlds.frames import Vec3, add, norm, scale, subtract
+
+_SETPOINT_HZ = 20.0
+_ARM_BEFORE_S = 2.0
+"""How long before its takeoff command it is armed: no autopilot disarms so soon."""
+_FLIES = frozenset({"taking_off", "in_air"})
+_OFF_GROUND_M = 0.15
+"""Autopilots report a takeoff when they begin it, which is seconds before the ground is left."""
+_LAG_S = 0.3
+"""How late a quadrotor has the velocity that it is asked for: so much sooner it is asked."""
+_GAIN_1_S = 1.0
+"""Of the velocity towards where the motion has it, beside the motion's own velocity."""
+_CATCH_UP = 1.1
+"""How many times its motion's speed an actor that is behind may fly."""
+_SILENT_S = 0.5
+"""Without a pose for so long nobody knows where the actor is: nothing can be judged by it."""
+
+
+@dataclass(slots=True, kw_only=True)
+class ActorFlight:
+    """Flies one actor along its object's motion, until the pair lands; then lands it.
+
+    It is to leave the ground when the motion begins, and so gets its commands sooner, as soon as
+    there is the event on which that starts. By how much later it leaves the ground it stays behind
+    the motion from then on. events: of the world. place: is told
+    where the actor is.
+    """
+
+    setup: ActorSetup
+    context: VehicleContext
+    run_state: RunState
+    holding: OperatorHold
+    sync: SyncSetup
+    events: Mapping[str, float]
+    place: Callable[[PoseSample], None]
+    landed: asyncio.Event = field(default_factory=asyncio.Event)
+    _way: ActorWay = field(init=False)
+    _delay_s: float | None = None
+    _offset_m: float = 0.0
+    _last: PoseSample | None = None
+
+    def __post_init__(self) -> None:
+        self._way = ActorWay(self.setup.motion)
+        self.context.on_pose(self._take)
+        self.context.driver.on_failure(lambda error: self._fail(str(error)))
+
+    @property
+    def _liftoff_s(self) -> float:
+        """Return how long the actor's autopilot takes from the takeoff command to the liftoff."""
+        return autopilot_named(self.setup.autopilot).liftoff_s
+
+    @property
+    def name(self) -> str:
+        """Return the actor's name, which is its object's."""
+        return self.setup.name
+
+    def result(self) -> ActorResult:
+        """Return how the actor flew."""
+        return ActorResult(
+            name=self.name,
+            autopilot=self.setup.autopilot,
+            delay_s=self._delay_s,
+            offset_m=None if self._delay_s is None else self._offset_m,
+        )
+
+    async def prepare(self) -> None:
+        """Wait until the actor is identified and ready to arm. Raises VehicleError."""
+        await self.context.driver.identify(self.sync.identify_timeout_s)
+        await self.context.driver.ready(self.sync.ready_timeout_s)
+
+    async def fly(self) -> None:
+        """Fly the actor until the pair lands, and land it then; what goes wrong is decisive."""
+        try:
+            async with together() as tasks:
+                flying = tasks.create_task(self._fly(), name=f"flight of {self.name}")
+                await self.run_state.reaching("land")
+                await stop(flying)
+            await self._land()
+        except (VehicleError, FlightError) as error:
+            self._fail(str(error))
+        self.landed.set()
+
+    def _fail(self, why: str) -> None:
+        """End the run: without its actor it shows nothing."""
+        source = f"actor/{self.name}"
+        if not self.run_state.reached("landed"):
+            self.run_state.decide("ERROR", f"actor {why}", source=source)
+
+    async def _fly(self) -> None:
+        """Take off when the motion begins, and follow it; errors are decisive."""
+        try:
+            started_s = await self._started_s()
+            async with together() as tasks:
+                tasks.create_task(self._watch(started_s), name=f"way of {self.name}")
+                await self.holding.through(lambda: self._take_off(started_s))
+                self._delay_s = asyncio.get_running_loop().time() - started_s
+                tasks.create_task(
+                    self._follow(started_s + self._delay_s), name=f"{self.name} flies"
+                )
+                await self.holding.through(self.context.driver.enter_guided)
+                while True:
+                    held = self.holding.count
+                    await self.holding.resumed(after=held)
+                    await self.holding.through(self.context.driver.enter_guided)
+        except (VehicleError, FlightError) as error:
+            self._fail(str(error))
+
+    async def _started_s(self) -> float:
+        """Wait until the actor's motion is about to begin; return when it does."""
+        while (started_s := self.setup.motion.start.started_s(self.events)) is None:
+            await sleep_until(asyncio.get_running_loop().time() + 1.0 / _SETPOINT_HZ)
+        await sleep_until(started_s - self._liftoff_s - _ARM_BEFORE_S)
+        return started_s
+
+    async def _take_off(self, started_s: float) -> None:
+        """Arm the actor, command its takeoff as its autopilot needs it, see it leave the ground."""
+        driver = self.context.driver
+        if driver.state.landed in _FLIES:  # An operator held meanwhile.
+            return
+        await driver.arm()
+        await sleep_until(started_s - self._liftoff_s)
+        await driver.begin_takeoff(self._way.climb_m)
+        try:
+            async with asyncio.timeout(self.sync.takeoff_timeout_s):
+                while (self.context.height_m() or 0.0) < _OFF_GROUND_M:
+                    await sleep_until(asyncio.get_running_loop().time() + 1.0 / _SETPOINT_HZ)
+        except TimeoutError:
+            within_s = self.sync.takeoff_timeout_s
+            said = f"{self.name} is on the ground {within_s:g} s after its takeoff command"
+            raise FlightError(said) from None
+
+    async def _follow(self, lifted_s: float) -> None:
+        """Send the setpoints of the motion from its liftoff on, and of its end, until cancelled."""
+        loop = asyncio.get_running_loop()
+        tick = 0
+        while True:
+            self.context.driver.send(self._setpoint(loop.time() - lifted_s))
+            tick = max(tick + 1, int((loop.time() - lifted_s) * _SETPOINT_HZ))
+            await sleep_until(lifted_s + tick / _SETPOINT_HZ)
+
+    def _setpoint(self, since_s: float) -> VelocitySetpoint:
+        """Return the velocity to where the motion has the actor at a time since its start."""
+        wanted = self._way.pose_at(since_s)
+        velocity: Vec3 = self._way.velocity_at(since_s + _LAG_S)
+        estimate = self.context.driver.estimate
+        if estimate is not None:
+            off = subtract(wanted.position_ned_m, estimate.pose.position_ned_m)
+            velocity = add(velocity, scale(off, _GAIN_1_S))
+        speed, most = norm(velocity), _CATCH_UP * self._way.speed_at(since_s)
+        if speed > most:
+            velocity = scale(velocity, most / speed)
+        return VelocitySetpoint(velocity, yaw_rad=wanted.yaw_rad)
+
+    async def _watch(self, started_s: float) -> None:
+        """Decide that the run proves nothing when the actor does not do as its motion says."""
+        loop = asyncio.get_running_loop()
+        while True:
+            now_s, limits = loop.time(), self.setup
+            late_s = now_s - started_s if self._delay_s is None else self._delay_s
+            if late_s > limits.max_delay_s:
+                self._disprove(f"is {late_s:.1f} s behind its motion (max_delay_s)")
+                return
+            if self._offset_m > limits.max_offset_m:
+                self._disprove(f"is {self._offset_m:.2f} m off its way (max_offset_m)")
+                return
+            if self._last is None or now_s - self._last.t_s > _SILENT_S:
+                self._disprove(f"has sent no pose for {_SILENT_S:g} s")
+                return
+            await asyncio.sleep(2.0 / _SETPOINT_HZ)
+
+    def _disprove(self, why: str) -> None:
+        said = f"actor {self.name} {why}: the run did not meet what its world describes"
+        self.run_state.decide("INVALID", said, source=f"actor/{self.name}")
+
+    def _take(self, sample: PoseSample) -> None:
+        """Take where the actor is."""
+        self._last = sample
+        if self._delay_s is not None and not self.run_state.reached("land"):
+            off_m = self._way.distance_m(sample.pose.position_ned_m)
+            self._offset_m = max(self._offset_m, off_m if math.isfinite(off_m) else math.inf)
+        self.place(sample)
+
+    async def _land(self) -> None:
+        """Land the actor where it is, if it took off at all."""
+        driver = self.context.driver
+        if driver.state.armed:
+            await driver.land()
+            await driver.disarmed(self.sync.landing_timeout_s)

@@ -1,0 +1,55 @@
+"""The way of an actor: its object's motion as a place and a velocity by time; pure."""
+
+import math
+from itertools import pairwise
+
+from worlds.frames import Pose, Vec3, scale, subtract
+from worlds.scene.motion import Leg, Motion
+
+_STEP_S = 0.05
+
+
+class ActorWay:
+    """The way of an actor along a motion that begins with a climb straight up.
+
+    climb_m: how far up that is.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        begin, first = motion.begin.position_ned_m, motion.waypoints[0].position_ned_m
+        self.climb_m = begin[2] - first[2]
+        corners = [begin, *(one.position_ned_m for one in motion.waypoints)]
+        self._stretches = tuple(pairwise(corners))
+
+    def pose_at(self, since_s: float) -> Pose:
+        """Return where the motion has the actor, so long after its start."""
+        leg = self._leg_at(since_s)
+        return leg.begin.interpolate(leg.end, leg.share(since_s))
+
+    def velocity_at(self, since_s: float) -> Vec3:
+        """Return the velocity of the motion, so long after its start (NED)."""
+        here, there = self.pose_at(since_s), self.pose_at(since_s + _STEP_S)
+        return scale(subtract(there.position_ned_m, here.position_ned_m), 1.0 / _STEP_S)
+
+    def speed_at(self, since_s: float) -> float:
+        """Return the speed of the leg that the actor is on, so long after the motion's start."""
+        return self._leg_at(since_s).speed_m_s
+
+    def _leg_at(self, since_s: float) -> Leg:
+        ends_later = (one for one in self._motion.legs if since_s < one.begin_s + one.duration_s)
+        return next(ends_later, self._motion.legs[-1])
+
+    def distance_m(self, place_ned_m: Vec3) -> float:
+        """Return how far a place is from the nearest of the way."""
+        return min(_distance_m(place_ned_m, begin, end) for begin, end in self._stretches)
+
+
+def _distance_m(place: Vec3, begin: Vec3, end: Vec3) -> float:
+    """Return the distance of a place from a straight stretch."""
+    along = subtract(end, begin)
+    length2 = sum(one * one for one in along)
+    off = subtract(place, begin)
+    share = 0.0 if length2 == 0.0 else sum(a * b for a, b in zip(off, along, strict=True)) / length2
+    nearest = scale(along, min(max(share, 0.0), 1.0))
+    return math.dist(off, nearest)

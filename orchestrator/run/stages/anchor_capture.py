@@ -1,0 +1,40 @@
+"""Anchors of autopilots' local frames by motion capture."""
+
+import asyncio
+
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.errors import AnchorError
+from vehicles.poses.anchor import Anchor, PoseAverage
+
+_SPAN_S = 1.0
+_SAMPLE_S = 0.05
+_STILL_M = 0.1
+"""Motion capture sees a standing vehicle to millimetres."""
+
+
+async def anchor_by_mocap(context: VehicleContext) -> Anchor:
+    """Anchor a vehicle's estimate in motion capture's frame, over a second; return the anchor.
+
+    Raises AnchorError when either says too little, or moves.
+    """
+    loop = asyncio.get_running_loop()
+    local, world = PoseAverage(span_s=_SPAN_S), PoseAverage(span_s=_SPAN_S, still_within_m=_STILL_M)
+    until_s = loop.time() + _SPAN_S
+    while loop.time() < until_s:
+        now_s = loop.time()
+        estimate = context.driver.state.local
+        if estimate is not None:
+            local.add(now_s, estimate.pose)
+        # As late as motion capture itself is, so that nothing is predicted.
+        seen = context.poses.at(now_s - 2.0 * _SAMPLE_S)
+        if seen.pose is not None and seen.kind == "interpolated":
+            world.add(now_s, seen.pose)
+        await asyncio.sleep(_SAMPLE_S)
+    try:
+        anchor = Anchor.of_poses(local=local.mean(), world=world.mean())
+    except AnchorError as error:
+        raise AnchorError(
+            f"{context.name}, anchored by motion capture: {error}; keep it still and in view"
+        ) from error
+    context.driver.set_anchor(anchor)
+    return anchor

@@ -1,0 +1,80 @@
+"""All that is done to a run's vehicles between ready and armed, in one order and one record."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+
+from orchestrator.external.external_io import ExternalIo
+from orchestrator.model.arming_steps import ArmingStep
+from orchestrator.run.stages.anchor_capture import anchor_by_mocap
+from orchestrator.run.stages.drop_outs import each
+from orchestrator.run.vehicles.arming_record import ArmingRecord
+from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.run.vehicles.preflight_checks import Preflight
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.vehicle_context import VehicleContext
+
+
+class BeforeArming:
+    """Applies what vehicles need before they arm, and restores it in reverse when they are down.
+
+    The order: of each vehicle its parameters, then its fence, each read back; ready again, for who
+    was ready first has stood meanwhile and its estimate has drifted; actors ready too; external
+    inputs and injections proven; anchors by motion capture; the preflight, which sees all of it.
+    others: what gets each actor ready, by name.
+    """
+
+    def __init__(
+        self,
+        *,
+        setup: RunSetup,
+        contexts: tuple[VehicleContext, ...],
+        outside: ExternalIo,
+        preflight: Preflight,
+        configuration: OnboardConfiguration,
+        record: ArmingRecord,
+        others: Mapping[str, Callable[[], Awaitable[None]]] | None = None,
+    ) -> None:
+        self._setup = setup
+        self._contexts = contexts
+        self._outside = outside
+        self._preflight = preflight
+        self._record = record
+        self._others = others or {}
+        self.configuration = configuration
+
+    @property
+    def steps(self) -> tuple[ArmingStep, ...]:
+        """Return what was done, oldest first."""
+        return self._record.steps
+
+    async def apply(self) -> None:
+        """Do all of it; the first error ends it and is raised.
+
+        Raises VehicleError, FlightError with every reason of the preflight, SourceError,
+        NotHonouredError, AnchorError.
+        """
+        timeout_s = self._setup.campaign.sync.ready_timeout_s
+        await each(self._contexts, self.configuration.put)
+        await each(self._contexts, lambda context: context.driver.ready(timeout_s))
+        for name, prepare in self._others.items():
+            with self._record.step("actor", name):
+                await prepare()
+        with self._record.step("external") as said:
+            unbooted = self.configuration.unbooted
+            said(await self._outside.before_arming(self._contexts, unbooted=unbooted))
+        captured = [
+            one for one in self._contexts if self._setup.vehicle(one.name).anchor == "mocap"
+        ]
+        await asyncio.gather(*map(self._anchor, captured))
+        with self._record.step("preflight") as said:
+            said(await self._preflight.check(self._contexts))
+
+    async def restore(self) -> None:
+        """Restore what attached vehicles had; a failure is decisive, for it stays so."""
+        await self.configuration.restore()
+
+    async def _anchor(self, context: VehicleContext) -> None:
+        with self._record.step("anchor", context.name) as said:
+            anchor = await anchor_by_mocap(context)
+            north_m, east_m, down_m = anchor.origin_ned_m
+            said(f"its origin: north {north_m:.3f} m, east {east_m:.3f} m, down {down_m:.3f} m")

@@ -1,0 +1,68 @@
+"""Doing a thing with vehicles until it is done, or a vehicle drops out of the flight."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+
+from orchestrator.state.run_state import FlightError, RunState
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.errors import VehicleError
+
+
+async def unless_out(
+    vehicle: str,
+    run_state: RunState,
+    do: Callable[[], Awaitable[object]],
+    *,
+    repeated: bool = False,
+) -> None:
+    """Do something with a vehicle until it drops out; its own errors are such a reason.
+
+    repeated: the caller does it again after an operator's hold: errors that a hold came between are
+    raised then, for they are the hold's and not the vehicle's.
+    """
+    if vehicle in run_state.dropped_out:
+        return
+    loop, holds = asyncio.get_running_loop(), run_state.holds
+    try:
+        async with asyncio.timeout(None) as waiting:
+            with run_state.watching_drop_out(vehicle, lambda: waiting.reschedule(loop.time())):
+                await do()
+    except (VehicleError, FlightError) as error:
+        if repeated and run_state.holds != holds:
+            raise
+        run_state.drop_out(vehicle, str(error))
+    except TimeoutError:
+        if not waiting.expired():
+            raise
+
+
+async def each(
+    contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
+) -> None:
+    """Do something with all of the pair at once; the first error cancels the others."""
+
+    async def one(context: VehicleContext) -> None:
+        await do(context)
+
+    try:
+        async with asyncio.TaskGroup() as group:
+            for context in contexts:
+                group.create_task(one(context), name=f"{context.name} stage")
+    except* (VehicleError, FlightError) as errors:
+        raise errors.exceptions[0] from None
+
+
+async def each_left(
+    contexts: Iterable[VehicleContext],
+    run_state: RunState,
+    do: Callable[[VehicleContext], Awaitable[object]],
+) -> None:
+    """Do something with each vehicle of the pair that has not dropped out, until it does."""
+
+    async def one(context: VehicleContext) -> None:
+        if not context.may_drop_out:
+            await do(context)
+        else:
+            await unless_out(context.name, run_state, lambda: do(context), repeated=True)
+
+    await each(contexts, one)

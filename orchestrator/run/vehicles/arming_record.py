@@ -1,0 +1,49 @@
+"""The record of what is done before arming, in the order in which it was done."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from orchestrator.model.arming_steps import ArmingStep, StepName
+
+Note = Callable[..., None]
+
+
+class ArmingRecord:
+    """Keeps the steps before arming. now: the run's clock; note: takes each for the run's log."""
+
+    def __init__(self, *, now: Callable[[], float], note: Note) -> None:
+        self._now = now
+        self._note = note
+        self._steps: list[ArmingStep] = []
+
+    @property
+    def steps(self) -> tuple[ArmingStep, ...]:
+        """Return the steps so far, oldest first."""
+        return tuple(self._steps)
+
+    @contextmanager
+    def step(self, name: StepName, vehicle: str = "") -> Iterator[Callable[[str], None]]:
+        """Record a step when it ends; what it yields takes what is worth saying of it."""
+        said: list[str] = []
+        try:
+            yield said.append
+        except BaseException as error:
+            self._add(name, vehicle, ok=False, text=str(error) or type(error).__name__)
+            raise
+        self._add(name, vehicle, ok=True, text="; ".join(said))
+
+    def restored(self, vehicle: str, *, ok: bool) -> None:
+        """Record whether what was set aboard an attached vehicle was set back."""
+        self._note("restored", vehicle=vehicle, ok=ok)
+        self._steps = [
+            replace(one, restored=ok)
+            if one.vehicle == vehicle and one.step in {"parameters", "fence"}
+            else one
+            for one in self._steps
+        ]
+
+    def _add(self, name: StepName, vehicle: str, *, ok: bool, text: str) -> None:
+        step = ArmingStep(name, vehicle, self._now(), ok, text)
+        self._steps.append(step)
+        self._note("before_arming", step=name, vehicle=vehicle, ok=ok, text=text)

@@ -1,0 +1,98 @@
+"""Programs and pytest fly on benches and by engines, under the rules of consent of `run`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import wil_campaign
+from orchestrator.api import pytest_items
+from orchestrator.campaign.folder.bench_lock import held_benches
+from tests.orchestrator.api.test_pytest_plugin import ARGUMENTS
+from tests.orchestrator.campaign.test_attached_run import free_port
+from tests.orchestrator.engines.bench.test_bench_engine import BENCH, write_bench, write_campaign
+from tests.orchestrator.engines.bench.test_bench_flight import vehicle_at
+from tests.orchestrator.hover import write_hover
+
+
+def refusal(fly: Callable[[], object]) -> tuple[str, int]:
+    with pytest.raises(wil_campaign.CannotFlyError) as caught:
+        fly()
+    return str(caught.value), caught.value.exit_code
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+def test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone(tmp_path: Path) -> None:
+    port = free_port()
+    path, bench = write_campaign(tmp_path), write_bench(tmp_path, port)
+    file = bench.document.path
+    (problem,) = wil_campaign.validate(path)
+    assert "asks for a bench" in problem.message
+    assert wil_campaign.validate(path, bench_files=[file]) == ()
+    campaign = wil_campaign.load(path, repetitions=1, bench_files=[file])
+    out = tmp_path / "out"
+    said, code = refusal(lambda: wil_campaign.run(path, out=out, bench_files=[str(file)]))
+    assert ("--arm-real" in said, code) == (True, 2)
+    with held_benches((bench,)), vehicle_at(port):
+        said, code = refusal(lambda: wil_campaign.run(campaign, out=out, arm_real=True))
+        assert ("bench hall-a is in use" in said, code) == (True, 3)
+    with vehicle_at(port):
+        flown = wil_campaign.run(campaign, out=out, arm_real=True)
+    (run,) = flown.runs
+    assert (run.mode, run.verdict, flown.summary.real_kind) == ("real", "PASS", "sitl"), run.reason
+
+
+def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(tmp_path: Path) -> None:
+    path, file = write_campaign(tmp_path), tmp_path / "hall-a.yaml"
+    file.write_text(BENCH % 14540 + "arming: {users: [nobody-of-here]}\n")
+    fly = wil_campaign.run
+    said, code = refusal(lambda: fly(path, out=tmp_path, arm_real=True, bench_files=[file]))
+    assert ("may not arm there, only nobody-of-here" in said, code) == (True, 2)
+
+
+def test_a_program_names_an_engine(tmp_path: Path) -> None:
+    asking, hover = write_campaign(tmp_path), tmp_path / "plain"
+    hover.mkdir()
+    path, out = write_hover(hover), tmp_path / "out"
+    said, code = refusal(lambda: wil_campaign.run(path, out=out, engine="rai"))
+    assert ("must be local, ray or ray://HOST:PORT" in said, code) == (True, 2)
+    # The file of a campaign for a bench of a cluster is not read before that bench is there.
+    said, code = refusal(lambda: wil_campaign.run(asking, out=out, engine="ray"))
+    assert ("no bench joins a Ray of this machine alone" in said, code) == (True, 2)
+    with pytest.raises(ValueError, match="give them to load"):
+        wil_campaign.run(wil_campaign.load(path), out=out, bench_files=[path])
+    assert not out.exists()
+
+
+@pytest.fixture
+def inner(pytester: pytest.Pytester) -> pytest.Pytester:
+    pytester.makeini("[pytest]\nasyncio_default_fixture_loop_scope = function\n")
+    return pytester
+
+
+def test_pytest_takes_benches_and_an_engine(
+    inner: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_campaign(inner.path)
+    write_bench(inner.path)
+    given: list[dict[str, Any]] = []
+
+    def refuse(campaign: wil_campaign.Campaign, **options: Any) -> None:
+        given.append({**options, "benches": [bench.name for bench in campaign.options.benches]})
+        raise wil_campaign.CannotFlyError("not now", 2)
+
+    monkeypatch.setattr(pytest_items, "run", refuse)
+    words = (*ARGUMENTS, "hover.yaml")
+    bench = ("--wil-bench-file", "hall-a.yaml")
+    without = inner.runpytest_inprocess(*words)
+    without.stdout.fnmatch_lines(["*asks for a bench*"])
+    over = inner.runpytest_inprocess(*words, "--wil-engine", "ray://127.0.0.1:1")
+    over.stdout.fnmatch_lines(["*a bench of a cluster is known once it is taken*"])
+    inner.runpytest_inprocess(*words, *bench, "--wil-engine", "ray").assert_outcomes(errors=2)
+    (asked,) = given
+    assert (asked["engine"], asked["arm_real"], asked["benches"]) == ("ray", False, ["hall-a"])

@@ -1,0 +1,34 @@
+"""An order is flown and its result written, also into a folder that somebody removed meanwhile."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.resuming.lost_runs import lost_result
+from orchestrator.campaign.workers import run_order
+from orchestrator.campaign.workers.run_workers import WorkerLost
+from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import read_result
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from tests.orchestrator.conftest import NoCommands
+from tests.orchestrator.hover import write_hover
+
+
+def test_a_result_is_written_though_somebody_removed_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    result = lost_result(plan, WorkerLost("somebody removed the folder"))
+    folder = tmp_path / "out" / plan.name
+
+    def fly(_: RunSetup, *__: object) -> RunResult:
+        assert folder.is_dir()
+        shutil.rmtree(tmp_path / "out")
+        return result
+
+    monkeypatch.setattr(run_order, "fly", fly)
+    order = RunOrder(plan=plan, folder=folder, clock="virtual")
+    assert run_order.fly_order(order, lambda _: None, NoCommands()) == result
+    assert read_result(folder / "result.json") == result

@@ -1,0 +1,55 @@
+"""What a run prints and leaves behind."""
+
+import errno
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from orchestrator.campaign.workers import run_output
+from orchestrator.campaign.workers.run_output import OUTPUT_FILE, kept_output, output_tail
+
+
+def test_what_is_printed_goes_to_the_runs_file(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with kept_output(tmp_path):
+        os.write(1, b"of a library\n")
+        subprocess.run([sys.executable, "-c", "print('of a child')"], check=True)
+    os.write(1, b"afterwards\n")
+    assert (tmp_path / OUTPUT_FILE).read_text() == "of a library\nof a child\n"
+    assert output_tail(tmp_path, 1) == ["of a child"]
+    assert capfd.readouterr().out == "afterwards\n"
+
+
+def test_a_silent_run_has_no_file(tmp_path: Path) -> None:
+    with kept_output(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+    assert output_tail(tmp_path, 3) == []
+
+
+def test_a_run_that_prints_without_end_fills_no_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_output, "_MOST_BYTES", 1000)
+    with kept_output(tmp_path):
+        for _ in range(100):
+            os.write(1, b"x" * 99 + b"\n")
+    assert (tmp_path / OUTPUT_FILE).stat().st_size == 1000
+
+
+def test_a_full_disk_takes_what_was_printed_and_not_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    class FullDisk(io.StringIO):
+        def flush(self) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with kept_output(tmp_path):
+        monkeypatch.setattr(sys, "stdout", FullDisk())
+    os.write(1, b"afterwards\n")
+    assert capfd.readouterr().out == "afterwards\n"

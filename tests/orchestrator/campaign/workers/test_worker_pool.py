@@ -1,0 +1,274 @@
+"""The pool: real processes, real deaths."""
+
+import asyncio
+import contextlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from orchestrator.campaign.workers.limited_loading import LoadingTimeoutError, limited_loading
+from orchestrator.campaign.workers.local_workers import LocalWorkers, PipeInbox
+from orchestrator.campaign.workers.run_workers import WorkerLost
+from orchestrator.campaign.workers.worker_pool import Pool
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import News, Progress, Report
+from safety.guard.core.operator_command import OperatorCommand
+
+Outcomes = dict[str, "str | WorkerLost"]
+
+
+def fly(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for a run; lives in the worker process."""
+    report(Progress(order, "sim", 1, "takeoff", 0.0))
+    match order:
+        case "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        case "stop":
+            os.kill(os.getpid(), signal.SIGSTOP)
+        case "exit":
+            os._exit(7)
+        case "raise":
+            raise ValueError("bad luck")
+        case "noise":
+            os.write(1, b"a library prints to stdout")
+        case "wait":
+            while (command := inbox.poll()) is None:
+                time.sleep(0.01)
+            return f"aborted by {command.who}"
+    return f"flown {order}"
+
+
+def fly_all(orders: list[str], jobs: int = 2) -> tuple[Outcomes, list[News]]:
+    outcomes: Outcomes = {}
+    seen: list[News] = []
+    pool = Pool[str, str](
+        jobs=jobs, workers=LocalWorkers(fly), report=seen.append, done=outcomes.__setitem__
+    )
+    asyncio.run(pool.fly(orders))
+    return outcomes, seen
+
+
+def test_every_order_has_an_outcome_whatever_happens_to_the_others() -> None:
+    outcomes, seen = fly_all(["a", "die", "b", "raise", "exit", "c"])
+    assert {name: out for name, out in outcomes.items() if isinstance(out, str)} == {
+        "a": "flown a",
+        "b": "flown b",
+        "c": "flown c",
+    }
+    lost = {name: out.reason for name, out in outcomes.items() if isinstance(out, WorkerLost)}
+    assert "SIGKILL" in lost["die"]
+    assert "exit status 7" in lost["exit"]
+    assert lost["raise"] == "ValueError: bad luck"
+    assert {news.run.partition("/")[0] for news in seen} >= {"a", "b", "c", "raise"}
+
+
+def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+    fly_all(["noise"], jobs=1)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "a library prints" in err
+
+
+def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
+    outcomes: Outcomes = {}
+
+    async def main() -> None:
+        flying = asyncio.Event()
+        pool = Pool[str, str](
+            jobs=1,
+            workers=LocalWorkers(fly),
+            report=lambda _: flying.set(),
+            done=outcomes.__setitem__,
+        )
+        async with asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["wait", "never"]))
+            await flying.wait()
+            pool.abort(OperatorCommand("abort", "tester"))
+
+    asyncio.run(main())
+    assert outcomes == {"wait": "aborted by tester"}
+
+
+def test_while_paused_no_order_is_begun() -> None:
+    outcomes: Outcomes = {}
+    begun: list[str] = []
+
+    async def main() -> None:
+        flying, ended = asyncio.Event(), asyncio.Event()
+
+        def report(news: News) -> None:
+            begun.append(news.run)
+            flying.set()
+
+        def done(order: str, outcome: str | WorkerLost) -> None:
+            outcomes[order] = outcome
+            ended.set()
+
+        pool = Pool[str, str](jobs=1, workers=LocalWorkers(fly), report=report, done=done)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["wait", "next"]))
+            await flying.wait()
+            pool.pause()
+            assert pool.pass_on(OperatorCommand("hold", "tester")) == 1
+            await ended.wait()
+            await asyncio.sleep(0.2)
+            assert begun == ["wait/sim/1"]
+            pool.go_on()
+
+    asyncio.run(main())
+    assert outcomes == {"wait": "aborted by tester", "next": "flown next"}
+
+
+def test_a_worker_that_says_nothing_any_more_is_killed() -> None:
+    outcomes: Outcomes = {}
+    pool = Pool[str, str](
+        jobs=1,
+        workers=LocalWorkers(fly),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+        stall_s=0.5,
+    )
+    asyncio.run(pool.fly(["stop", "next"]))
+    lost = outcomes["stop"]
+    assert isinstance(lost, WorkerLost)
+    assert lost.reason == "its process did not respond for 0.5 s; it was killed"
+    assert outcomes["next"] == "flown next"
+
+
+def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
+    parent, child = multiprocessing.Pipe()
+    inbox = PipeInbox(child)
+    assert inbox.poll() is None
+    parent.close()
+    command = inbox.poll()
+    assert command is not None
+    assert command.kind == "abort"
+    assert "its parent process died" in command.who
+    assert inbox.poll() is None
+
+
+def fly_mute(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for files that hang before the run has a word to say."""
+    del order, report, inbox
+    while True:
+        time.sleep(0.05)
+
+
+def test_a_worker_that_hangs_before_its_first_word_ends_on_the_first_signal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("orchestrator.campaign.workers.worker_pool._ABORTED_S", 0.5)
+    outcomes: Outcomes = {}
+
+    async def main() -> None:
+        pool = Pool[str, str](
+            jobs=1,
+            workers=LocalWorkers(fly_mute),
+            report=lambda _: None,
+            done=outcomes.__setitem__,
+        )
+        async with asyncio.timeout(60.0), asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["mute", "never"]))
+            while not multiprocessing.active_children():  # noqa: ASYNC110 - sets no event
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.1)
+            pool.abort(OperatorCommand("abort", "SIGTERM"))
+
+    asyncio.run(main())
+    lost = outcomes["mute"]
+    assert isinstance(lost, WorkerLost)
+    assert lost.reason == "aborted before its process had prepared the run; it was killed"
+    assert list(outcomes) == ["mute"]
+
+
+def test_loading_that_hangs_is_cut_off_where_it_hangs() -> None:
+    def load() -> None:
+        with limited_loading(0.2):
+            while True:
+                time.sleep(0.01)
+
+    with pytest.raises(LoadingTimeoutError, match="not loaded within 0"):
+        load()
+    with limited_loading(0.2):
+        pass
+    time.sleep(0.3)
+
+
+_STATE: list[str] = []
+
+
+def fly_counting(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for an autonomy whose modules keep state, and that starts a daemon."""
+    del report, inbox
+    _STATE.append(order)
+    daemon = "import os, time; os.setsid(); time.sleep(60)"
+    child = subprocess.Popen([sys.executable, "-c", daemon])  # noqa: S603 - our own
+    return f"{len(_STATE)} {child.pid} {os.environ['ASKED']}"
+
+
+def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    outcomes: Outcomes = {}
+    monkeypatch.setenv("ASKED", "as the campaign's process has it")
+    pool = Pool[str, str](
+        jobs=1,
+        workers=LocalWorkers(fly_counting),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+    )
+    asyncio.run(pool.fly(["one", "two"]))
+    for outcome in outcomes.values():
+        assert isinstance(outcome, str)
+        count, child, asked = outcome.split(" ", 2)
+        assert (count, asked) == ("1", "as the campaign's process has it")
+        assert not Path(f"/proc/{child}").exists()
+
+
+def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for a run that fails while its guard still lands; order: where that program is."""
+    del report, inbox
+    folder = Path(order)
+    ours = [sys.executable, "-m", "safety.lands", str(folder / "grandchild")]
+    guard = subprocess.Popen(ours, cwd=folder)  # noqa: S603 - our own
+    while not (folder / "grandchild").exists() and guard.poll() is None:
+        time.sleep(0.01)
+    grandchild = (folder / "grandchild").read_text()
+    left = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    raise ValueError(f"{guard.pid} {grandchild} {left.pid}")
+
+
+def test_a_guard_that_still_lands_outlives_a_run_that_failed(tmp_path: Path) -> None:
+    (tmp_path / "safety").mkdir()
+    (tmp_path / "safety" / "__init__.py").touch()
+    (tmp_path / "safety" / "lands.py").write_text(
+        "import pathlib, subprocess, sys, time\n"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "out = pathlib.Path(sys.argv[1])\n"
+        "out.with_suffix('.new').write_text(str(child.pid))\n"
+        "out.with_suffix('.new').rename(out)\n"
+        "time.sleep(60)\n"
+    )
+    outcomes: Outcomes = {}
+    pool = Pool[str, str](
+        jobs=1,
+        workers=LocalWorkers(fly_into_error),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+    )
+    asyncio.run(pool.fly([str(tmp_path)]))
+    lost = outcomes[str(tmp_path)]
+    assert isinstance(lost, WorkerLost)
+    guard, below_guard, left = (int(word) for word in lost.fault.message.split())
+    try:
+        assert Path(f"/proc/{guard}").exists()
+        assert Path(f"/proc/{below_guard}").exists()
+        assert not Path(f"/proc/{left}").exists()
+    finally:
+        for process in (guard, below_guard):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)

@@ -1,0 +1,130 @@
+"""A damaged message of the cluster ends the server of a bench in plain words, when all is down."""
+
+import pickle
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Client
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.cli import main
+from orchestrator.cli.commands import bench as commands
+from orchestrator.engines import ray_agents
+from orchestrator.engines.bench import bench_server
+from orchestrator.engines.bench.bench_engine import hire_bench
+from orchestrator.engines.node_messages import RunOrdered
+from tests.orchestrator.engines.bench.test_bench_engine import write_bench
+
+ORDER: Any = "no order"
+WHOLE = pickle.dumps(RunOrdered(ORDER))
+DAMAGED = {
+    "empty": b"",
+    "garbage": b"\xff\x00garbage",
+    "cut": WHOLE[:-9],
+    "unknown module": b"cno_such_module\nThing\n.",
+    "unknown name": b"corchestrator.engines.node_messages\nThing\n.",
+    "no message": pickle.dumps(3),
+    "no order": WHOLE,
+}
+
+
+class IdleNode:
+    """The process that flies, which says nothing until it is closed."""
+
+    def __init__(self) -> None:
+        self.closed = threading.Event()
+
+    def receive(self, _: float) -> list[bytes]:
+        self.closed.wait()
+        raise EOFError
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+@pytest.fixture
+def nodes(monkeypatch: pytest.MonkeyPatch) -> list[IdleNode]:
+    begun: list[IdleNode] = []
+
+    def begin() -> IdleNode:
+        begun.append(IdleNode())
+        return begun[-1]
+
+    monkeypatch.setattr(bench_server, "NodeAgent", begin)
+    return begun
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_damaged_message_ends_bench_serve_in_plain_words(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    nodes: list[IdleNode],
+    kind: str,
+) -> None:
+    class Joined:
+        def wait(self) -> None:
+            threading.Event().wait()
+
+    @contextmanager
+    def join(_: str, __: object, socket: Path) -> Iterator[Joined]:
+        with Client(str(socket), family="AF_UNIX") as campaign:
+            campaign.send_bytes(DAMAGED[kind])
+            yield Joined()
+
+    monkeypatch.setattr(commands, "bench_node", join)
+    monkeypatch.setattr(commands, "has_terminal", lambda: True)
+    write_bench(tmp_path)
+    code = main(
+        ["bench", "serve", str(tmp_path / "hall-a.yaml"), "--engine", "ray://127.0.0.1:6379"]
+    )
+    said = capsys.readouterr().err
+    assert code == 3, said
+    assert "bench hall-a: a message of the cluster is damaged" in said
+    assert "start it again" in said
+    assert "Traceback" not in said
+    assert [one.closed.is_set() for one in nodes] == [True]
+
+
+class Saying:
+    """A Ray with one actor, whose first message is damaged."""
+
+    class exceptions:  # noqa: N801 - as Ray has it
+        class GetTimeoutError(Exception): ...
+
+        class RayError(Exception): ...
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+        self.killed = 0
+
+    def remote(self, **_: object) -> Any:
+        class Actor:
+            class receive:  # noqa: N801 - an attribute of the actor
+                @staticmethod
+                def remote(_: float) -> None: ...
+
+        return lambda _: type("Class", (), {"remote": staticmethod(Actor)})
+
+    def get(self, references: list[object], timeout: float) -> list[list[bytes]]:
+        return [[self.content] for _ in references]
+
+    def kill(self, _: object, *, no_restart: bool) -> None:
+        self.killed += 1
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_node_that_says_nothing_readable_is_dismissed(kind: str) -> None:
+    ray: Any = Saying(DAMAGED[kind])
+    for hire in (
+        lambda: ray_agents.hire_agents(ray, 2, cores=1),
+        lambda: hire_bench(ray, "hall-a", 1.0),
+    ):
+        with pytest.raises(EngineError, match="does not say what it is") as raised:
+            hire()
+        assert raised.value.code == 3
+    assert ray.killed == 3

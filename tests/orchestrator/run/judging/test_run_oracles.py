@@ -1,0 +1,26 @@
+"""The oracles of a run: with the world, and the body, by which they judge."""
+
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.run.judging.run_oracles import build_judge
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from safety.model.samples import PoseSample, StageSample
+from tests.orchestrator.wall import write_wall
+from worlds.frames import Pose
+
+
+@pytest.mark.parametrize(("width_m", "touched"), [(0.3, False), (1.0, True)])
+def test_contacts_are_judged_by_the_body_that_the_campaign_gives(
+    tmp_path: Path, width_m: float, touched: bool
+) -> None:
+    """The wall's face stands 0.35 m ahead: within half of 1 m, and beyond half of 0.3 m."""
+    sets = (f"vehicles.twin.body={{width_m: {width_m}, height_m: 0.2}}",)
+    plan = load_campaign(write_wall(tmp_path), Options(sets=sets)).runs[0]
+    judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")), {})
+    judge.stage(StageSample(0.0, "takeoff"))
+    judge.stage(StageSample(0.5, "at_height"))
+    flags = judge.pose(PoseSample(1.0, "twin", Pose((2.6, 0.0, -1.2)), (0.0, 0.0, 0.0)))
+    assert [flag.text for flag in flags] == (["twin touched wall.box"] if touched else [])

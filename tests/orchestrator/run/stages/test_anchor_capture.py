@@ -1,0 +1,76 @@
+"""A vehicle is anchored where motion capture sees it, not where the file says that it stands."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+import pytest
+
+from orchestrator.model.clock import run_virtual
+from orchestrator.model.results import RunResult
+from orchestrator.run.stages.anchor_capture import anchor_by_mocap
+from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from tests.orchestrator.conftest import BRIEF
+from tests.orchestrator.external.rigs import FakeDriver, FakeStation
+from vehicles.driver.vehicle_state import LocalEstimate
+from vehicles.errors import AnchorError
+from vehicles.poses.pose_history import PoseHistory
+from worlds.frames import Pose
+
+Fly = Callable[..., tuple[RunResult, Path]]
+
+
+def anchored(*, sees: Callable[[float], Pose | None], estimates: bool = True) -> FakeDriver:
+    """Run the anchoring beside motion capture at 100 Hz."""
+
+    async def run() -> FakeDriver:
+        loop, context = asyncio.get_running_loop(), FakeStation()
+        context.poses = PoseHistory(HISTORY_S)  # type: ignore[attr-defined]  # as of a Station
+        if estimates:
+            here = Pose.of(10.0, 20.0, 0.0, yaw_rad=0.3)
+            context.driver.state.local = LocalEstimate(0.0, here, (0.0, 0.0, 0.0))
+
+        async def capture() -> None:
+            while True:
+                pose = sees(loop.time())
+                if pose is not None:
+                    context.poses.add(loop.time(), pose)  # type: ignore[attr-defined]  # as above
+                await asyncio.sleep(0.01)
+
+        task = asyncio.create_task(capture())
+        await asyncio.sleep(0.5)
+        try:
+            await anchor_by_mocap(cast("VehicleContext", context))
+        finally:
+            task.cancel()
+            await asyncio.wait([task])
+        return context.driver
+
+    return run_virtual(run())
+
+
+def test_the_own_frame_is_laid_where_it_is_seen() -> None:
+    anchor = anchored(sees=lambda t_s: Pose.of(1.0, -2.0, 0.1, yaw_rad=0.8, roll_rad=0.02)).anchor
+    assert anchor is not None
+    assert anchor.turn_rad == pytest.approx(0.5, abs=1e-6)
+    seen = anchor.pose(Pose.of(10.0, 20.0, 0.0, yaw_rad=0.3))
+    assert seen.position_ned_m == pytest.approx((1.0, -2.0, -0.1), abs=1e-6)
+    assert seen.yaw_rad == pytest.approx(0.8, abs=1e-6)
+
+
+def test_who_moves_or_is_not_seen_is_not_anchored() -> None:
+    with pytest.raises(
+        AnchorError, match=r"real, anchored by motion capture: .* moved by .* still"
+    ):
+        anchored(sees=lambda t_s: Pose.of(math.sin(t_s), 0.0, 0.0))
+    with pytest.raises(AnchorError, match="only 0 position estimates"):
+        anchored(sees=lambda t_s: None)
+    with pytest.raises(AnchorError, match="only 0 position estimates"):
+        anchored(sees=lambda t_s: Pose((0, 0, 0)), estimates=False)
+
+
+def test_a_flight_that_is_anchored_by_motion_capture(fly_run: Fly) -> None:
+    result, _ = fly_run(sets=(*BRIEF, "vehicles.real.anchor=mocap"))
+    assert (result.verdict, result.reason) == ("PASS", "")

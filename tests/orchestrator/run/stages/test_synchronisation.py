@@ -1,0 +1,131 @@
+"""Skews of a pair: which command is timed, and that each limit ends a run that exceeds it."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.run.stages.synchronisation import Synchronisation
+from orchestrator.state.liftoff_detector import LiftoffDetector
+from orchestrator.state.run_state import RunState
+
+LIMITS: Any = SimpleNamespace(
+    max_command_skew_s=0.1, max_takeoff_skew_s=0.2, max_t0_skew_s=0.3, takeoff_timeout_s=20.0
+)
+ARM, TAKEOFF = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_TAKEOFF
+Record = Callable[[str, float, bytes], None]
+
+
+def pair(*names: str) -> tuple[Synchronisation, RunState, Record, dict[str, Any]]:
+    run_state = RunState(time=lambda: 5.0)
+    sync = Synchronisation(setup=LIMITS, run_state=run_state)
+    contexts = {name: SimpleNamespace(name=name, liftoff=LiftoffDetector()) for name in names}
+    sync.attach(cast("Any", tuple(contexts.values())))
+    run_state.enter("takeoff")
+    return sync, run_state, sync.recording(lambda _name, _t_s, _frame: None), contexts
+
+
+def frame(command: int, *, as_int: bool = False) -> bytes:
+    sender = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    if as_int:
+        message = mavlink.MAVLink_command_int_message(
+            1, 1, 3, command, 0, 0, *([0.0] * 4), 0, 0, 1.2
+        )
+    else:
+        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *([0.0] * 7))
+    return bytes(message.pack(sender))
+
+
+def liftoff(context: Any, began_s: float) -> None:
+    for step in range(4):
+        context.liftoff.take(began_s + step / 2, height_m=step / 2, climb_m_s=1.0)
+
+
+@pytest.mark.parametrize("as_int", [False, True])
+def test_the_first_takeoff_command_is_timed_and_no_other_frame(as_int: bool) -> None:
+    sync, _, record, _ = pair("real", "twin")
+    for name, armed_s, off_s in (("real", 1.0, 3.0), ("twin", 2.0, 3.05)):
+        record(name, armed_s, frame(ARM))
+        record(name, off_s, frame(TAKEOFF, as_int=as_int))
+        record(name, 9.0 if name == "twin" else off_s, frame(TAKEOFF, as_int=as_int))
+    assert sync.result().command_skew_s == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(("late_s", "decided"), [(0.0, 0), (0.3, 1)])
+def test_a_stagger_that_is_meant_is_no_skew_of_the_commands(late_s: float, decided: int) -> None:
+    sync, run_state, record, contexts = pair("real", "twin")
+    sync.stagger({"real": 0.0, "twin": 1.5})
+    for name, command_s in (("real", 0.0), ("twin", 1.5 + late_s)):
+        record(name, command_s, frame(TAKEOFF))
+        liftoff(contexts[name], 3.0)
+    sync.check_takeoff()
+    assert len(run_state.decisive) == decided
+    assert sync.result().liftoff_delays_s == pytest.approx({"real": 3.0, "twin": 1.5 - late_s})
+
+
+def test_no_command_but_a_takeoff_gives_a_skew() -> None:
+    sync, _, record, _ = pair("real", "twin")
+    for name in ("real", "twin"):
+        record(name, 1.0, frame(ARM))
+    assert sync.result().command_skew_s is None
+
+
+@pytest.mark.parametrize(
+    ("skews_s", "reason"),
+    [
+        ((0.0, 0.0), None),
+        ((0.1, 0.2), None),
+        ((0.11, 0.0), "command skew 0.110 s exceeds 0.1 s"),
+        ((0.0, 0.25), "takeoff skew 0.250 s exceeds 0.2 s"),
+    ],
+)
+def test_a_pair_beyond_its_limits_at_takeoff_is_invalid(
+    skews_s: tuple[float, float], reason: str | None
+) -> None:
+    sync, run_state, record, contexts = pair("real", "twin")
+    for name, command_s, lifted_s in (("real", 0.0, 0.0), ("twin", *skews_s)):
+        record(name, command_s, frame(TAKEOFF))
+        liftoff(contexts[name], lifted_s)
+    sync.check_takeoff()
+    decided = [(event.kind, event.text) for event in run_state.decisive]
+    assert decided == ([] if reason is None else [("INVALID", reason)])
+
+
+@pytest.mark.parametrize(
+    ("commanded", "lifted", "reason"),
+    [
+        (("real",), ("real", "twin"), "command skew was not measured: no takeoff command to twin"),
+        (("real", "twin"), ("twin",), "takeoff skew was not measured: no liftoff of real"),
+    ],
+)
+def test_a_skew_that_was_not_measured_is_invalid(
+    commanded: tuple[str, ...], lifted: tuple[str, ...], reason: str
+) -> None:
+    sync, run_state, record, contexts = pair("real", "twin")
+    for name in commanded:
+        record(name, 0.0, frame(TAKEOFF))
+    for name in lifted:
+        liftoff(contexts[name], 0.0)
+    sync.check_takeoff()
+    assert [(event.kind, event.text) for event in run_state.decisive] == [("INVALID", reason)]
+
+
+@pytest.mark.parametrize(("skew_s", "decided"), [(0.3, []), (0.35, ["INVALID"])])
+def test_a_goal_given_too_far_apart_is_invalid(skew_s: float, decided: list[str]) -> None:
+    sync, run_state, _, _ = pair("real", "twin")
+    sync.goal_given("real", 0.0)
+    assert run_state.decisive == []
+    sync.goal_given("twin", skew_s)
+    assert [event.kind for event in run_state.decisive] == decided
+    assert sync.result().t0_skew_s == skew_s
+
+
+def test_one_vehicle_alone_has_no_skew_to_measure() -> None:
+    sync, run_state, record, contexts = pair("twin")
+    record("twin", 0.0, frame(TAKEOFF))
+    liftoff(contexts["twin"], 0.0)
+    sync.check_takeoff()
+    assert run_state.decisive == []
+    assert sync.result().takeoff_skew_s is None

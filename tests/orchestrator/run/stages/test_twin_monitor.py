@@ -1,0 +1,75 @@
+"""The distance of a pair is measured however late poses come, or the run proves nothing."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from orchestrator.model.clock import run_on
+from orchestrator.run.stages.twin_monitor import TwinMonitor
+from orchestrator.state.run_state import RunState
+from vehicles.poses.pose_history import PoseHistory
+from worlds.frames import Pose
+
+RATE_HZ = 50.0
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+async def _fly(late_s: float, apart_m: float, gap_s: float) -> tuple[TwinMonitor, RunState]:
+    """Fly a goal of 4 s; the real vehicle's poses come so late, one every `gap_s`."""
+    loop = asyncio.get_running_loop()
+    run_state = RunState(time=loop.time)
+    monitor = TwinMonitor(coupling="free", limit_m=1.0, run_state=run_state)
+    monitor.attach("twin", needed_by=())
+    contexts: Any = tuple(SimpleNamespace(poses=PoseHistory(2.0)) for _ in range(2))
+    real, twin = (context.poses for context in contexts)
+    t0_s, due_s = run_state.enter("goal"), 0.0
+    watching = asyncio.create_task(monitor.run(contexts, lambda: None))
+    for tick in range(round(5.0 * RATE_HZ)):
+        t_s = t0_s + tick / RATE_HZ
+        twin.add(t_s, Pose((0.0, apart_m, 0.0), UPRIGHT))
+        if t_s - late_s >= due_s:
+            real.add(t_s - late_s, Pose((0.0, 0.0, 0.0), UPRIGHT))
+            due_s = t_s - late_s + gap_s
+        if tick == round(4.0 * RATE_HZ):
+            run_state.enter("done")
+            run_state.enter("land")
+        await asyncio.sleep(1.0 / RATE_HZ)
+    run_state.enter("landed")
+    watching.cancel()
+    return monitor, run_state
+
+
+def flown(late_s: float, apart_m: float, gap_s: float = 0.02) -> tuple[TwinMonitor, RunState]:
+    found: list[tuple[TwinMonitor, RunState]] = []
+
+    async def main() -> None:
+        found.append(await _fly(late_s, apart_m, gap_s))
+
+    run_on("virtual", main())
+    return found[0]
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.15, 0.6])
+def test_a_pair_apart_is_invalid_however_late_its_poses_are(late_s: float) -> None:
+    monitor, run_state = flown(late_s, 1.5)
+    assert monitor.result().distance_max_m == pytest.approx(1.5)
+    (event,) = run_state.decisive
+    assert (event.kind, event.source) == ("INVALID", "sync/twin")
+    assert event.text.startswith("real and twin were 1.50 m apart")
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.15, 0.6])
+def test_a_pair_that_keeps_together_is_measured_and_passes(late_s: float) -> None:
+    monitor, run_state = flown(late_s, 0.5)
+    assert monitor.result().distance_p50_m == pytest.approx(0.5)
+    assert run_state.decisive == []
+
+
+def test_a_distance_that_was_never_measured_proves_nothing() -> None:
+    monitor, run_state = flown(0.003, 1.5, gap_s=0.3)
+    assert monitor.result().distance_max_m is None
+    (event,) = run_state.decisive
+    assert (event.kind, event.source) == ("INVALID", "sync/twin")
+    assert "was never measured" in event.text
