@@ -66,7 +66,6 @@ from safety.guard.process.run_clock import RunClock, Trouble
 from safety.guard.process.run_clock_factory import run_clock_of
 from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
 from safety.model.samples import PoseSample
-from vehicles.clocks.clock_socket import clock_environment
 from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
 from vehicles.errors import VehicleError
 from vehicles.links.link import Link
@@ -76,6 +75,7 @@ from vehicles.links.link_strings import parse_link
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.poses.anchor import Anchor
 from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.clock_socket import clock_environment
 from vehicles.processes.identity import ProcessId
 from vehicles.tasks import FAULTS, TaskAccount, start
 from worlds.frames import Pose

@@ -12,7 +12,6 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from vehicles.clocks.clock_socket import InheritedClock
 from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.physics.config import ContactWorld
@@ -34,6 +33,7 @@ from vehicles.faults import FaultError, parse_fault
 from vehicles.links.link import LinkError
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
+from vehicles.processes.clock_socket import InheritedClock
 from vehicles.processes.codec import MessageError
 from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 from vehicles.readings import PoseReading
