@@ -18,7 +18,7 @@ LEAD_S = 0.06
 setpoint, an image or a position is older by so much at most for want of a processor. PX4 needs a
 setpoint every second, and a picture is mixed within a tenth of one."""
 REPORT_S = 0.02
-"""How often, by the run clock, a process reports how far it has come."""
+"""How often, by the run clock, a process reports how far it has come, at least."""
 
 _LEAST_S = REPORT_S / 2.0
 
@@ -85,7 +85,7 @@ class Lockstep:
         end_s = last.end_s
         awaited = [one.run_s for one in self._followers.values() if one.awaited]
         stands = wall_s - last.wall_s >= last.holds_s
-        run_s = min(awaited) + LEAD_S if awaited else self._alone_s(wall_s)
+        run_s = min(awaited, default=last.at(wall_s)) + LEAD_S
         if run_s < end_s + (1e-6 if stands else _LEAST_S):
             return False
         if stands:
@@ -93,10 +93,6 @@ class Lockstep:
         holds_s = (run_s - last.run_s) / self._nominal
         self._segment = Segment(last.wall_s, last.run_s, self._nominal, holds_s)
         return True
-
-    def _alone_s(self, wall_s: float) -> float:
-        """Return the clock's end where it waits for nobody: it does not get there between steps."""
-        return self._segment.at(wall_s) + max(LEAD_S, 4.0 * STEP_S * self._nominal)
 
 
 class _Follower:

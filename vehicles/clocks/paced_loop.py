@@ -1,7 +1,6 @@
 """A loop whose clock runs faster or slower than the wall's: all that it counts is counted so."""
 
 import asyncio
-import math
 import selectors
 import socket
 import time
@@ -20,6 +19,8 @@ _LONGEST_WAIT_S = 60.0
 """While the clock stands only the wall's timers and the sockets can end a wait."""
 _SAME_INSTANT_S = 1e-9
 """As near as asyncio takes a timer to be due."""
+_MOST_TURNS_TO_IDLE = 64
+"""Of those in which something comes in: who is flooded does not hold the clock for good."""
 
 
 class _PacedSelector(selectors.DefaultSelector):
@@ -27,10 +28,21 @@ class _PacedSelector(selectors.DefaultSelector):
 
     loop: "PacedLoop"
     first: int | None = None
+    _turns = 0
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """Return ready descriptors, the first one first; `timeout` is in the paced loop's time."""
-        ready = super().select(self.loop.wall_wait_s(timeout))
+        wait_s = self.loop.wall_wait_s(timeout)
+        ready: list[tuple[selectors.SelectorKey, int]] = []
+        if self.loop.watches_idle and wait_s != 0.0:
+            ready = super().select(0.0)
+            self._turns += 1
+            if not ready or self._turns > _MOST_TURNS_TO_IDLE:
+                self._turns = 0
+                if self.loop.become_idle():
+                    wait_s = 0.0
+        if not ready:
+            ready = super().select(wait_s)
         if self.first is not None and len(ready) > 1:
             ready.sort(key=self._is_other)
         return ready
@@ -52,7 +64,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         self._wall_timers: list[tuple[float, int, asyncio.TimerHandle]] = []
         self._wall_timers_set = 0
         self._jobs: dict[object, float] = {}
-        self._job_done: Callable[[], object] | None = None
+        self._idle: Callable[[float], bool] | None = None
         self._waits = _PacedSelector()
         self._waits.loop = self
         super().__init__(self._waits)
@@ -73,14 +85,23 @@ class PacedLoop(asyncio.SelectorEventLoop):
         self.time()
         self._segment = segment
 
-    @property
-    def oldest_job_s(self) -> float:
-        """Return when the oldest job began that a thread still does; infinite without one."""
-        return min(self._jobs.values(), default=math.inf)
+    def on_idle(self, callback: Callable[[float], bool] | None) -> None:
+        """Call `callback` when all is done that was due, and what has come in is read.
 
-    def on_job_done(self, callback: Callable[[], object] | None) -> None:
-        """Call `callback` after each job of a thread, once whoever waits for it knows."""
-        self._job_done = callback
+        It gets the moment of the loop's time until which that is so, and returns whether it did
+        something. A job that a thread still does was due when it began.
+        """
+        self._idle = callback
+
+    @property
+    def watches_idle(self) -> bool:
+        """Return whether it matters when the paced loop has nothing to do."""
+        return self._idle is not None
+
+    def become_idle(self) -> bool:
+        """Take that nothing is to be done now; return whether something may be after it."""
+        run_s = min(self._latest_s, *self._jobs.values()) if self._jobs else self._latest_s
+        return self._idle is not None and self._idle(run_s)
 
     def add_first_reader(self, end: socket.socket, callback: Callable[[], object]) -> None:
         """Read from a socket before all others that are ready at the same time."""
@@ -94,13 +115,8 @@ class PacedLoop(asyncio.SelectorEventLoop):
         future = super().run_in_executor(executor, func, *args)
         job = object()
         self._jobs[job] = self.time()
-        future.add_done_callback(lambda _: self._end_job(job))
+        future.add_done_callback(lambda _: self._jobs.pop(job))
         return future
-
-    def _end_job(self, job: object) -> None:
-        del self._jobs[job]
-        if self._job_done is not None:
-            self.call_soon(self._job_done)
 
     def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
         """Call after so much wall time, whatever the loop's pace."""

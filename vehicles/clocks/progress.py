@@ -1,4 +1,4 @@
-"""Reports how far a process has come that follows the run clock of another."""
+"""Reports how far a process has come on the run clock."""
 
 from collections.abc import Callable
 
@@ -9,31 +9,30 @@ from vehicles.clocks.paced_loop import PacedLoop
 class ProgressReporter:
     """Reports the moment until which a paced loop has done all that was due.
 
-    A job in a thread counts as well: until it is done the process has come as far as when the job
-    began.
+    It reports at least every `REPORT_S` of the loop's time, and once where its clock stands.
     """
 
     def __init__(self, *, loop: PacedLoop, report: Callable[[float], None]) -> None:
         self._loop = loop
         self._report = report
         self._reached_s = loop.time()
-        self._next = loop.call_at(self._reached_s, self._on_due, self._reached_s)
-        loop.on_job_done(self._publish)
+        self._wake = loop.call_at(self._reached_s + REPORT_S, self._on_wake)
+        loop.on_idle(self._on_idle)
 
     def stop(self) -> None:
         """Stop the reports of progress."""
-        self._next.cancel()
-        self._loop.on_job_done(None)
+        self._wake.cancel()
+        self._loop.on_idle(None)
 
-    def _on_due(self, due_s: float) -> None:
-        # Timers run in the order of their times: all of before are done, or about to be.
-        self._loop.call_soon(self._reach, due_s)
-        next_s = max(due_s + REPORT_S, self._loop.time())
-        self._next = self._loop.call_at(next_s, self._on_due, next_s)
+    def _on_wake(self) -> None:
+        """Have the loop turn, however little it has to do."""
+        self._wake = self._loop.call_at(self._loop.time() + REPORT_S, self._on_wake)
 
-    def _reach(self, run_s: float) -> None:
+    def _on_idle(self, run_s: float) -> bool:
+        grown_s = run_s - self._reached_s
+        stands = run_s >= self._loop.segment.end_s - 1e-6
+        if grown_s < (1e-6 if stands else REPORT_S / 2.0):
+            return False
         self._reached_s = run_s
-        self._publish()
-
-    def _publish(self) -> None:
-        self._report(min(self._reached_s, self._loop.oldest_job_s))
+        self._report(run_s)
+        return True

@@ -9,12 +9,15 @@ guard has taken over, nobody waits for an orchestrator for longer than `HURRY_S`
 import time
 from collections.abc import Callable
 
-from safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock, Trouble
+from safety.guard.process.run_clock import PaceSetup, RunClock, Trouble
 from vehicles.clocks.lockstep import Lockstep
+from vehicles.clocks.paced_loop import PacedLoop
+from vehicles.clocks.progress import ProgressReporter
 from vehicles.clocks.sim_clock_controller import STALL_S, Segment
 
 ORCHESTRATOR = "orchestrator"
 HURRY_S = 0.5
+_GUARD = "guard"
 
 
 class LockstepClock(RunClock):
@@ -27,16 +30,17 @@ class LockstepClock(RunClock):
         self,
         *,
         setup: PaceSetup,
-        loop: PacedClock,
+        loop: PacedLoop,
         publish: Callable[[Segment], None],
         trouble: Callable[[str, Trouble, str], None],
         took_over: Callable[[], bool],
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(setup=setup, loop=loop, publish=publish, trouble=trouble, wall=wall)
+        self._paced = loop
         self._took_over = took_over
         self._lockstep = Lockstep(nominal=setup.nominal)
-        for name in (ORCHESTRATOR, *setup.followers):
+        for name in (_GUARD, ORCHESTRATOR, *setup.followers):
             self._lockstep.join(name)
 
     def reached(self, name: str, run_s: float) -> None:
@@ -52,6 +56,8 @@ class LockstepClock(RunClock):
 
     def _begin(self, segment: Segment) -> None:
         self._lockstep.begin(segment)
+        # The guard itself reads what vehicles have sent before time goes on.
+        ProgressReporter(loop=self._paced, report=lambda run_s: self.reached(_GUARD, run_s))
 
     def _advance(self, wall_s: float) -> Segment:
         lockstep = self._lockstep
