@@ -33,7 +33,8 @@ class Lockstep:
         self._nominal = nominal
         self._segment = Segment(0.0, 0.0, 1.0)
         self._followers: dict[str, _Follower] = {}
-        self._steps = 0
+        self._steps = self._extended_step = 0
+        self._extended_s = 0.0
 
     @property
     def segment(self) -> Segment:
@@ -52,28 +53,30 @@ class Lockstep:
         """Start the lockstep clock where the wall's was: all are at that moment."""
         run_s, wall_s = segment.run_s, segment.wall_s
         for follower in self._followers.values():
-            follower.hear(run_s, wall_s, self._steps)
+            follower.hear(run_s)
+        self._extended_s, self._extended_step = wall_s, self._steps
         self._segment = Segment(wall_s, run_s, self._nominal, LEAD_S / self._nominal)
 
-    def report(self, name: str, run_s: float, wall_s: float) -> None:
+    def report(self, name: str, run_s: float) -> None:
         """Take that a process has done all that was due until a moment of the run clock."""
         if name in self._followers:
-            self._followers[name].hear(run_s, wall_s, self._steps)
+            self._followers[name].hear(run_s)
 
     def step(self) -> None:
         """Count a step of whoever leads: every `STEP_S` of the wall's time, if it gets so far."""
         self._steps += 1
 
     def is_silent(self, name: str, wall_s: float, patience_s: float) -> bool:
-        """Return whether a process that is waited for has not got on for so long.
+        """Return whether the clock has waited for this process for so long.
 
         Half of the time has to be of our own steps: a machine that was asleep has stalled nobody.
         """
         one = self._followers.get(name)
-        if one is None or not one.awaited:
+        awaited = self._awaited_s()
+        if one is None or not one.awaited or one.run_s > min(awaited):
             return False
-        steps = self._steps - one.step
-        return wall_s - one.wall_s > patience_s and steps * STEP_S >= patience_s / 2.0
+        steps = self._steps - self._extended_step
+        return wall_s - self._extended_s > patience_s and steps * STEP_S >= patience_s / 2.0
 
     def give_up(self, name: str) -> None:
         """Wait for a process no more until it reports again."""
@@ -83,29 +86,30 @@ class Lockstep:
         """Move the end of the clock on as far as all allow; return whether it was."""
         last = self._segment
         end_s = last.end_s
-        awaited = [one.run_s for one in self._followers.values() if one.awaited]
         stands = wall_s - last.wall_s >= last.holds_s
-        run_s = min(awaited, default=last.at(wall_s)) + LEAD_S
+        run_s = min(self._awaited_s(), default=last.at(wall_s)) + LEAD_S
         if run_s < end_s + (1e-6 if stands else _LEAST_S):
             return False
         if stands:
             last = Segment(wall_s, end_s, self._nominal)
         holds_s = (run_s - last.run_s) / self._nominal
         self._segment = Segment(last.wall_s, last.run_s, self._nominal, holds_s)
+        self._extended_s, self._extended_step = wall_s, self._steps
         return True
+
+    def _awaited_s(self) -> list[float]:
+        """Return how far each process has come that the clock waits for."""
+        return [one.run_s for one in self._followers.values() if one.awaited]
 
 
 class _Follower:
-    """A process that follows the clock: how far it has come, and when that was reported."""
+    """A process that follows the clock: how far it has come, and whether the clock waits for it."""
 
     def __init__(self) -> None:
         self.awaited = False
-        self.run_s = self.wall_s = 0.0
-        self.step = 0
+        self.run_s = 0.0
 
-    def hear(self, run_s: float, wall_s: float, step: int) -> None:
+    def hear(self, run_s: float) -> None:
         """Take a report of the process."""
-        if run_s > self.run_s or not self.awaited:
-            self.wall_s, self.step = wall_s, step
         self.run_s = max(self.run_s, run_s)
         self.awaited = True

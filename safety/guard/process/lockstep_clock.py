@@ -45,9 +45,8 @@ class LockstepClock(RunClock):
 
     def reached(self, name: str, run_s: float) -> None:
         """Take how far a process has come; the clock goes on if all have."""
-        wall_s = self._wall()
-        self._lockstep.report(name, run_s, wall_s)
-        if self._begun is not None and self._lockstep.extend(wall_s):
+        self._lockstep.report(name, run_s)
+        if self._begun is not None and self._lockstep.extend(self._wall()):
             self._send(self._lockstep.segment)
 
     def leave(self, name: str) -> None:

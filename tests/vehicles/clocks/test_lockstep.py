@@ -72,7 +72,7 @@ def flown(busy: Sequence[Callable[[float], bool]], *, for_s: float = 4.0) -> Flo
             reached_s = one.turn(wall_s)
             if reached_s is None:
                 continue
-            lockstep.report(one.name, reached_s, wall_s)
+            lockstep.report(one.name, reached_s)
             if lockstep.extend(wall_s):
                 for each in processes:
                     each.heard.append(lockstep.segment)
@@ -134,12 +134,12 @@ def test_an_extension_leaves_the_line_as_it_is() -> None:
     first = lockstep.segment
     assert (first.wall_s, first.run_s, first.rate) == (50.0, 70.0, NOMINAL)
     assert first.end_s == pytest.approx(70.0 + LEAD_S)
-    lockstep.report("real", 70.02, 50.006)
+    lockstep.report("real", 70.02)
     assert lockstep.extend(50.006)
     second = lockstep.segment
     assert (second.wall_s, second.run_s, second.rate) == (50.0, 70.0, NOMINAL)
     assert second.end_s == pytest.approx(70.02 + LEAD_S)
-    lockstep.report("real", second.end_s, 51.0)
+    lockstep.report("real", second.end_s)
     assert lockstep.extend(51.0)
     assert lockstep.segment.wall_s == 51.0
     assert lockstep.segment.run_s == pytest.approx(second.end_s)
@@ -154,18 +154,22 @@ def test_who_hangs_is_found_by_the_wall_and_waited_for_no_more_until_it_reports(
     while not lockstep.is_silent("orchestrator", wall_s, STALL_S):
         wall_s += STEP_S
         lockstep.step()
-        lockstep.report("real", lockstep.segment.at(wall_s), wall_s)
+        lockstep.report("real", lockstep.segment.at(wall_s))
         lockstep.extend(wall_s)
         assert lockstep.segment.end_s == pytest.approx(LEAD_S)
     assert STALL_S < wall_s < STALL_S + 3.0 * STEP_S
-    assert not lockstep.is_silent("real", wall_s, 2.0 * STALL_S)
+    # It stands where the clock does, and waits itself.
+    assert not lockstep.is_silent("real", wall_s, STALL_S)
     lockstep.give_up("orchestrator")
     assert not lockstep.is_silent("orchestrator", wall_s + 100.0, STALL_S)
-    lockstep.report("real", lockstep.segment.end_s, wall_s)
+    lockstep.report("real", lockstep.segment.end_s)
     assert lockstep.extend(wall_s)
     assert lockstep.segment.end_s == pytest.approx(2.0 * LEAD_S)
-    lockstep.report("orchestrator", LEAD_S, wall_s)
-    lockstep.report("real", lockstep.segment.end_s, wall_s)
+    # Only from now on does it wait for this one.
+    lockstep.step()
+    assert not lockstep.is_silent("real", wall_s + STEP_S, STALL_S)
+    lockstep.report("orchestrator", LEAD_S)
+    lockstep.report("real", lockstep.segment.end_s)
     assert not lockstep.extend(wall_s + 1.0)
 
 
@@ -183,9 +187,9 @@ def test_one_that_has_ended_is_waited_for_no_more() -> None:
     for name in ("guard", "real"):
         lockstep.join(name)
     lockstep.begin(Segment(0.0, 0.0, 1.0))
-    lockstep.report("guard", LEAD_S, 0.1)
+    lockstep.report("guard", LEAD_S)
     assert not lockstep.extend(0.1)
     lockstep.leave("real")
-    lockstep.report("real", 0.01, 0.0)
+    lockstep.report("real", 0.01)
     assert lockstep.extend(0.1)
     assert lockstep.segment.end_s == pytest.approx(2.0 * LEAD_S)
