@@ -36,7 +36,7 @@ class Wall:
         """By how much the clock may be ahead of where it began."""
         return self.published[-1].end_s - self.began_s
 
-    def _later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:  # noqa: ARG002
+    def _later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
         self.step = callback
         return asyncio.Handle(callback, (), self.loop)
 
