@@ -1,5 +1,6 @@
 """Reports how far a process has come on the run clock."""
 
+import math
 from collections.abc import Callable
 
 from vehicles.clocks.lockstep import REPORT_S
@@ -15,8 +16,10 @@ class ProgressReporter:
     def __init__(self, *, loop: PacedLoop, report: Callable[[float], None]) -> None:
         self._loop = loop
         self._report = report
-        self._reached_s = loop.time()
-        self._wake = loop.call_at(self._reached_s + REPORT_S, self._on_wake)
+        # The first report comes at once: a clock that went on alone until now may be ahead, and
+        # stands until the leader's has come as far.
+        self._reached_s = -math.inf
+        self._wake = loop.call_at(loop.time() + REPORT_S, self._on_wake)
         loop.on_idle(self._on_idle)
 
     def stop(self) -> None:

@@ -147,6 +147,25 @@ def test_a_loop_reports_how_far_it_has_come_and_a_thread_s_job_holds_it_back() -
     assert max(during, default=0.0) <= ended_s - 0.9
 
 
+def test_a_loop_that_is_ahead_of_the_first_piece_reports_how_far_it_is() -> None:
+    async def ahead() -> tuple[float, list[float]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        reports: list[float] = []
+        loop.follow(Segment(time.monotonic(), loop.time() - 1.0, 4.0, holds_s=0.01))
+        stands_s = loop.time()
+        progress = ProgressReporter(loop=loop, report=reports.append)
+        rung = asyncio.Event()
+        loop.call_wall_later(0.2, rung.set)
+        await rung.wait()
+        progress.stop()
+        return stands_s, reports
+
+    with asyncio.Runner(loop_factory=PacedLoop) as runner:
+        stands_s, reports = runner.run(ahead())
+    assert reports == [stands_s]
+
+
 def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> None:
     async def flown() -> list[tuple[float, float, int]]:
         loop = asyncio.get_running_loop()
