@@ -209,7 +209,7 @@ def test_an_estimate_that_jumps_proves_nothing(
 ) -> None:
     result = fly_altered(monkeypatch, tmp_path / "run", jumping)
     assert result.verdict == "INVALID", result.reason
-    assert result.reason.startswith("pose of twin from mavlink: it moved 0.4"), result.reason
+    assert result.reason.startswith("pose of twin from mavlink: it moved "), result.reason
 
 
 def test_an_estimate_that_freezes_proves_nothing(
