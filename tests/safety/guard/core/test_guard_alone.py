@@ -19,7 +19,11 @@ def pair(fake_vehicle: Any, rig: Any) -> Any:
         vehicles={
             "real": GuardedVehicle(autopilot=Px4(), target=Target(1), fence=FENCE),
             "twin": GuardedVehicle(
-                autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True
+                autopilot=Px4(),
+                target=Target(2),
+                fence=FENCE,
+                lands_alone=True,
+                abandoned_when_lost=True,
             ),
         }
     )
