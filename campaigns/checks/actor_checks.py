@@ -87,7 +87,7 @@ def _way_outside_fence(
 
 def _unfit_return(files: CaseFiles, actor: ActorSetup) -> Iterator[Problem]:
     """Yield a flight back to the start beside an actor that nobody brings back."""
-    if files.campaign.get(("between_runs", "do")) == "fly":
+    if files.campaign.get(("between_runs", "do")) == "fly_back":
         said = (
             f"flies 'real' back, and the attached actor '{actor.name}' has to be put back by a "
             "person; write ask"

@@ -9,8 +9,8 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
-from campaigns.setup.bench_file import Bench
 from campaigns.setup.actor_setups import ActorSetup
+from campaigns.setup.bench_file import Bench
 from campaigns.setup.encounters import encounters
 from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.campaign.resuming.attached_vehicles import (

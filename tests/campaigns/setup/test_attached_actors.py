@@ -16,16 +16,15 @@ ATTACHED = "actors={intruder: {link: 'udpin://0.0.0.0:14560', autopilot: px4, %s
 HERE = ATTACHED % FENCE
 EMBEDDED = ATTACHED % f"{FENCE}, virtual: embedded"
 FAR = ATTACHED % f"{FENCE}, virtual: {{place: {{north_m: 30, east_m: 2, yaw_deg: 90}}}}"
-NEAR = ATTACHED % f"{FENCE}, virtual: {{place: {{north_m: 4}}}}"
+NEAR = ATTACHED % f"{FENCE}, virtual: {{place: {{north_m: 4, yaw_deg: 180}}}}"
 REAL = ("vehicles.real.link=udpin://0.0.0.0:14550", "vehicles.real.pose_source=mavlink")
 ANSWERED = "preflight.override={separation: A. Pilot}"
 
 
 def campaign(*sets: str, mode: str = "real") -> Campaign:
-    whole = ("controls={}", f"modes=[{mode}]", "accept={}", *sets)
-    whole = tuple(one for one in whole if one != "accept={}")
-    cases = ("accept={fast: {%s: 5/5}}" % mode, "cases={fast: {}}")
-    return load_campaign(AVOID, Options(sets=(*cases, *whole), loads_code=False))
+    one_case = ("cases={fast: {}}", f"accept={{fast: {{{mode}: 5/5}}}}", "controls={}")
+    given = (*one_case, f"modes=[{mode}]", *sets)
+    return load_campaign(AVOID, Options(sets=given, loads_code=False))
 
 
 def problems(*sets: str, mode: str = "real") -> str:
@@ -58,7 +57,7 @@ def test_elsewhere_it_starts_in_the_world_where_its_object_does() -> None:
     assert actor.stands.position_ned_m == (30.0, 2.0, 0.0)
     (one,) = encounters(setup, "wil")
     assert one.stated_m == pytest.approx(math.hypot(30.0, 2.0))
-    # Its fence is turned by 90 degrees against its object's heading, and moved with it.
+    # It heads east where its object heads south: its fence is turned by that, and moved with it.
     assert one.apart_m == pytest.approx(30.0 - 1.5 - 2.0)
 
 
@@ -95,7 +94,10 @@ def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
         ((ATTACHED % "profile: nominal",), "needs a `geofence` of its own"),
         ((HERE.replace("-1.5, 3.5", "-0.5, 3.5"),), "'intruder' has waypoint 1 0.30 m outside of"),
         ((HERE.replace("-1.5, 3.5", "-1.5, 2.2"),), "'intruder' starts 0.30 m outside of its"),
-        ((HERE.replace("box:", "file: f.plan, box:"),), "an actor's fence is written here"),
+        (
+            (ATTACHED % "geofence: {file: f.plan, up_m: [0, 2]}",),
+            "an actor's fence is written here",
+        ),
         (("actors={intruder: {link: embedded, autopilot: px4, virtual: embedded}}",), "remove it"),
         (("actors={intruder: {link: embedded, autopilot: px4, pose_source: mavlink}}",), "remove"),
         ((HERE, "actors.intruder.link=memory://x"), "memory:// connects to nothing outside"),
@@ -106,7 +108,7 @@ def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
         ),
         ((HERE, *REAL, ANSWERED, "vehicles.real.link=udpin://0.0.0.0:14560"), "are both on"),
         (
-            (HERE, *REAL, ANSWERED, "between_runs={do: fly, speed_m_s: 0.5}"),
+            (HERE, *REAL, ANSWERED, "between_runs={do: fly_back}"),
             "has to be put back by a person",
         ),
     ],

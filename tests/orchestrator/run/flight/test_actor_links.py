@@ -1,0 +1,245 @@
+"""Launched and attached actors over sockets, flown by the program: the wall clock runs."""
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import sys
+from asyncio.subprocess import Process
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.orchestrator.sitl_programs import make_arducopter
+from tests.orchestrator.wall_runs import ROOT, Landed, Program, lines, until
+from vehicles.driver import Driver
+from vehicles.embedded.process.process_settings import ProcessSettings, Start
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.processes.identity import ProcessId
+
+AVOID = ("avoid", "fast")
+BLIND = "autonomy.with={object: person}"
+PATIENT = "max_offset_m: 5, max_delay_s: 60"
+FENCE = "geofence: {box: {north_m: [-1.5, 3.5], east_m: [-1.5, 1.5], up_m: [-0.5, 2.3]}}"
+ANSWERED = "preflight.override={separation: A. Pilot}"
+
+
+def words(*sets: str) -> list[str]:
+    given = ("controls={}", BLIND, "oracles.geofence.required=false", *sets)
+    return [word for one in given for word in ("--set", one)]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture(autouse=True)
+def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@asynccontextmanager
+async def vehicle(port: int, *, system_id: int, start: Start) -> AsyncIterator[Process]:
+    """A vehicle that is there before the program is, and after it."""
+    settings = ProcessSettings(
+        autopilot="px4",
+        link=f"udpout://127.0.0.1:{port}",
+        seed=system_id,
+        running_s=60.0,
+        system_id=system_id,
+        start=start,
+        latitude_deg=47.397742,
+        longitude_deg=8.545594,
+        altitude_m=488.0,
+    )
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+        await process.wait()
+
+
+class Hall:
+    """A real vehicle and an intruder, both attached, that fly beside each other in mode real."""
+
+    def __init__(self, stack: AsyncExitStack) -> None:
+        self._stack = stack
+        self.ports = {"real": free_port(), "intruder": free_port()}
+
+    async def open(self) -> None:
+        places = {
+            "real": (1, Start()),
+            "intruder": (3, Start(north_m=2.5, up_m=0.05, yaw_deg=180.0)),
+        }
+        self.processes = {
+            name: await self._stack.enter_async_context(
+                vehicle(self.ports[name], system_id=number, start=start)
+            )
+            for name, (number, start) in places.items()
+        }
+
+    @property
+    def sets(self) -> list[str]:
+        link = f"udpin://127.0.0.1:{self.ports['intruder']}"
+        return words(
+            f"vehicles.real.link=udpin://127.0.0.1:{self.ports['real']}",
+            "vehicles.real.pose_source=mavlink",
+            "modes=[real]",
+            "accept={fast: {real: 5/5}}",
+            "cases={fast: {}}",
+            f"actors={{intruder: {{link: '{link}', autopilot: px4, {PATIENT}, {FENCE}}}}}",
+            "preflight.failsafe=set",
+            "actors.intruder.params={COM_OF_LOSS_T: 2.5}",
+            ANSWERED,
+        )
+
+    async def stands(self, name: str) -> None:
+        """A vehicle is disarmed on the ground, and has its own parameters again."""
+        link = open_link(parse_link(f"udpin://127.0.0.1:{self.ports[name]}"))
+        async with Driver(name=name, link=link) as driver:
+            await driver.identify(20.0)
+            await until(lambda: driver.state.landed == "on_ground", 20.0)
+            assert not driver.state.armed
+            assert await driver.parameters.get("COM_OF_LOSS_T") == 1.0
+
+
+@asynccontextmanager
+async def hall() -> AsyncIterator[Hall]:
+    async with AsyncExitStack() as stack:
+        made = Hall(stack)
+        await made.open()
+        yield made
+
+
+def run_of(landed: Landed) -> dict[str, Any]:
+    (run,) = json.loads(landed.out)["runs"]
+    assert isinstance(run, dict)
+    return run
+
+
+async def test_a_launched_actor_moves_its_object_by_its_ground_truth(tmp_path: Path) -> None:
+    link = f"{{launch: ardupilot, binary: {make_arducopter(tmp_path)}}}"
+    actor = f"actors={{intruder: {{link: {link}, autopilot: ardupilot, {PATIENT}, {FENCE}}}}}"
+    sets = words(actor, "world.objects.intruder.motion.start.delay_s=6")
+    arguments = ("--mode", "sim", "--json", *sets)
+    async with Program(tmp_path / "out", *arguments, flown=AVOID) as program:
+        landed = await program.end()
+        run, folder = run_of(landed), program.run_folder("sim")
+    assert (run["verdict"], run["decided_by"]) == ("FAIL", "collision/twin"), landed.why
+    (actor_result,) = run["actors"]
+    assert (actor_result["flown_by"], actor_result["pose_source"]) == ("launched", "simulator")
+    assert actor_result["offset_m"] < 1.0
+    started = [line for line in lines(folder / "guard.jsonl") if line["event"] == "started"]
+    pids = {line["vehicle"]: line["pid"] for line in started}
+    assert set(pids) == {"twin", "intruder"}
+    assert ProcessId.of(pids["intruder"]) is None
+    checked = {(one["check"], one["vehicle"]) for one in run["preflight"]}
+    assert {("ground_truth", "intruder"), ("home", "intruder")} <= checked
+    assert (folder / "intruder.tlog").stat().st_size > 0
+
+
+async def test_an_attached_actor_flies_at_an_attached_vehicle_by_two_words(tmp_path: Path) -> None:
+    async with hall() as there:
+        given = ("--mode", "real", "--json", *there.sets)
+        async with Program(tmp_path / "no", *given, "--arm-real", flown=AVOID) as program:
+            refused = await program.end()
+        assert refused.code == 2, refused.why
+        assert "armed only with --arm-actors" in refused.err
+        both = (*given, "--arm-real", "--arm-actors")
+        async with Program(tmp_path / "out", *both, flown=AVOID) as program:
+            landed = await program.end()
+        run = run_of(landed)
+        assert (run["verdict"], run["decided_by"]) == ("FAIL", "collision/real"), landed.why
+        await there.stands("real")
+        await there.stands("intruder")
+    (actor,) = run["actors"]
+    assert (actor["flown_by"], actor["pose_source"]) == ("attached", "mavlink")
+    items = {one["check"]: one for one in run["preflight"] if one["vehicle"] == "intruder"}
+    assert (items["separation"]["outcome"], items["separation"]["by"]) == ("overridden", "A. Pilot")
+    assert items["distance"]["outcome"] == "ok"
+    caveats = json.loads(landed.out)["caveats"]
+    assert any("by its own estimate" in one for one in caveats), caveats
+
+
+@pytest.mark.parametrize(
+    ("trouble", "verdicts", "said"),
+    [
+        ("abort", {"ABORTED"}, "aborted by"),
+        ("stop the actor", {"INVALID", "ERROR"}, "intruder"),
+        ("end the actor", {"INVALID", "ERROR"}, "intruder"),
+    ],
+)
+async def test_whatever_goes_wrong_both_come_down(
+    tmp_path: Path, trouble: str, verdicts: set[str], said: str
+) -> None:
+    async with hall() as there:
+        given = ("--mode", "real", "--json", *there.sets, "--arm-real", "--arm-actors")
+        async with Program(tmp_path / "out", *given, flown=AVOID) as program:
+            await _airborne(program)
+            intruder = there.processes["intruder"]
+            if trouble == "abort":
+                await program.operate("abort")
+            else:
+                intruder.send_signal(signal.SIGSTOP if "stop" in trouble else signal.SIGKILL)
+            landed = await program.end()
+        run = run_of(landed)
+        assert run["verdict"] in verdicts, landed.why
+        assert said in run["reason"]
+        await there.stands("real")
+        if trouble == "abort":
+            assert landed.code == 4, landed.why
+            await there.stands("intruder")
+        else:
+            assert landed.code == 3, landed.why
+            # Nobody knows whether it is down: that is said, and not taken for granted.
+            assert "not down" in landed.why
+
+
+async def test_the_guard_lands_both_when_the_program_is_killed(tmp_path: Path) -> None:
+    async with hall() as there:
+        given = ("--mode", "real", "--json", *there.sets, "--arm-real", "--arm-actors")
+        async with Program(tmp_path / "out", *given, flown=AVOID) as program:
+            await _airborne(program)
+            log = program.run_folder("real") / "guard.jsonl"
+            os.killpg(program.process.pid, signal.SIGKILL)
+            await until(lambda: _is_over(log), 120.0)
+        for name in ("real", "intruder"):
+            link = open_link(parse_link(f"udpin://127.0.0.1:{there.ports[name]}"))
+            async with Driver(name=name, link=link) as driver:
+                await driver.identify(20.0)
+                await until(lambda d=driver: d.state.landed == "on_ground", 20.0)  # type: ignore[misc]
+                assert not driver.state.armed
+
+
+def _is_over(log: Path) -> bool:
+    """Whether a guard without its orchestrator has seen both down."""
+    down = {one.get("vehicle") for one in lines(log) if "disarmed" in str(one.get("text", ""))}
+    return {"real", "intruder"} <= down
+
+
+async def _airborne(program: Program) -> None:
+    """Wait until the intruder has left the ground."""
+    await program.stage("goal", "real")
+
+    def flies() -> bool:
+        events = lines(program.run_folder("real") / "log.jsonl")
+        return any(
+            one.get("vehicle") == "intruder" and one.get("kind") in {"takeoff", "in_air", "armed"}
+            for one in events
+        )
+
+    await until(lambda: flies() or program.process.returncode is not None, 60.0)
+    assert program.process.returncode is None
