@@ -91,6 +91,8 @@ class Hall:
             for name, (number, start) in places.items()
         }
 
+        await asyncio.gather(*map(_first_word, self.ports.values()))
+
     @property
     def sets(self) -> list[str]:
         link = f"udpin://127.0.0.1:{self.ports['intruder']}"
@@ -114,6 +116,15 @@ class Hall:
             await until(lambda: driver.state.landed == "on_ground", 20.0)
             assert not driver.state.armed
             assert await driver.parameters.get("COM_OF_LOSS_T") == 1.0
+
+
+async def _first_word(port: int) -> None:
+    """Wait until a vehicle sends to a port: its process has started then."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+        here.setblocking(False)
+        here.bind(("127.0.0.1", port))
+        async with asyncio.timeout(90.0):
+            await asyncio.get_running_loop().sock_recv(here, 2048)
 
 
 @asynccontextmanager
