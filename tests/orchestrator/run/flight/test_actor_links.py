@@ -233,7 +233,7 @@ async def test_an_abort_lands_both(tmp_path: Path) -> None:
         await there.stands("intruder")
 
 
-async def test_a_silent_actor_proves_nothing_and_is_landed_when_it_is_heard_again(
+async def test_a_silent_actor_proves_nothing_and_is_landed_when_it_is_received_again(
     tmp_path: Path,
 ) -> None:
     async with hall() as there:
