@@ -65,6 +65,7 @@ def guard_of(
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
             fence=setup.campaign.fences.get(vehicle.name),
             lands_alone=_lands_alone(setup, vehicle) and vehicle.name != leader,
+            abandoned_when_lost=_is_abandoned_when_lost(setup, vehicle) and vehicle.name != leader,
         )
         for vehicle in setup.guarded
     }
@@ -102,11 +103,19 @@ def _lands_alone(setup: RunSetup, vehicle: FlownSetup) -> bool:
     return vehicle.name == setup.companion or vehicle in setup.actors
 
 
+def _is_abandoned_when_lost(setup: RunSetup, vehicle: FlownSetup) -> bool:
+    """Return whether nobody waits for a vehicle that is silent; an attached actor may fly still.
+
+    The twin is simulated, however it is attached.
+    """
+    return vehicle.name == setup.companion or (vehicle in setup.actors and not vehicle.attached)
+
+
 def _pace_of(setup: RunSetup) -> PaceSetup | None:
     """Return the guard's pace of the scaled clock: by a simulation with its own pace."""
     if setup.clock != "scaled":
         return None
-    leader = next((one.name for one in setup.vehicles if one.launch is not None), None)
+    leader = next((one.name for one in setup.guarded if one.launch is not None), None)
     return PaceSetup(
         nominal=setup.pace,
         leader=leader,
