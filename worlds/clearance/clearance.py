@@ -210,9 +210,17 @@ class _Sweep:
 
     @cached_property
     def _straight(self) -> bool:
-        """Return whether the object rests or moves evenly during the sweep."""
+        """Return whether the object rests or moves evenly during the whole sweep."""
+        return self._is_even(0.0, 1.0)
+
+    def _is_straight(self, from_fraction: float, to_fraction: float) -> bool:
+        """Return whether the object rests or moves evenly in a part of the sweep."""
+        return self._straight or self._is_even(from_fraction, to_fraction)
+
+    def _is_even(self, from_fraction: float, to_fraction: float) -> bool:
         stretch = self._stretch
-        return self._target.body.is_even(stretch.t_0_s, stretch.t_1_s, stretch.events)
+        first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
+        return self._target.body.is_even(first_s, last_s, stretch.events)
 
     def least(self, limit_m: float) -> Clearance | None:
         """Return the least clearance over all parts; None when it is not below the limit."""
@@ -271,7 +279,7 @@ class _Sweep:
         both_m = a.gap.distance_m + b.gap.distance_m
         if (both_m - self._motion_m(a.fraction, b.fraction)) / 2.0 >= enough_m:
             return True
-        if not self._straight:
+        if not self._is_straight(a.fraction, b.fraction):
             return False
         # A point of the body leaves its chord by at most r (1 - cos(turn / 2)).
         turn_rad = self._stretch.turn_rad * (b.fraction - a.fraction)

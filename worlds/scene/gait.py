@@ -12,7 +12,7 @@ step/min for adults at any speed (Sekiya and Nagasaki, Gait & Posture 7, 1998, 2
 import math
 from typing import Literal, get_args
 
-from worlds.frames import AT_ORIGIN, Pose, Vec3
+from worlds.frames import AT_ORIGIN, Pose, quat_from_euler, rotate
 from worlds.scene.motion import Stride, Travel
 
 Joint = Literal[
@@ -100,6 +100,6 @@ def limb_travel(joint: Joint, walked: Travel) -> Travel:
 
 def _turn(height_m: float, pitch_rad: float) -> Pose:
     """Return the pose of what turns about an axis to the right at a height; forward is positive."""
-    at: Vec3 = (0.0, 0.0, -height_m)
-    turned = Pose.of(0.0, 0.0, 0.0, pitch_rad=pitch_rad)
-    return Pose(at).compose(turned).compose(Pose((0.0, 0.0, height_m)))
+    q_wxyz = quat_from_euler(0.0, pitch_rad, 0.0)
+    forward, right, down = rotate(q_wxyz, (0.0, 0.0, height_m))
+    return Pose((forward, right, down - height_m), q_wxyz)

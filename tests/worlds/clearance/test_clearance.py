@@ -14,6 +14,7 @@ from worlds.clearance.clearance import (
     ClearanceProbe,
     SphereShape,
 )
+from worlds.clearance.distance import BodySolid, Gap, PartSolid
 from worlds.frames import Pose, Vec3, angle_between, matrix_from_quat, quat_normalize
 from worlds.scene import shapes
 from worlds.scene.motion import Motion, StartAt, Waypoint
@@ -252,3 +253,26 @@ def test_equal_questions_get_equal_answers() -> None:
     first = probe.sweep(a, 0.0, b, 1.0)
     probe.sweep(b, 0.0, Pose.of(1, 1, 1), 1.0)
     assert probe.sweep(a, 0.0, b, 1.0) == first
+
+
+@pytest.mark.parametrize("step_s", [0.0203, 0.04])
+def test_a_walking_person_costs_few_measurements_a_stretch(
+    step_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = 0
+    gap = BodySolid.gap
+
+    def counted(solid: BodySolid, pose: Pose, part: PartSolid) -> Gap:
+        nonlocal measured
+        measured += 1
+        return gap(solid, pose, part)
+
+    monkeypatch.setattr(BodySolid, "gap", counted)
+    motion = Motion(Pose((2.5, -1.5, 0.0)), (Waypoint((2.5, 3.0, 0.0), 1.4),))
+    scene = one(shapes.person(), motion.begin, motion)
+    probe = ClearanceProbe(scene, BODY, within_m=10.0)
+    stretches = 50
+    for step in range(stretches):
+        a, b = (Pose((0.0, 0.3 * at * step_s, -1.2)) for at in (step, step + 1))
+        assert probe.sweep(a, step * step_s, b, (step + 1) * step_s)
+    assert measured < 120 * stretches
