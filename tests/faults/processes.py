@@ -120,7 +120,7 @@ async def inject(fault: RealFault, folder: Path, finished: Path | None = None) -
                 flown = await _flown(fault, program, around, truth.sights)
                 flown.sockets = len(ledger.seen)
                 flown.left += [f"{one} is left" for one in ledger.left()]
-                swept, left = _files(program.runtime, flown.victim)
+                swept, left = own_files(program.runtime, flown.victim)
                 flown.swept = len(swept)
                 flown.left += [f"{one} is left" for one in left]
         return _aftermath(flown, before)
@@ -159,7 +159,7 @@ async def _flown(
     return Flown(fault, folder, code, err, left, struck_s, armed_then, sights, victim)
 
 
-def _files(runtime: Path, victim: ProcessId | None) -> tuple[list[str], list[str]]:
+def own_files(runtime: Path, victim: ProcessId | None) -> tuple[list[str], list[str]]:
     """Return the victim's files, which a next start removes, and those that nobody does.
 
     A process that is killed removes nothing: its own files are the only ones that may lie there.

@@ -19,7 +19,7 @@ _WITHIN_S = 120.0
 
 def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(tmp_path: Path) -> None:
     environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(_ROOT)}
-    with subprocess.Popen(
+    with subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-c", _PROGRAM], env=environment, cwd=_ROOT, stdout=subprocess.PIPE
     ) as program:
         assert program.stdout is not None
