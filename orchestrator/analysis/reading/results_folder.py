@@ -184,11 +184,6 @@ def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -
     return None
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file, with what is no UTF-8 replaced. Raises UnreadableError."""
-    return read_data(path).decode("utf-8", errors="replace")
-
-
 def read_data(path: Path) -> bytes:
     """Return the bytes of a file, up to a limit. Raises UnreadableError."""
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.analysis.reading import trajectory_file
-from orchestrator.analysis.reading.results_folder import UnreadableError, read_campaign, read_text
+from orchestrator.analysis.reading.results_folder import UnreadableError, read_campaign, read_data
 from orchestrator.analysis.reading.trajectory_file import read_trajectory
 from orchestrator.campaign.folder.manifest import _digest
 from orchestrator.model.results_reader import ResultError, read_result, read_summary
@@ -42,7 +42,7 @@ def test_documents_of_a_folder_are_refused_by_name(tmp_path: Path) -> None:
     with (folder / "summary.json").open("ab") as stream:
         stream.truncate(MAX_RESULTS_BYTES + 1)
     with pytest.raises(UnreadableError, match="larger than"):
-        read_text(folder / "summary.json")
+        read_data(folder / "summary.json")
 
 
 def test_what_is_nested_too_deep_is_a_value_error(tmp_path: Path) -> None:
