@@ -69,7 +69,7 @@ def _sleep(seconds: float) -> None:
 
 
 if "libfaketime" in os.environ.get("LD_PRELOAD", ""):
-    time.sleep = _sleep
+    setattr(time, "sleep", _sleep)  # noqa: B010  # a function is replaced
 if "WIL_FAULTS_STEP" in os.environ:
     _step_clock(Path(os.environ["WIL_FAULTS_STEP"]))
     if "vehicles.embedded" in sys.orig_argv:
