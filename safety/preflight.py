@@ -24,11 +24,15 @@ Check = Literal[
     "ground_truth",
     "clock",
     "pair",
+    "separation",
+    "distance",
     "disk",
     "operator",
 ]
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
+_GPS_M = 5.0
+"""By how much the distance of two vehicles may be off: each receiver is to 2.5 m, outdoors."""
 _NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
 _LEAST_TRUTH = 0.5
 """Of the rate at which a simulator's ground truth was requested, what has to come."""
@@ -117,6 +121,31 @@ def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: f
         else f"it stands {margin_m:.2f} m from the fence's {side}, nearer than {keep_m:g} m"
     )
     return Item("home", vehicle, "refused", margin_m, keep_m, "m", where)
+
+
+def separation_item(vehicle: str, other: str, apart_m: float, needed_m: float) -> Item:
+    """Return the preflight item of how far apart two fences keep their vehicles, from above."""
+    if apart_m >= needed_m:
+        return Item("separation", vehicle, "ok", apart_m, needed_m, "m")
+    said = f"its fence and that of {other} are {apart_m:.2f} m apart, so that they can touch"
+    return Item("separation", vehicle, "refused", apart_m, needed_m, "m", said)
+
+
+def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_m: float) -> Item:
+    """Return the preflight item of two vehicles that stand as far apart as the campaign says.
+
+    measured_m: by latitude and longitude of both; None where one does not know its own.
+    """
+    if measured_m is None:
+        said = f"its distance from {other} is not known: one of them has no latitude and longitude"
+        return Item("distance", vehicle, "refused", None, stated_m, "m", said)
+    if abs(measured_m - stated_m) > _GPS_M:
+        said = (
+            f"it stands {measured_m:.1f} m from {other} by both receivers, and {stated_m:.1f} m by "
+            "the campaign"
+        )
+        return Item("distance", vehicle, "refused", measured_m, stated_m, "m", said)
+    return Item("distance", vehicle, "ok", measured_m, stated_m, "m")
 
 
 def gps_items(

@@ -69,6 +69,8 @@ FLIGHTS = (
     "orchestrator/engines/bench/test_bench_flight.py",
     "orchestrator/external/test_external_flights.py",
     "orchestrator/recording/test_wall_recording.py",
+    "orchestrator/run/flight/test_actor_links.py",
+    "orchestrator/run/flight/test_lockstep_run.py",
     "orchestrator/run/flight/test_mavsdk_run.py",
     "orchestrator/run/flight/test_scaled_run.py",
     "orchestrator/run/flight/test_wall_run.py",

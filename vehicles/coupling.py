@@ -32,6 +32,7 @@ def following_setpoint(
     age_s: float,
     own: Pose,
     own_age_s: float,
+    asked_ned_m_s: Vec3 | None = None,
 ) -> VelocitySetpoint:
     """Return the setpoint that has a vehicle follow another one; world frame.
 
@@ -39,6 +40,8 @@ def following_setpoint(
     ago. own: where the vehicle itself was own_age_s ago. Both are carried on to now by the leader's
     velocity, which is the vehicle's own as long as it follows, and the velocity to where it is when
     the vehicle flies it: this is what makes up for the latency of both, and for its own.
+    asked_ned_m_s: the velocity that the other was asked for; None where nobody knows. It is not
+    going to be faster than that, nor turn away from it.
     """
     ahead_m = scale(velocity_ned_m_s, age_s - own_age_s)
     behind_m = subtract(add(leader.position_ned_m, ahead_m), own.position_ned_m)
@@ -47,4 +50,8 @@ def following_setpoint(
     if fast > 1.0:
         catch_up_m_s = scale(catch_up_m_s, 1.0 / fast)
     leads_m_s = add(velocity_ned_m_s, scale(acceleration_ned_m_s2, age_s + RESPONSE_S))
+    if asked_ned_m_s is not None:
+        ends = zip(leads_m_s, velocity_ned_m_s, asked_ned_m_s, strict=True)
+        north, east, down = (min(max(one, min(a, b)), max(a, b)) for one, a, b in ends)
+        leads_m_s = (north, east, down)
     return VelocitySetpoint(add(leads_m_s, catch_up_m_s), yaw_rad=leader.yaw_rad)

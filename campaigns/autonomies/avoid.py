@@ -20,12 +20,14 @@ from campaigns.autonomies.hover_frame import PositionController
 class AvoidParameters(BoxFlightParameters):
     """The parameters of obstacle avoidance: what may stand under `with`, beside the common ones.
 
-    growth_per_s: of the logarithm of the box's area, from which on the object comes nearer; in
-    how many images in a row (confirmations). window_s: of the boxes that tell the growth, of which
-    there must be least_boxes. climb_m, climb_speed_m_s: the evasion. object: class of the detector.
+    growth_per_s: of the logarithm of the box's area, from which on the object comes nearer; it has
+    to grow so fast by standard_errors of the growth at least, in how many images in a row
+    (confirmations). window_s: of the boxes that tell the growth, of which there must be
+    least_boxes. climb_m, climb_speed_m_s: the evasion. object: class of the detector.
     """
 
     growth_per_s: float = 0.6
+    standard_errors: float = 2.0
     confirmations: float = 4
     window_s: float = 0.6
     least_boxes: float = 5
@@ -72,8 +74,9 @@ class AvoidAutonomy:
         self._boxes.append((reading.t_s, math.log(area_px2)))
         while self._boxes[0][0] < reading.t_s - self._set.window_s:
             self._boxes.popleft()
+        growth, error = line_slope(tuple(self._boxes))
         grows = len(self._boxes) >= self._set.least_boxes
-        grows = grows and slope(tuple(self._boxes)) >= self._set.growth_per_s
+        grows = grows and growth - self._set.standard_errors * error >= self._set.growth_per_s
         self._in_a_row = self._in_a_row + 1 if grows else 0
         self._evades = self._in_a_row >= self._set.confirmations
 
@@ -86,11 +89,20 @@ class AvoidAutonomy:
         return Command(frame.setpoint(velocity), self._flight.is_over(telemetry), note)
 
 
-def slope(points: tuple[tuple[float, float], ...]) -> float:
-    """Return the slope of the straight line nearest to points (x, y); 0 where all x are one."""
+def line_slope(points: tuple[tuple[float, float], ...]) -> tuple[float, float]:
+    """Return the slope of the straight line nearest to points (x, y), and its standard error.
+
+    By least squares; 0 where all x are one. The error is that of independent deviations in y, 0
+    for fewer than three points: a box that jumps has a steep line, and a doubtful one.
+    """
     count = len(points)
     middle_x = sum(x for x, _ in points) / count
     middle_y = sum(y for _, y in points) / count
     spread = sum((x - middle_x) ** 2 for x, _ in points)
-    shared = sum((x - middle_x) * (y - middle_y) for x, y in points)
-    return shared / spread if spread > 0.0 else 0.0
+    if spread <= 0.0:
+        return 0.0, 0.0
+    slope = sum((x - middle_x) * (y - middle_y) for x, y in points) / spread
+    if count < 3:
+        return slope, 0.0
+    left = sum((y - middle_y - slope * (x - middle_x)) ** 2 for x, y in points)
+    return slope, math.sqrt(left / (count - 2) / spread)

@@ -10,7 +10,7 @@ from campaigns.autonomies.hover_frame import FlightFrame
 from campaigns.autonomies.parameters import goal_altitude_m, read_parameters
 from campaigns.autonomies.pid import Gains
 
-_MAY_BE_ZERO = frozenset({"ki", "kd"})
+_MAY_BE_ZERO = frozenset({"ki", "kd", "standard_errors"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from campaigns.checks.actor_warnings import estimated_actors, simulated_actors
 from campaigns.checks.limit_warnings import limit_warnings, room_warnings
 from campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
 from campaigns.checks.place_checks import judged_world
@@ -52,6 +53,7 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
         yield from _empty_worlds(files.campaign, setup, mode, scene)
         yield from _momentary_windows(files.campaign, setup, mode)
         yield from room_warnings(files.campaign, setup, scene)
+    yield from simulated_actors(files.campaign, setup, modes)
     yield from _long_limits(files.campaign, setup)
     if "wil" in modes:
         yield from unmixed_objects(files, setup)
@@ -87,6 +89,7 @@ def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Itera
     yield from _unperceived_mixture(files, setup, modes)
     if "wil" in modes:
         yield from wide_registration_limits(files, setup)
+    yield from estimated_actors(files.campaign, setup, modes)
     for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
         yield from _long_gaps(files.campaign, setup, name)
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Iterator, Sized
 
+from campaigns.checks.actor_checks import actor_problems
 from campaigns.checks.external_checks import external_problems
 from campaigns.checks.mixing_checks import mixing_problems
 from campaigns.checks.place_checks import judged_world, place_problems
@@ -222,6 +223,7 @@ class _AnyGate:
 
 _CHECKS: tuple[Check, ...] = (
     vehicle_problems,
+    actor_problems,
     mixing_problems,
     _gates,
     place_problems,

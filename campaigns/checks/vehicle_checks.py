@@ -1,10 +1,11 @@
 """Whether the vehicles of a campaign can fly, and those of a pair be told apart; pure."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from campaigns.schema import Mode
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from vehicles.launch.px4 import Px4Launch
 from vehicles.mavsdk.ids import OWN_SYSTEM
 from worlds.files.documents import Problem
@@ -15,8 +16,11 @@ _FELT = frozenset({"imu", "microphone", "pose"})
 
 def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """Yield the problems of the vehicles: unequal simulation paces, a pair of one vehicle."""
-    flown = [setup.vehicles[name] for name in FLIES[mode]]
+    actors = setup.actors_in(mode)
+    flown = [*(setup.vehicles[name] for name in FLIES[mode]), *actors]
     yield from _pace_problems(files, setup, flown)
+    for index, actor in enumerate(actors):
+        yield from _shared_links(files, actor, flown[: len(flown) - len(actors) + index])
     for vehicle in setup.vehicles.values():
         yield from _spare_problems(files, vehicle)
         if vehicle.driver == "mavsdk" and vehicle.system_id == OWN_SYSTEM:
@@ -25,29 +29,12 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
                 "another one"
             )
             yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), said)
-    yield from _actor_problems(files, setup)
     if mode == "wil":
         yield from _pair_problems(files, setup)
 
 
-def _actor_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
-    """Yield cameras of a simulator that moves a flown object by its world file."""
-    if not setup.actors:
-        return
-    actor = next(iter(setup.actors))
-    for vehicle in setup.vehicles.values():
-        for camera in vehicle.cameras:
-            if camera.source is not None and camera.source.asked:
-                said = (
-                    f"a simulator is not told where the actor '{actor}' flies; leave out `source`, "
-                    "or the actor"
-                )
-                path = ("vehicles", vehicle.name, "sensors", camera.name, "source")
-                yield files.campaign.problem(path, said)
-
-
 def _pace_problems(
-    files: CaseFiles, setup: Setup, flown: Sequence[VehicleSetup]
+    files: CaseFiles, setup: Setup, flown: Sequence[FlownSetup]
 ) -> Iterator[Problem]:
     """Yield vehicles of a pair that are simulated at different paces (embedded ones adapt)."""
     paces = {one.name: pace for one in flown if (pace := one.launch_pace) is not None}
@@ -58,14 +45,14 @@ def _pace_problems(
         said = f"a launched simulation flies at {asked:g}, as its link says; leave it out"
         yield files.campaign.problem(("clock", "speed"), said)
     for one in flown:
-        path = ("vehicles", one.name, "link", _pace_key(one))
+        path = (*one.path, "link", _pace_key(one))
         if one.name in paces and paces[one.name] != asked:
             said = f"the other vehicle flies at {asked:g} times real time; both need the same"
             yield files.campaign.problem(path, said)
     attached = next((one.name for one in flown if one.attached is not None), None)
     if attached is not None and asked != 1.0:
         launched = next(one for one in flown if one.launch is not None)
-        path = ("vehicles", launched.name, "link", _pace_key(launched))
+        path = (*launched.path, "link", _pace_key(launched))
         said = (
             f"{attached} is attached and runs in real time: it cannot follow; remove "
             f"'{_pace_key(launched)}'"
@@ -73,7 +60,7 @@ def _pace_problems(
         yield files.campaign.problem(path, said)
 
 
-def _pace_key(vehicle: VehicleSetup) -> str:
+def _pace_key(vehicle: FlownSetup) -> str:
     """Return the campaign key that sets a launched vehicle's pace: PX4 speed, ArduPilot speedup."""
     return "speed" if isinstance(vehicle.launch, Px4Launch) else "speedup"
 
@@ -94,11 +81,19 @@ def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         said = f"both vehicles have system id {real.system_id}; give them different ones"
         path = ("vehicles", "twin", "system_id")
         yield files.campaign.problem(path, said)
-    shared = next((one for one in twin.addresses if one in real.addresses), None)
-    if shared is not None:
-        said = f"both vehicles are on {shared}; each needs its own link"
-        key = "link" if shared == twin.attached else "spare_links"
-        yield files.campaign.problem(("vehicles", "twin", key), said)
+    yield from _shared_links(files, twin, (real,))
+
+
+def _shared_links(
+    files: CaseFiles, vehicle: FlownSetup, others: Iterable[FlownSetup]
+) -> Iterator[Problem]:
+    """Yield an address of a vehicle that another vehicle has."""
+    for other in others:
+        shared = next((one for one in vehicle.addresses if one in other.addresses), None)
+        if shared is not None:
+            said = f"{other.name} and {vehicle.name} are both on {shared}; each needs its own link"
+            key = "link" if shared == vehicle.attached else "spare_links"
+            yield files.campaign.problem((*vehicle.path, key), said)
 
 
 def _placed_problems(files: CaseFiles, twin: VehicleSetup) -> Iterator[Problem]:

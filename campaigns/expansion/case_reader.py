@@ -17,7 +17,7 @@ from campaigns.schema import (
 )
 from campaigns.schema.links import LinkPart, LinksPart
 from campaigns.schema.operator import GcsPart
-from campaigns.setup.actor_setups import actor_setups
+from campaigns.setup.actor_setups import actor_fences, actor_setups
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
@@ -72,6 +72,7 @@ def read_setup(
     mqtt = part.operator.mqtt
     vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
     ids: dict[str, int] = {name: one.system_id for name, one in vehicles.items()}
+    fences = _fences(files, part, world, problems)
     setup = Setup(
         vehicles=vehicles,
         actors={}
@@ -82,7 +83,9 @@ def read_setup(
         under_test=_under_test(files, part),
         goal=_goal(part.goal),
         sync=_sync(part, uses),
-        fences=_fences(files, part, world, problems),
+        fences=fences
+        if world is None
+        else {**fences, **actor_fences(files.campaign, part.actors, world.frame, problems)},
         guarding=_guard_setup(part),
         oracles=uses,
         links=_links(part.links),
@@ -96,7 +99,7 @@ def read_setup(
         collision_always=part.collision_always == "on",
         unsigned_commands=mqtt is not None and mqtt.commands == "unsigned",
     )
-    if part.geofence is None or setup.fences:
+    if part.geofence is None or fences:
         # Without the fence that it has, everything would be said to lack one.
         check_across = worldless_problems if world is None else cross_problems
         problems += check_across(files, setup, modes)

@@ -1,27 +1,98 @@
 """`actors`: objects of the world that are flown by vehicles of their own."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
-from campaigns.schema.vehicles import ParameterName, Text
+from campaigns.schema.vehicles import (
+    LaunchPart,
+    ParameterName,
+    SigningPart,
+    StartPart,
+    TelemetryPart,
+    Text,
+    vehicle_link,
+)
+from safety.fence.fence_schema import FencePart
 from vehicles.autopilots.autopilot import AutopilotName
-from worlds.files.documents import Part
+from worlds.files.documents import KeyFaultError, Part
+
+ActorPoses = Literal["simulator", "mavlink"]
+
+
+class ActorFencePart(FencePart):
+    """An actor's own `geofence`: where its vehicle may be, in the world in which its object is."""
+
+    @model_validator(mode="after")
+    def _without_file(self) -> Self:
+        """Refuse the fence file of an actor."""
+        if self.file is not None:
+            raise KeyFaultError("file", "an actor's fence is written here; give a box or include")
+        return self
+
+
+class ElsewherePart(Part):
+    """Where an attached actor flies while its object is virtual.
+
+    place: where it stands instead of its object's start, in the real world's local frame; it flies
+    its way from there.
+    """
+
+    place: StartPart
 
 
 class ActorPart(Part):
     """A vehicle that flies as an object of the world, along the motion which that object has there.
 
-    link: embedded, the one kind there is so far. autopilot: what flies it. profile: vehicle and
-    place: air, motors, battery, estimator. params: parameters that it has from its start on.
-    system_id: 3 and on without. max_offset_m: how far from its way it may be before the run is
-    INVALID. max_delay_s: how much later than its motion it may be at a waypoint.
+    link: embedded, a link such as udpin://0.0.0.0:14560, or what is launched. virtual: what flies
+    where the object is virtual, for an attached vehicle, which is physical: an embedded vehicle, or
+    itself at another place. autopilot: what flies it. profile: vehicle and place of an embedded
+    one: air, motors, battery, estimator. params: parameters that are set before arming, and read
+    back. system_id: 3 and on without. signing: where the key of an attached one is. telemetry:
+    rates of positions, and the capacity of its radio. pose_source: what moves the object: its
+    simulator's ground truth (by default of one that is launched), or its own estimate (by default
+    of an attached one). geofence: where it may be; an attached one needs it. max_offset_m: how far
+    from its way it may be before the run is INVALID. max_delay_s: how much later than its motion it
+    may be at a waypoint.
     """
 
-    link: Literal["embedded"]
+    link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
+    virtual: Literal["embedded"] | ElsewherePart | None = None
     autopilot: AutopilotName
     profile: Text = "nominal"
     params: dict[ParameterName, float] = Field(default_factory=dict)
     system_id: Annotated[int, Field(ge=1, le=250)] | None = None
+    signing: SigningPart | None = None
+    telemetry: TelemetryPart = TelemetryPart()
+    pose_source: ActorPoses | None = None
+    geofence: ActorFencePart | None = None
     max_offset_m: Annotated[float, Field(gt=0, le=100)] = 0.5
     max_delay_s: Annotated[float, Field(gt=0, le=600)] = 3.0
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        """Refuse what an actor of this kind of link cannot have."""
+        if not self.is_attached:
+            for key in ("virtual", "signing"):
+                if getattr(self, key) is not None:
+                    raise KeyFaultError(key, "is of an attached actor; remove it")
+        elif self.geofence is None:
+            said = "an attached actor may be hardware and needs a `geofence` of its own"
+            raise KeyFaultError("link", said)
+        if self.link == "embedded" and self.pose_source == "mavlink":
+            said = "an embedded actor moves its object by its ground truth; remove it"
+            raise KeyFaultError("pose_source", said)
+        launched = None if isinstance(self.link, str) else self.link.launch
+        if launched not in {None, self.autopilot}:
+            raise KeyFaultError("autopilot", f"the link launches {launched}")
+        return self
+
+    @property
+    def is_attached(self) -> bool:
+        """Return whether the actor is neither embedded nor launched."""
+        return isinstance(self.link, str) and self.link != "embedded"
+
+    @property
+    def poses_from(self) -> ActorPoses:
+        """Return what moves the actor's object: as given, else the best that such a link has."""
+        return self.pose_source or ("mavlink" if self.is_attached else "simulator")

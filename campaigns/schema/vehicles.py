@@ -78,7 +78,7 @@ class BodyPart(Part):
         return BoxShape((self.width_m / 2.0, self.width_m / 2.0, self.height_m / 2.0))
 
 
-def _link(text: str) -> str:
+def vehicle_link(text: str) -> str:
     """Refuse a text that is no link address of an external vehicle."""
     if text == "embedded":
         return text
@@ -95,7 +95,7 @@ def _spare(text: str) -> str:
     """Refuse a text that is no address of a vehicle's spare link."""
     if text == "embedded":
         raise ValueError("must be a link; the embedded vehicle has its own")
-    return _link(text)
+    return vehicle_link(text)
 
 
 class ArduPilotLaunchPart(Part):
@@ -187,7 +187,7 @@ class VehiclePart(Part):
     embedded vehicle.
     """
 
-    link: Annotated[str, AfterValidator(_link)] | LaunchPart
+    link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
     spare_links: list[Annotated[str, AfterValidator(_spare)]] = Field(default_factory=list)
     autopilot: AutopilotName
     driver: DriverName = "mavlink"

@@ -2,12 +2,24 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal, Self
 
-from campaigns.schema.actors import ActorPart
-from campaigns.setup.vehicle_setups import FlownSetup, profile_of, unknown_parameters
+from campaigns.schema.actors import ActorPart, ElsewherePart
+from campaigns.setup.vehicle_setups import (
+    FlownSetup,
+    key_source_of,
+    link_of,
+    profile_of,
+    rates_of,
+    unknown_parameters,
+)
+from safety.fence.areas import FenceError
+from safety.fence.geofence import Fence
 from worlds.files.documents import Document, Problem, closest
 from worlds.files.documents import Path as KeyPath
+from worlds.frames import Pose
+from worlds.geodesy import LocalFrame
 from worlds.scene.motion import Motion
 from worlds.scene.scene import SceneObject
 from worlds.world_file.world import World
@@ -23,12 +35,43 @@ class ActorSetup(FlownSetup):
     """The setup of a vehicle that flies as an object of the world, along that object's motion.
 
     name: the object's. motion: its takeoff is the first waypoint. max_offset_m: from its way, and
-    max_delay_s: behind its motion, beyond which the run is INVALID.
+    max_delay_s: behind its motion, beyond which the run is INVALID. reach_m: how far its body is
+    from its middle at most. place: where it stands in W, where that is not its object's start;
+    virtual: of an attached actor, what flies where its object is virtual; None: nothing may.
     """
 
     motion: Motion
     max_offset_m: float
     max_delay_s: float
+    reach_m: float
+    place: Pose | None = None
+    virtual: Self | None = None
+
+    @property
+    def path(self) -> KeyPath:
+        """Return where the campaign file says it."""
+        return "actors", self.name
+
+    @property
+    def kind(self) -> Literal["embedded", "launched", "attached"]:
+        """Return what kind of vehicle it is."""
+        if self.embedded:
+            return "embedded"
+        return "attached" if self.launch is None else "launched"
+
+    @property
+    def requests_truth(self) -> bool:
+        """Return whether its simulator is asked over MAVLink; an embedded one says it by itself."""
+        return not self.embedded and (self.pose_source == "simulator" or self.launch is not None)
+
+    @property
+    def stands(self) -> Pose:
+        """Return where the vehicle stands in W before it takes off."""
+        return self.start if self.place is None else self.place
+
+    def flown_as(self, *, physical: bool) -> Self | None:
+        """Return what flies where the object is physical or virtual; None: nothing may."""
+        return self if physical or self.attached is None else self.virtual
 
 
 def actor_setups(
@@ -53,27 +96,63 @@ def actor_setups(
             said = f"'{other}' has system id {own_id}, too; give '{name}' another one"
             problems.append(campaign.problem((*at, "system_id"), said))
         ids[name] = own_id
-        problems += unknown_parameters(campaign, at, part.autopilot, part.params)
+        if part.link == "embedded":
+            problems += unknown_parameters(campaign, at, part.autopilot, part.params)
         profile = profile_of(campaign, at, part.profile, problems)
+        link = link_of(campaign, at, part.link, part.params, problems)
+        rates = rates_of(campaign, at, part, problems)
         thing = objects.get(name)
         wrong = list(_object_problems(campaign, at, name, thing, tuple(objects)))
         problems += wrong
         if wrong or thing is None or thing.motion is None:
             continue
-        found[name] = ActorSetup(
+        actor = ActorSetup(
             name=name,
-            link=part.link,
+            link=link,
             autopilot=part.autopilot,
             profile=profile,
             start=thing.pose,
             system_id=own_id,
-            pose_source="simulator",
+            pose_source=part.poses_from,
             params=dict(part.params),
+            signing=key_source_of(campaign, part.signing),
+            rates=rates,
             motion=thing.motion,
             max_offset_m=part.max_offset_m,
             max_delay_s=part.max_delay_s,
+            reach_m=max(math.hypot(*map(float, one)) for one in thing.shape.mesh.vertices_m),
         )
+        found[name] = replace(actor, virtual=_virtual(actor, part))
     return found
+
+
+def actor_fences(
+    campaign: Document,
+    parts: Mapping[str, ActorPart],
+    frame: LocalFrame,
+    problems: list[Problem],
+) -> dict[str, Fence]:
+    """Return the fences of the actors that have one; problems are collected."""
+    found: dict[str, Fence] = {}
+    for name, part in parts.items():
+        if part.geofence is None:
+            continue
+        try:
+            found[name] = part.geofence.fence(frame)
+        except FenceError as error:
+            problems.append(campaign.problem(("actors", name, "geofence"), str(error), key=True))
+    return found
+
+
+def _virtual(actor: ActorSetup, part: ActorPart) -> ActorSetup | None:
+    """Return what flies in place of an attached actor where its object is virtual."""
+    if isinstance(part.virtual, ElsewherePart):
+        return replace(actor, place=part.virtual.place.pose())
+    if part.virtual is None:
+        return None
+    return replace(
+        actor, link="embedded", params={}, signing=None, pose_source="simulator", spares=()
+    )
 
 
 def _object_problems(

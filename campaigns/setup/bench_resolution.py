@@ -102,6 +102,11 @@ def departure(campaign: Document, bench: Bench) -> str:
     link = twin.get("link") if isinstance(twin, dict) else None
     if isinstance(link, str) and link != "embedded":
         return f"vehicles.twin.link is {link}: a bench has one vehicle, the real one"
+    actors = there.get("actors") if isinstance(there, dict) else None
+    for name, actor in actors.items() if isinstance(actors, dict) else ():
+        link = actor.get("link") if isinstance(actor, dict) else None
+        if isinstance(link, str) and link != "embedded":
+            return f"actors.{name}.link is {link}: a bench has one vehicle, the real one"
     for path in _TAKEN:
         entry = bench.document.entry(path)
         wanted = plain(_absolute(entry.node, path, bench.document.path.parent))

@@ -1,6 +1,6 @@
 """What one run needs, resolved and checked: the campaign of one case as frozen values."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -8,7 +8,7 @@ from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
 from campaigns.setup.actor_setups import ActorSetup
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.link_setups import LinkSetup
-from campaigns.setup.vehicle_setups import VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from campaigns.values.external_setups import ExternalSetup
 from campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from campaigns.values.signal_faults import SignalFault
@@ -85,8 +85,9 @@ class Setup:
     """The complete setup of one case.
 
     actors: vehicles that fly as objects of the world, by the object's name.
-    recipe: None where no mode mixes. fences: of the vehicles that have one; guarding: how the guard
-    keeps them. limits: of setpoints; None for none. links: those that are made worse than they are.
+    recipe: None where no mode mixes. fences: of the vehicles and actors that have one; guarding:
+    how the guard keeps them. limits: of setpoints; None for none. links: those that are made worse
+    than they are.
     faults: injected into signals.
     collision_always: whether contacts are judged whatever the oracles say of `collision`.
     unsigned_commands: whether operators command by MQTT without a signature.
@@ -123,9 +124,23 @@ class Setup:
             if mode != "wil" or name != "twin" or self.vehicles[name].coupling != "placed"
         )
 
-    def pace(self, names: Iterable[VehicleName]) -> float | None:
+    def actors_in(self, mode: Mode) -> tuple[ActorSetup, ...]:
+        """Return the actors that fly in a mode: those whose object is in W or Wv then."""
+        stands = {each.thing.name: each.stands_in for each in self.world.placed}
+        flown = (
+            actor.flown_as(physical=stands[name](mode, "W"))
+            for name, actor in self.actors.items()
+            if stands[name](mode, "W") or stands[name](mode, "Wv")
+        )
+        return tuple(actor for actor in flown if actor is not None)
+
+    def flown_in(self, mode: Mode) -> tuple[FlownSetup, ...]:
+        """Return all vehicles that fly in a mode: the pair's, the subject first, and actors."""
+        return (*(self.vehicles[name] for name in self.flying(mode)), *self.actors_in(mode))
+
+    def pace(self, mode: Mode) -> float | None:
         """Return how many times real time a case's vehicles fly (scaled clock); None: not given."""
-        launched = (self.vehicles[name].launch_pace for name in names)
+        launched = (one.launch_pace for one in self.flown_in(mode))
         return next((pace for pace in launched if pace is not None), self.speed)
 
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from campaigns.schema.actors import ActorPart
 from campaigns.schema.vehicles import (
     VEHICLES,
     ArduPilotLaunchPart,
+    LaunchPart,
     Px4LaunchPart,
     SigningPart,
     VehicleName,
@@ -85,6 +87,11 @@ class FlownSetup:
     spares: tuple[LinkAddress, ...] = ()
 
     @property
+    def path(self) -> KeyPath:
+        """Return where the campaign file says it."""
+        return "vehicles", self.name
+
+    @property
     def embedded(self) -> bool:
         """Return whether the vehicle is our embedded simulation."""
         return self.link == "embedded"
@@ -103,6 +110,15 @@ class FlownSetup:
     def launch(self) -> SitlLaunch | None:
         """Return what launches the vehicle; None where nothing does."""
         return self.link if isinstance(self.link, SitlLaunch) else None
+
+    @property
+    def launch_pace(self) -> float | None:
+        """Return the pace (times real time) of a launched vehicle; None when not launched."""
+        match self.launch:
+            case ArduPilotLaunch(speedup=pace) | Px4Launch(speed=pace):
+                return pace
+            case _:
+                return None
 
     @property
     def requests_truth(self) -> bool:
@@ -136,15 +152,6 @@ class VehicleSetup(FlownSetup):
         return self.pose_source == "mavlink" and not self.accuracy_given
 
     @property
-    def launch_pace(self) -> float | None:
-        """Return the pace (times real time) of a launched vehicle; None when not launched."""
-        match self.launch:
-            case ArduPilotLaunch(speedup=pace) | Px4Launch(speed=pace):
-                return pace
-            case _:
-                return None
-
-    @property
     def cameras(self) -> tuple[CameraSetup, ...]:
         """Return the vehicle's cameras."""
         return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
@@ -165,15 +172,14 @@ def vehicle_setups(
 def _vehicle(
     campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> VehicleSetup:
-    folder = campaign.path.parent
+    at: KeyPath = ("vehicles", name)
     if part.link == "embedded":
-        at: KeyPath = ("vehicles", name)
         problems += unknown_parameters(campaign, at, part.autopilot, part.params)
     return VehicleSetup(
         name=name,
-        link=_link(campaign, name, part, problems),
+        link=link_of(campaign, at, part.link, part.params, problems),
         autopilot=part.autopilot,
-        profile=profile_of(campaign, ("vehicles", name), part.profile, problems),
+        profile=profile_of(campaign, at, part.profile, problems),
         start=part.start.pose(),
         driver=part.driver,
         system_id=part.system_id or _SYSTEM_IDS[name],
@@ -184,8 +190,8 @@ def _vehicle(
         pose_accuracy=_pose_accuracy(part),
         accuracy_given=part.pose_accuracy is not None,
         sensors=sensor_setups(campaign, name, part, problems),
-        signing=None if part.signing is None else _key_source(folder, part.signing),
-        rates=_rates(campaign, name, part, problems),
+        signing=key_source_of(campaign, part.signing),
+        rates=rates_of(campaign, at, part, problems),
         max_gap_s=part.telemetry.max_gap_s,
         spares=tuple(parse_link(one) for one in part.spare_links),
         coupling=part.coupling,
@@ -211,37 +217,42 @@ def unknown_parameters(
             yield campaign.problem(path, said, closest(parameter, known), key=True)
 
 
-def _link(
-    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+def link_of(
+    campaign: Document,
+    at: KeyPath,
+    link: str | LaunchPart,
+    params: Mapping[str, float],
+    problems: list[Problem],
 ) -> VehicleLink:
-    """Return a vehicle's link: embedded, attached at an address, or launched; None when bad."""
-    if part.link == "embedded":
+    """Return a vehicle's link: embedded, attached at an address, or launched with parameters.
+
+    at: the vehicle's place in the campaign.
+    """
+    if link == "embedded":
         return "embedded"
-    if isinstance(part.link, str):
-        return parse_link(part.link)
-    launch = replace(
-        _launch(campaign.path.parent, part.link), params=tuple(sorted(part.params.items()))
-    )
+    if isinstance(link, str):
+        return parse_link(link)
+    launch = replace(_launch(campaign.path.parent, link), params=tuple(sorted(params.items())))
     try:
         launch.check()
     except LaunchError as error:
-        problems.append(campaign.problem(("vehicles", name, "link"), str(error), key=True))
+        problems.append(campaign.problem((*at, "link"), str(error), key=True))
     return launch
 
 
-def _rates(
-    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+def rates_of(
+    campaign: Document, at: KeyPath, part: VehiclePart | ActorPart, problems: list[Problem]
 ) -> TelemetryRates:
-    """Return the telemetry rates that a vehicle's radio can carry."""
+    """Return the telemetry rates that a vehicle's radio can carry; at: its place."""
     telemetry = part.telemetry
     rate_hz = telemetry.rate_hz
     truth_hz = rate_hz if part.poses_from == "simulator" else 0.0
     wanted = TelemetryRates(position_hz=rate_hz, attitude_hz=rate_hz, truth_hz=truth_hz)
     radio_bit_s = _SERIAL_SHARE * (_baud(part) or math.inf)
-    path: KeyPath = ("vehicles", name, "link")
+    path: KeyPath = (*at, "link")
     if telemetry.bandwidth_kbit_s is not None:
         radio_bit_s = telemetry.bandwidth_kbit_s * 1e3
-        path = ("vehicles", name, "telemetry", "bandwidth_kbit_s")
+        path = (*at, "telemetry", "bandwidth_kbit_s")
     if math.isinf(radio_bit_s):
         return wanted
     autopilot, signed = autopilot_named(part.autopilot), part.signing is not None
@@ -252,11 +263,12 @@ def _rates(
         return wanted
 
 
-def _baud(part: VehiclePart) -> int | None:
+def _baud(part: VehiclePart | ActorPart) -> int | None:
     """Return the baud rate of a vehicle's slowest serial port; None without one."""
     if not isinstance(part.link, str) or part.link == "embedded":
         return None
-    addresses = [parse_link(one) for one in (part.link, *part.spare_links)]
+    spares = part.spare_links if isinstance(part, VehiclePart) else ()
+    addresses = [parse_link(one) for one in (part.link, *spares)]
     return min((one.baud for one in addresses if one.kind == "serial"), default=None)
 
 
@@ -284,10 +296,12 @@ def _beside(folder: Path, text: str) -> Path:
     return (folder / Path(text).expanduser()).absolute()
 
 
-def _key_source(folder: Path, part: SigningPart) -> KeySource:
+def key_source_of(campaign: Document, part: SigningPart | None) -> KeySource | None:
     """Return the source of a vehicle's signing key: a file or an environment variable."""
+    if part is None:
+        return None
     if part.file is not None:
-        return KeySource("file", str(_beside(folder, part.file)))
+        return KeySource("file", str(_beside(campaign.path.parent, part.file)))
     return KeySource("environment", part.environment or "")
 
 

@@ -28,6 +28,7 @@ class FlightRequest:
     resume: bool
     arm: bool
     arm_real: bool
+    arm_actors: bool
     engine: str
     bench_files: tuple[str, ...]
 

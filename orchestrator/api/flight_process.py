@@ -129,6 +129,7 @@ def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignO
         resume=request.resume,
         arm=request.arm,
         arm_real=request.arm_real,
+        arm_actors=request.arm_actors,
         select=partial(_requested_runs, request),
     )
     with ready_flight(wish) as (campaign, settings):

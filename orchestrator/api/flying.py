@@ -53,6 +53,7 @@ def run(
     resume: bool = False,
     arm: bool = True,
     arm_real: bool = False,
+    arm_actors: bool = False,
     junit: str | Path | None = None,
     engine: str = LOCAL,
     bench_files: Sequence[str | Path] = (),
@@ -63,9 +64,9 @@ def run(
 
     campaign: a loaded one, or a file. out: the folder beneath which the results go:
     OUT/<campaign>/<UTC start>. runs: only these, as "case/mode/repetition"; None for all. clock,
-    jobs, resume, arm, arm_real, junit: as the options of `wil-campaign run`; nobody is asked
-    before an attached vehicle is armed. engine: as of --engine; on a bench of a cluster, for which
-    the campaign is given as a file, consent to arm is given on the bench's own terminal.
+    jobs, resume, arm, arm_real, arm_actors, junit: as the options of `wil-campaign run`; nobody is
+    asked before an attached vehicle is armed. engine: as of --engine; on a bench of a cluster, for
+    which the campaign is given as a file, consent to arm is given on the bench's own terminal.
     bench_files: as of `load`, where the campaign is given as a file. on_result: called with the
     result of each run as it ends; on_message: with sentences for people.
 
@@ -83,6 +84,7 @@ def run(
         resume=resume,
         arm=arm,
         arm_real=arm_real,
+        arm_actors=arm_actors,
         junit=junit,
     )
     with FlightProcess(request) as process:
@@ -99,6 +101,7 @@ async def run_async(
     resume: bool = False,
     arm: bool = True,
     arm_real: bool = False,
+    arm_actors: bool = False,
     junit: str | Path | None = None,
     engine: str = LOCAL,
     bench_files: Sequence[str | Path] = (),
@@ -122,6 +125,7 @@ async def run_async(
         resume=resume,
         arm=arm,
         arm_real=arm_real,
+        arm_actors=arm_actors,
         junit=junit,
     )
     process = FlightProcess(request)
@@ -267,6 +271,7 @@ def _request(
     resume: bool,
     arm: bool,
     arm_real: bool,
+    arm_actors: bool,
     junit: str | Path | None,
 ) -> FlightRequest:
     """Return the request to fly a campaign. Raises CannotFlyError for an unknown run."""
@@ -291,6 +296,7 @@ def _request(
         resume=resume,
         arm=arm,
         arm_real=arm_real,
+        arm_actors=arm_actors,
         engine=engine,
         bench_files=tuple(str(bench.document.path) for bench in options.benches),
     )

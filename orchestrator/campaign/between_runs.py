@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.schema.between_runs import BetweenRunsPart
-from campaigns.setup.case_setup import FLIES, Setup
+from campaigns.setup.case_setup import Setup
 from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.model.results import RunResult
 from orchestrator.model.return_path import (
@@ -34,7 +34,7 @@ class AskPerson(Protocol):
 
 
 class BetweenRuns:
-    """Brings an attached vehicle back to its start between two runs.
+    """Brings an attached vehicle back to its start between two runs; an actor, a person does.
 
     hardware: in words, what is no simulation; that is asked for where the campaign says nothing.
     """
@@ -57,7 +57,8 @@ class BetweenRuns:
     def after(self, order: RunOrder, result: RunResult) -> RunOrder | None:
         """Return the flight back after a run that flew; None where none is due or wanted."""
         setup, plan = self._campaign.setups[order.plan.case], order.plan
-        if "real" not in FLIES[plan.mode] or setup.vehicles["real"].attached is None:
+        flown = setup.flown_in(plan.mode)
+        if all(one.attached is None or one.name == "twin" for one in flown):
             return None
         wanted = self._campaign.between
         if wanted is None or wanted.do == "ask":

@@ -5,12 +5,14 @@ import os
 import pwd
 import sys
 import termios
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
+from campaigns.setup.actor_setups import ActorSetup
 from campaigns.setup.bench_file import Bench
-from campaigns.setup.case_setup import VehicleSetup
+from campaigns.setup.encounters import encounters
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.campaign.resuming.attached_vehicles import (
     AttachedVehicle,
     attached_vehicles,
@@ -61,10 +63,12 @@ def clear(
     jobs: int | None,
     arm: bool,
     arm_real: bool,
+    arm_actors: bool = False,
 ) -> Cleared:
     """Settle clock and jobs, identify attached vehicles, and get the consent to arm.
 
-    arm: whether anything is armed at all. arm_real: whether attached vehicles may be.
+    arm: whether anything is armed at all. arm_real: whether attached vehicles of the pair may be,
+    arm_actors: whether attached actors may be.
     """
     attached = attached_vehicles(campaign)
     wanted = settled_clock(campaign, clock)
@@ -79,19 +83,31 @@ def clear(
     where = " and ".join(f"{one.name} ({one.attached})" for one in attached)
     if jobs is not None and jobs > 1:
         raise RefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
-    if arm and not arm_real:
-        raise RefusedError(
-            f"{where}: it may be hardware, and is armed only with --arm-real; --no-arm tries "
-            "everything else against it",
-            REFUSED,
-        )
     if arm:
+        _require_options(attached, arm_real=arm_real, arm_actors=arm_actors)
         require_may_arm(campaign.benches, user_name())
     found = _find_vehicles(attached)
     if arm:
         _confirm(campaign, found)
     hardware = " and ".join(one.name for one in found if not one.identity.simulation)
     return Cleared(wanted, 1, kind_of_real(campaign, found), hardware)
+
+
+def _require_options(attached: Iterable[FlownSetup], *, arm_real: bool, arm_actors: bool) -> None:
+    """Raise RefusedError for attached vehicles that the command line does not let be armed."""
+    given = {"--arm-real": arm_real, "--arm-actors": arm_actors}
+    by_option: dict[str, list[FlownSetup]] = {}
+    for one in attached:
+        option = "--arm-actors" if isinstance(one, ActorSetup) else "--arm-real"
+        by_option.setdefault(option, []).append(one)
+    for option, vehicles in by_option.items():
+        if not given[option]:
+            where = " and ".join(f"{one.name} ({one.attached})" for one in vehicles)
+            raise RefusedError(
+                f"{where}: it may be hardware, and is armed only with {option}; --no-arm tries "
+                "everything else against it",
+                REFUSED,
+            )
 
 
 def require_may_arm(benches: Iterable[Bench], user: str) -> None:
@@ -165,7 +181,7 @@ def find_vehicle(address: LinkAddress) -> AttachedVehicle:
         raise RefusedError(str(error), NOT_HAD) from error
 
 
-def _find_vehicles(vehicles: Iterable[VehicleSetup]) -> tuple[AttachedVehicle, ...]:
+def _find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]:
     """Return the attached vehicles to be armed, identified. Raises RefusedError."""
     try:
         found = asyncio.run(find_all(vehicles, _IDENTIFY_S))
@@ -184,9 +200,35 @@ def _refuse_armed(vehicle: AttachedVehicle) -> None:
 
 
 def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
-    """Ask the person at the terminal for consent to arm, if there is one."""
+    """Ask the person at the terminal for consent to arm, if there is one; first to encounters.
+
+    Raises RefusedError without it, and for boards that could touch where nobody can be asked.
+    """
+    for actor, other in _encounters(campaign, found):
+        said = f"{actor.name} flies beside {other.name}, and their fences let them touch"
+        if has_terminal():
+            _ask_name(f"{said}. Type {actor.name} to consent: ", actor.name)
+        elif not (actor.identity.simulation and other.identity.simulation):
+            raise RefusedError(
+                f"{said}: one is no simulation; a person consents to that at a terminal", REFUSED
+            )
     if has_terminal():
         _ask_to_arm(f"campaign '{campaign.name}'", len(campaign.plans), found)
+
+
+def _encounters(
+    campaign: Campaign, found: Iterable[AttachedVehicle]
+) -> Iterator[tuple[AttachedVehicle, AttachedVehicle]]:
+    """Yield each actor that could touch another attached vehicle, with that, once."""
+    by_name = {one.name: one for one in found}
+    names = dict.fromkeys(
+        (one.actor.name, one.other.name)
+        for setup in campaign.setups.values()
+        for mode in campaign.modes
+        for one in encounters(setup, mode)
+        if not one.is_far
+    )
+    return ((by_name[actor], by_name[other]) for actor, other in names)
 
 
 def has_terminal() -> bool:
@@ -203,9 +245,19 @@ def _ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> No
 
 def _ask_person(question: str) -> None:
     """Ask the person at the terminal. Raises RefusedError without a yes."""
+    _require_answer(question, {"y", "yes"})
+
+
+def _ask_name(question: str, name: str) -> None:
+    """Ask the person at the terminal for a name. Raises RefusedError for another answer."""
+    _require_answer(question, {name.lower()})
+
+
+def _require_answer(question: str, answers: Collection[str]) -> None:
+    """Ask the person at the terminal. Raises RefusedError for what is none of the answers."""
     sys.stderr.write(question)
     sys.stderr.flush()
-    if sys.stdin.readline().strip().lower() not in {"y", "yes"}:
+    if sys.stdin.readline().strip().lower() not in answers:
         raise RefusedError("not confirmed; nothing was armed", REFUSED)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from campaigns.expansion.expansion import Campaign
-from campaigns.setup.case_setup import FLIES
 from orchestrator.campaign.resuming.attached_vehicles import flown_vehicles
 from orchestrator.model.clock import Clock
 from worlds.files.documents import BadInput, Path
@@ -65,7 +64,7 @@ def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
 def _own_paces(campaign: Campaign) -> list[tuple[Path, float]]:
     """Return the launched simulations that do not run in real time: where, and their pace."""
     return [
-        (("vehicles", one.name, "link"), pace)
+        ((*one.path, "link"), pace)
         for one in flown_vehicles(campaign)
         if (pace := one.launch_pace) not in {None, 1.0}
     ]
@@ -74,14 +73,14 @@ def _own_paces(campaign: Campaign) -> list[tuple[Path, float]]:
 def _require_scalable(campaign: Campaign) -> None:
     """Raise BadInput where a vehicle cannot follow the scaled clock, or no pace is given."""
     attached: list[tuple[Path, str]] = [
-        (("vehicles", one.name, "link"), _CANNOT_FOLLOW.format(one.name))
+        ((*one.path, "link"), _CANNOT_FOLLOW.format(one.name))
         for one in flown_vehicles(campaign)
         if one.attached is not None
     ]
     if attached:
         raise _refuse_clock(campaign, attached)
     flights = itertools.product(campaign.setups.values(), campaign.modes)
-    if any(setup.pace(FLIES[mode]) is None for setup, mode in flights):
+    if any(setup.pace(mode) is None for setup, mode in flights):
         raise _refuse_clock(campaign, [(("clock",), _NO_PACE)])
 
 

@@ -42,6 +42,7 @@ class FlightWish:
     resume: bool = False
     arm: bool = True
     arm_real: bool = False
+    arm_actors: bool = False
     again: tuple[str, ...] = ()
     select: Callable[[Campaign], Campaign] = lambda campaign: campaign
 
@@ -161,4 +162,11 @@ def _refuse_attached(campaign: Campaign, engine: str) -> None:
 
 def _clear(campaign: Campaign, wish: FlightWish) -> Cleared:
     """Return the campaign cleared to run. Raises RefusedError."""
-    return clear(campaign, clock=wish.clock, jobs=wish.jobs, arm=wish.arm, arm_real=wish.arm_real)
+    return clear(
+        campaign,
+        clock=wish.clock,
+        jobs=wish.jobs,
+        arm=wish.arm,
+        arm_real=wish.arm_real,
+        arm_actors=wish.arm_actors,
+    )

@@ -146,13 +146,16 @@ class ActorResult:
     """How a vehicle flew as an object of the world.
 
     delay_s: behind its motion; None where it did not get to its first waypoint. offset_m: from its
-    way, at most, from there to the landing.
+    way, at most, from there to the landing. flown_by: what kind of vehicle that is. pose_source:
+    what moved the object in the world: ground truth of a simulator, or mavlink: its own estimate.
     """
 
     name: str
     autopilot: str
     delay_s: float | None
     offset_m: float | None
+    flown_by: Literal["embedded", "launched", "attached"] = "embedded"
+    pose_source: str = "simulator"
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,11 +61,7 @@ class RunSetup:
         there = tuple(campaign.vehicles[name] for name in FLIES[mode])
         flying = campaign.flying(mode)
         real_scene, virtual_scene = (campaign.world.scene(mode, which) for which in ("W", "Wv"))
-        actors = tuple(
-            one
-            for name, one in campaign.actors.items()
-            if name in real_scene or name in virtual_scene
-        )
+        actors = campaign.actors_in(mode)
         return cls(
             order=order,
             campaign=campaign,
@@ -95,9 +91,7 @@ class RunSetup:
     @property
     def pace(self) -> float:
         """Return the pace of the run's clock in times real time; 1 for what is not scaled."""
-        asked = (
-            self.campaign.pace(self.campaign.flying(self.mode)) if self.clock == "scaled" else None
-        )
+        asked = self.campaign.pace(self.mode) if self.clock == "scaled" else None
         return asked or 1.0
 
     @property
@@ -119,6 +113,10 @@ class RunSetup:
     def guarded(self) -> tuple[FlownSetup, ...]:
         """Return all vehicles of the run that fly, behind one guard: the pair's, and actors."""
         return (*self.vehicles, *self.actors)
+
+    def flown(self, name: str) -> FlownSetup:
+        """Return a vehicle of the run that flies. Raises StopIteration for another."""
+        return next(one for one in self.guarded if one.name == name)
 
     @property
     def judged_scene(self) -> Scene:

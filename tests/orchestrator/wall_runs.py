@@ -66,9 +66,15 @@ class Program:
     """`wil-campaign run` as a process of its own, on the wall clock; an async context manager."""
 
     def __init__(
-        self, out: Path, *arguments: str, runtime: Path | None = None, clock: str | None = "wall"
+        self,
+        out: Path,
+        *arguments: str,
+        runtime: Path | None = None,
+        clock: str | None = "wall",
+        flown: tuple[str, str] = ("gate", "large"),
     ) -> None:
         self.out = out
+        self._campaign, self._case = flown
         self._clock = () if clock is None else ("--clock", clock)
         # Beneath pytest's folders the path of a socket is too long.
         self.runtime = runtime or Path(tempfile.mkdtemp(prefix="wil-"))
@@ -77,8 +83,8 @@ class Program:
     async def __aenter__(self) -> Self:
         sets = [word for one in PATIENT for word in ("--set", one)]
         self.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "orchestrator.cli", "run", "campaigns/gate.yaml"),
-            *(*self._clock, "--case", "large", "--repetitions", "1", "--jobs", "1"),
+            *(sys.executable, "-m", "orchestrator.cli", "run", f"campaigns/{self._campaign}.yaml"),
+            *(*self._clock, "--case", self._case, "--repetitions", "1", "--jobs", "1"),
             *("--out", str(self.out), *sets, *self._arguments),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
@@ -118,10 +124,10 @@ class Program:
     @property
     def folder(self) -> Path:
         """The folder of the campaign, once there is one."""
-        return next(iter((self.out / "gate").iterdir()))
+        return next(iter((self.out / self._campaign).iterdir()))
 
     def run_folder(self, mode: str = "wil") -> Path:
-        return self.folder / "large" / mode / "1"
+        return self.folder / self._case / mode / "1"
 
     async def stage(self, stage: str, mode: str = "wil", timeout_s: float = 120.0) -> None:
         """Wait until the run has reached a stage; a program that ended before says why."""

@@ -11,11 +11,13 @@ from safety.preflight import (
     Item,
     at_least,
     at_most,
+    distance_item,
     gps_items,
     ground_truth_item,
     home_item,
     pair_item,
     refused,
+    separation_item,
     settled,
     without_faults,
 )
@@ -73,6 +75,15 @@ SOUND: dict[str, dict[str, float]] = {
         (pair_item((0, 0, 0), (0.3, 0.4, 0), 0.5), "ok", ""),
         (pair_item((0, 0, 0), (0.3, 0.41, 0), 0.5), "refused", "and at most 0.5 m is allowed"),
         (pair_item((0, 0, 0), None, 0.5), "refused", "is not known"),
+        (separation_item("ghost", "real", 0.5, 0.5), "ok", ""),
+        (separation_item("ghost", "real", 0.4, 0.5), "refused", "so that they can touch"),
+        (distance_item("ghost", "real", 24.0, stated_m=28.0), "ok", ""),
+        (
+            distance_item("ghost", "real", 2.5, stated_m=30.0),
+            "refused",
+            "it stands 2.5 m from real by both receivers, and 30.0 m by the campaign",
+        ),
+        (distance_item("ghost", "real", None, stated_m=30.0), "refused", "is not known"),
     ],
 )
 def test_checks(item: Item, outcome: str, text: str) -> None:

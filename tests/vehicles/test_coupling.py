@@ -67,6 +67,22 @@ def test_who_speeds_up_is_followed_by_the_speed_that_it_is_going_to_have() -> No
     assert asked.velocity_ned_m_s == pytest.approx((0.5 + RESPONSE_S, 0.0, 0.0))
 
 
+@pytest.mark.parametrize(
+    ("asked_m_s", "wanted_m_s"), [(0.8, 0.8), (0.2, 0.5), (2.0, 0.5 + 2.5 * RESPONSE_S)]
+)
+def test_who_is_asked_for_a_speed_does_not_get_faster(asked_m_s: float, wanted_m_s: float) -> None:
+    asked = following_setpoint(
+        leader=Pose((0.0, 0.0, 0.0)),
+        velocity_ned_m_s=(0.0, 0.0, -0.5),
+        acceleration_ned_m_s2=(0.0, 0.0, -2.5),
+        age_s=0.0,
+        own=Pose((0.0, 0.0, 0.0)),
+        own_age_s=0.0,
+        asked_ned_m_s=(0.0, 0.0, -asked_m_s),
+    )
+    assert asked.velocity_ned_m_s == pytest.approx((0.0, 0.0, -wanted_m_s))
+
+
 @given(st.tuples(*[st.floats(-1e3, 1e3)] * 3), st.floats(-3.0, 3.0))
 def test_it_never_dashes_and_faces_where_the_other_does(away_m: Vec3, yaw_rad: float) -> None:
     asked = following_setpoint(

@@ -2,25 +2,53 @@
 
 import asyncio
 import selectors
+import socket
 import time
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from heapq import heappop, heappush
+from typing import TypeVar, TypeVarTuple
 
 from vehicles.clocks.sim_clock_controller import Segment
 
+T = TypeVar("T")
+Ts = TypeVarTuple("Ts")
+
 _LONGEST_WAIT_S = 60.0
 """While the clock stands only the wall's timers and the sockets can end a wait."""
+_SAME_INSTANT_S = 1e-9
+"""As near as asyncio takes a timer to be due."""
+_MOST_TURNS_TO_IDLE = 64
+"""Of those in which something comes in: who is flooded does not hold the clock for good."""
 
 
 class _PacedSelector(selectors.DefaultSelector):
     """The paced loop's selector: waits the wall time that the loop's time takes."""
 
     loop: "PacedLoop"
+    first: int | None = None
+    _turns = 0
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return ready descriptors; `timeout` is in the paced loop's time."""
-        return super().select(self.loop.wall_wait_s(timeout))
+        """Return ready descriptors, the first one first; `timeout` is in the paced loop's time."""
+        wait_s = self.loop.wall_wait_s(timeout)
+        ready: list[tuple[selectors.SelectorKey, int]] = []
+        if self.loop.watches_idle and wait_s != 0.0:
+            ready = super().select(0.0)
+            self._turns += 1
+            if not ready or self._turns > _MOST_TURNS_TO_IDLE:
+                self._turns = 0
+                if self.loop.become_idle():
+                    wait_s = 0.0
+        if not ready:
+            ready = super().select(wait_s)
+        if self.first is not None and len(ready) > 1:
+            ready.sort(key=self._is_other)
+        return ready
+
+    def _is_other(self, event: tuple[selectors.SelectorKey, int]) -> bool:
+        return event[0].fd != self.first
 
 
 class PacedLoop(asyncio.SelectorEventLoop):
@@ -35,9 +63,11 @@ class PacedLoop(asyncio.SelectorEventLoop):
         self._latest_s = now_s
         self._wall_timers: list[tuple[float, int, asyncio.TimerHandle]] = []
         self._wall_timers_set = 0
-        waits = _PacedSelector()
-        waits.loop = self
-        super().__init__(waits)
+        self._jobs: dict[object, float] = {}
+        self._idle: Callable[[float], bool] | None = None
+        self._waits = _PacedSelector()
+        self._waits.loop = self
+        super().__init__(self._waits)
 
     @property
     def segment(self) -> Segment:
@@ -54,6 +84,39 @@ class PacedLoop(asyncio.SelectorEventLoop):
         """Continue by another segment; where it is behind, the paced clock stands meanwhile."""
         self.time()
         self._segment = segment
+
+    def on_idle(self, callback: Callable[[float], bool] | None) -> None:
+        """Call `callback` when all is done that was due, and what has come in is read.
+
+        It gets the moment of the loop's time until which that is so, and returns whether it did
+        something. A job that a thread still does was due when it began.
+        """
+        self._idle = callback
+
+    @property
+    def watches_idle(self) -> bool:
+        """Return whether it matters when the paced loop has nothing to do."""
+        return self._idle is not None
+
+    def become_idle(self) -> bool:
+        """Take that nothing is to be done now; return whether something may be after it."""
+        run_s = min(self._latest_s, *self._jobs.values()) if self._jobs else self._latest_s
+        return self._idle is not None and self._idle(run_s)
+
+    def add_first_reader(self, end: socket.socket, callback: Callable[[], object]) -> None:
+        """Read from a socket before all others that are ready at the same time."""
+        self._waits.first = end.fileno()
+        self.add_reader(end, callback)
+
+    def run_in_executor(
+        self, executor: Executor | None, func: Callable[[*Ts], T], *args: *Ts
+    ) -> asyncio.Future[T]:
+        """Run a job in a thread, and know that it runs."""
+        future = super().run_in_executor(executor, func, *args)
+        job = object()
+        self._jobs[job] = self.time()
+        future.add_done_callback(lambda _: self._jobs.pop(job))
+        return future
 
     def call_wall_later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
         """Call after so much wall time, whatever the loop's pace."""
@@ -72,12 +135,18 @@ class PacedLoop(asyncio.SelectorEventLoop):
                 self.call_soon(_run_timer, timer)
                 timeout_s = 0.0
         if timeout_s is not None and timeout_s > 0.0:
-            rate = self._segment.rate
-            timeout_s = min(timeout_s / rate if rate > 1e-6 else _LONGEST_WAIT_S, _LONGEST_WAIT_S)
+            timeout_s = self._wall_s_until(self._latest_s + timeout_s)
         if not timers:
             return timeout_s
         wait_s = max(0.0, timers[0][0] - now_s)
         return wait_s if timeout_s is None else min(timeout_s, wait_s)
+
+    def _wall_s_until(self, run_s: float) -> float:
+        """Return for how much wall time a moment of the loop's time is not there."""
+        segment = self._segment
+        if segment.rate <= 1e-6 or run_s > segment.end_s + _SAME_INSTANT_S:
+            return _LONGEST_WAIT_S
+        return min(max(run_s - self._latest_s, 0.0) / segment.rate, _LONGEST_WAIT_S)
 
 
 def _run_timer(timer: asyncio.TimerHandle) -> None:

@@ -29,7 +29,6 @@ _SETTLING_S = 0.5
 _SLEW = 4.0
 """By how many times the nominal pace the slope may change within a second."""
 _FASTEST = 2.0
-_KEEPS_UP = 0.97
 _STEPS_TO_STALL = round(STALL_S / STEP_S / 2)
 """Of our own steps: a machine that was asleep has stalled no simulator."""
 _BASE_S = 2.0
@@ -48,6 +47,11 @@ class Segment:
     run_s: float
     rate: float
     holds_s: float = math.inf
+
+    @property
+    def end_s(self) -> float:
+        """Return the sim clock's time at which it stands; infinite where it goes on."""
+        return self.run_s + self.holds_s * self.rate if self.holds_s < math.inf else math.inf
 
     def at(self, wall_s: float) -> float:
         """Return the sim clock's time at a wall time."""
@@ -123,20 +127,16 @@ class BootTrack:
 class SimClockController:
     """Controls the run clock so that it follows the leading simulation.
 
-    nominal: the pace that was asked for. follows_us: the vehicle runs on the run clock itself, as
-    fast as its machine can: then the clock goes at the nominal pace while it keeps up. Until
-    `begin` the clock is the wall's.
+    nominal: the pace that was asked for. Until `begin` the clock is the wall's.
     """
 
-    def __init__(self, *, nominal: float, follows_us: bool) -> None:
+    def __init__(self, *, nominal: float) -> None:
         self._nominal = nominal
-        self._follows_us = follows_us
         self._segment = Segment(0.0, 0.0, 1.0)
         self._offset_s: float | None = None
         self._reboots = 0
         self._steps_still = 0
         self._cruise = nominal
-        self._laid: deque[tuple[float, float]] = deque()
         self.stalled = False
         self.track = BootTrack()
 
@@ -158,10 +158,7 @@ class SimClockController:
         """Return the controlled clock's next segment; called every `STEP_S` wall time."""
         last = self._segment
         run_s, dt_s = last.at(wall_s), max(0.0, wall_s - last.wall_s)
-        self._laid.append((wall_s, run_s))
-        while wall_s - self._laid[0][0] > _WINDOW_S:
-            self._laid.popleft()
-        wanted = min(max(self._wanted_rate(wall_s, run_s), 0.0), self._fastest())
+        wanted = min(max(self._wanted_rate(wall_s, run_s), 0.0), _FASTEST * self._nominal)
         most = _SLEW * self._nominal * min(dt_s, 2.0 * STEP_S)
         # Who is quiet may hang, and what waits for it must not run out meanwhile.
         least = 0.0 if self._quiet(wall_s) else last.rate - most
@@ -171,9 +168,6 @@ class SimClockController:
 
     def _quiet(self, wall_s: float) -> bool:
         return self.locked and not self.stalled and self.track.still_s(wall_s) > self.track.ahead_s
-
-    def _fastest(self) -> float:
-        return self._nominal if self._follows_us else _FASTEST * self._nominal
 
     def _wanted_rate(self, wall_s: float, run_s: float) -> float:
         track = self.track
@@ -196,17 +190,9 @@ class SimClockController:
             self._offset_s = run_s - boot_s
         quiet, ahead_s = self._quiet(wall_s), track.ahead_s
         if not quiet:
-            self._cruise = min(max(rate, 0.1), self._fastest())
+            self._cruise = min(max(rate, 0.1), _FASTEST * self._nominal)
         target_s = self._offset_s + min(boot_s, track.newest_s + ahead_s * self._cruise)
-        forward = 0.0 if quiet else self._forward(rate)
-        return forward + (target_s - run_s) / _SETTLING_S
-
-    def _forward(self, rate: float) -> float:
-        if not self._follows_us:
-            return rate
-        (begin_s, from_s), (end_s, to_s) = self._laid[0], self._laid[-1]
-        ours = (to_s - from_s) / (end_s - begin_s) if end_s > begin_s else 0.0
-        return self._nominal if rate >= _KEEPS_UP * ours else rate
+        return (0.0 if quiet else rate) + (target_s - run_s) / _SETTLING_S
 
 
 class ClockDivergence:

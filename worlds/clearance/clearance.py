@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
-from worlds.frames import Pose, angle_between
+from worlds.frames import Pose, Vec3, angle_between
 from worlds.scene.motion import Travel
 from worlds.scene.parts import BoxShape, SphereShape
-from worlds.scene.scene import NO_EVENTS, RigidBody, Scene
+from worlds.scene.scene import NO_EVENTS, Placed, RigidBody, Scene, SceneObject
 
 __all__ = ["Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
 
@@ -111,7 +111,10 @@ class ClearanceProbe:
 class _Stretch:
     """The body's path between two pose samples, for a clearance sweep."""
 
-    __slots__ = ("events", "pose_0", "pose_1", "t_0_s", "t_1_s", "turn_rad", "way_m")
+    __slots__ = (
+        *("_placed", "_travels", "events", "is_point", "pose_0", "pose_1"),
+        *("t_0_s", "t_1_s", "turn_rad", "way_m"),
+    )
 
     def __init__(
         self, pose_0: Pose, t_0_s: float, pose_1: Pose, t_1_s: float, events: Mapping[str, float]
@@ -121,10 +124,41 @@ class _Stretch:
         self.events = events
         self.way_m = math.dist(pose_0.position_ned_m, pose_1.position_ned_m)
         self.turn_rad = angle_between(pose_0.q_wxyz, pose_1.q_wxyz)
+        self.is_point = t_0_s == t_1_s and pose_0 == pose_1
+        self._placed: dict[tuple[int, float], Placed] = {}
+        self._travels: dict[tuple[int, float, float], Travel] = {}
 
     def time_s(self, fraction: float) -> float:
         """Return the time at a fraction of the swept stretch."""
         return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
+
+    def pose_of(self, body: RigidBody, t_s: float) -> Pose:
+        """Return a body's pose at a time; limbs of one object share where that is."""
+        return body.pose_on(self._placed_at(body.thing, t_s))
+
+    def travel_of(self, body: RigidBody, from_fraction: float, to_fraction: float) -> Travel:
+        """Return how far a body goes and turns at most between two fractions of the stretch."""
+        return body.travel_on(self._travel(body.thing, from_fraction, to_fraction))
+
+    def way_of(self, thing: SceneObject) -> tuple[Vec3, float]:
+        """Return where an object is at the beginning (NED, metres), and how far it goes."""
+        begin = self._placed_at(thing, self.t_0_s).pose.position_ned_m
+        return begin, self._travel(thing, 0.0, 1.0).length_m
+
+    def _placed_at(self, thing: SceneObject, t_s: float) -> Placed:
+        key = (thing.object_id, t_s)
+        placed = self._placed.get(key)
+        if placed is None:
+            placed = self._placed[key] = thing.placed_at(t_s, self.events)
+        return placed
+
+    def _travel(self, thing: SceneObject, from_fraction: float, to_fraction: float) -> Travel:
+        key = (thing.object_id, from_fraction, to_fraction)
+        travel = self._travels.get(key)
+        if travel is None:
+            first_s, last_s = self.time_s(from_fraction), self.time_s(to_fraction)
+            travel = self._travels[key] = thing.travel(first_s, last_s, self.events)
+        return travel
 
 
 class _Target:
@@ -146,9 +180,8 @@ class _Target:
         reach_m = self.radius_m + body_radius_m + limit_m
         way_m, center = stretch.way_m, self.place_m
         if center is None:
-            thing = self.body.thing
-            center = thing.pose_at(stretch.t_0_s, stretch.events).position_ned_m
-            way_m += thing.travel(stretch.t_0_s, stretch.t_1_s, stretch.events).length_m
+            center, moved_m = stretch.way_of(self.body.thing)
+            way_m += moved_m
         return math.dist(stretch.pose_0.position_ned_m, center) - way_m < reach_m
 
 
@@ -187,7 +220,8 @@ class _Sweep:
         for at_least_m, part in self._nearest_first(limit_m):
             if at_least_m >= limit_m:
                 break
-            first, last = self._sample(part, 0.0), self._sample(part, 1.0)
+            first = self._sample(part, 0.0)
+            last = first if self._stretch.is_point else self._sample(part, 1.0)
             sample = self._refine(part, first, last, limit_m)
             if sample is not None:
                 limit_m = sample.gap.distance_m
@@ -274,7 +308,7 @@ class _Sweep:
         """Return a pose of the swept body in the object's frame."""
         frame = self._target.at_rest
         if frame is None:
-            frame = self._target.body.pose_at(t_s, self._stretch.events).inverse()
+            frame = self._stretch.pose_of(self._target.body, t_s).inverse()
         return frame.compose(body)
 
     def _motion_m(self, from_fraction: float, to_fraction: float) -> float:
@@ -283,14 +317,8 @@ class _Sweep:
         body_m = share * (stretch.way_m + stretch.turn_rad * self._body.radius_m)
         if self._target.at_rest is not None:
             return body_m
-        travel = self._travel(from_fraction, to_fraction)
+        travel = stretch.travel_of(self._target.body, from_fraction, to_fraction)
         return body_m + travel.length_m + travel.turn_rad * self._target.radius_m
-
-    def _travel(self, from_fraction: float, to_fraction: float) -> Travel:
-        """Return how far the object moves and turns between two fractions of the sweep."""
-        stretch = self._stretch
-        first_s, last_s = stretch.time_s(from_fraction), stretch.time_s(to_fraction)
-        return self._target.body.travel(first_s, last_s, stretch.events)
 
 
 def _bound(bounded: tuple[float, PartSolid]) -> float:

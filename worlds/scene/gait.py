@@ -42,6 +42,23 @@ CHORD_S = 0.02
 _KNEE_RAD_PER_M = _KNEE_TO_HIP * _HIP_RAD_PER_M
 
 
+def _bounds() -> dict[Joint, tuple[float, float]]:
+    """Return how far, and by what angle, a limb goes beyond its person for each metre walked."""
+    hip_rad, knee_rad = _HIP_RAD_PER_M, _KNEE_RAD_PER_M
+    low_m, hip_m, knee_m = hip_rad * HIP_M, hip_rad * HIP_M, knee_rad * KNEE_M
+    limbs: dict[str, tuple[float, float]] = {
+        "trunk": (low_m, 0.0),
+        "arm": (low_m + hip_rad * SHOULDER_M, hip_rad),
+        "thigh": (low_m + hip_m, hip_rad),
+        "shank": (low_m + hip_m + knee_m + hip_rad * 2.0 * KNEE_M, hip_rad + knee_rad),
+        "foot": (low_m + hip_m + knee_m, 0.0),
+    }
+    return {joint: limbs[joint.rpartition(" ")[2]] for joint in JOINTS}
+
+
+_BOUNDS = _bounds()
+
+
 def step_m(speed_m_s: float) -> float:
     """Return the length of a step at a speed."""
     return min(math.sqrt(_WALK_RATIO_M_MIN * 60.0 * speed_m_s), _LONGEST_STEP_M)
@@ -77,16 +94,7 @@ def limb_pose(joint: Joint, stride: Stride | None) -> Pose:
 
 def limb_travel(joint: Joint, walked: Travel) -> Travel:
     """Return a bound of how far a limb goes and turns while its person walks."""
-    hip_rad, knee_rad = _HIP_RAD_PER_M, _KNEE_RAD_PER_M
-    low_m, hip_m, knee_m = hip_rad * HIP_M, hip_rad * HIP_M, knee_rad * KNEE_M
-    bounds: dict[str, tuple[float, float]] = {
-        "trunk": (low_m, 0.0),
-        "arm": (low_m + hip_rad * SHOULDER_M, hip_rad),
-        "thigh": (low_m + hip_m, hip_rad),
-        "shank": (low_m + hip_m + knee_m + hip_rad * 2.0 * KNEE_M, hip_rad + knee_rad),
-        "foot": (low_m + hip_m + knee_m, 0.0),
-    }
-    length_m, turn_rad = bounds[joint.rpartition(" ")[2]]
+    length_m, turn_rad = _BOUNDS[joint]
     return Travel(walked.length_m * (1.0 + length_m), walked.turn_rad + walked.length_m * turn_rad)
 
 

@@ -202,7 +202,10 @@ class Motion:
 
     def _travel_once(self, first_s: float, last_s: float) -> Travel:
         length_m = turn_rad = 0.0
-        for leg in self.legs:
+        # The one before the first as well: by rounding its end may be a moment later.
+        begin = max(0, bisect.bisect_right(self._begins_s, first_s) - 2)
+        end = bisect.bisect_right(self._begins_s, last_s)
+        for leg in self.legs[begin:end]:
             share = leg.share(last_s) - leg.share(first_s)
             if share > 0.0:
                 length_m += share * leg.length_m

@@ -6,12 +6,20 @@ from types import MappingProxyType
 
 from worlds.frames import Pose
 from worlds.scene.gait import CHORD_S, Joint, limb_pose, limb_travel
-from worlds.scene.motion import AT_REST, Motion, Travel
+from worlds.scene.motion import AT_REST, Motion, Stride, Travel
 from worlds.scene.shapes import Shape
 from worlds.scene.track import track_of
 
 MAX_OBJECTS = 254
 NO_EVENTS: Mapping[str, float] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Where a scene object is: its pose, and where on its leg; None where it does not walk."""
+
+    pose: Pose
+    stride: Stride | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +51,11 @@ class SceneObject:
         if (track := track_of(self.name, events)) is not None:
             return track.pose_at(t_s) or self.pose
         return self.motion.pose_at(t_s, events)
+
+    def placed_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Placed:
+        """Return the scene object's pose and stride at a time: by them all its limbs stand."""
+        stride = None if self.motion is None else self.motion.stride_at(t_s, events)
+        return Placed(self.pose_at(t_s, events), stride)
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
         """Return how far the scene object went and turned between two times."""
@@ -87,14 +100,22 @@ class RigidBody:
 
     def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
         """Return the body's pose at a time; events: when each happened."""
-        pose, motion = self.thing.pose_at(t_s, events), self.thing.motion
-        if self.joint is None or motion is None:
-            return pose
-        return pose.compose(limb_pose(self.joint, motion.stride_at(t_s, events)))
+        if self.joint is None:
+            return self.thing.pose_at(t_s, events)
+        return self.pose_on(self.thing.placed_at(t_s, events))
+
+    def pose_on(self, placed: Placed) -> Pose:
+        """Return the body's pose where its object is placed so."""
+        if self.joint is None or self.thing.motion is None:
+            return placed.pose
+        return placed.pose.compose(limb_pose(self.joint, placed.stride))
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
         """Return how far the body goes and turns at most between two times."""
-        travel = self.thing.travel(from_s, to_s, events)
+        return self.travel_on(self.thing.travel(from_s, to_s, events))
+
+    def travel_on(self, travel: Travel) -> Travel:
+        """Return how far the body goes and turns at most where its object does so."""
         return travel if self.joint is None else limb_travel(self.joint, travel)
 
     def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:

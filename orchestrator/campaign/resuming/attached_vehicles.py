@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
-from campaigns.setup.case_setup import VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.model.campaign_results import VehicleKind
 from vehicles.driver import Driver
 from vehicles.driver.session.identity import Identity, same_vehicle
@@ -61,17 +61,19 @@ class AttachedVehicle:
         return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
 
 
-def flown_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
-    """Return the vehicles that fly in the campaign's modes, in any of its cases, each once."""
-    found: dict[tuple[str, object], VehicleSetup] = {}
+def flown_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
+    """Return the vehicles that fly in the campaign's modes, in any of its cases, each once.
+
+    Actors are among them.
+    """
+    found: dict[tuple[str, object], FlownSetup] = {}
     for setup in campaign.setups.values():
-        for name in dict.fromkeys(name for mode in campaign.modes for name in setup.flying(mode)):
-            vehicle = setup.vehicles[name]
-            found.setdefault((name, vehicle.link), vehicle)
+        for vehicle in (one for mode in campaign.modes for one in setup.flown_in(mode)):
+            found.setdefault((vehicle.name, vehicle.link), vehicle)
     return tuple(found.values())
 
 
-def attached_vehicles(campaign: Campaign) -> tuple[VehicleSetup, ...]:
+def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
     """Return the campaign's attached vehicles: neither embedded nor launched."""
     return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
 
@@ -89,9 +91,7 @@ def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> Vehicl
     return "sitl" if answered.identity.simulation else "hardware"
 
 
-async def find_all(
-    vehicles: Iterable[VehicleSetup], timeout_s: float
-) -> tuple[AttachedVehicle, ...]:
+async def find_all(vehicles: Iterable[FlownSetup], timeout_s: float) -> tuple[AttachedVehicle, ...]:
     """Connect to the attached vehicles and identify them. Raises VehicleError, the first one.
 
     Nothing is changed in them, and the links are closed again.
@@ -106,7 +106,7 @@ async def find_all(
     return tuple(found)
 
 
-async def _find(vehicle: VehicleSetup, timeout_s: float) -> AttachedVehicle:
+async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
     """Connect to an attached vehicle and identify it. Raises VehicleError."""
     if vehicle.attached is None:
         raise ValueError(f"{vehicle.name} is not attached")

@@ -22,8 +22,8 @@ def real_runs(campaign: Campaign, hardware: str) -> IsReal:
         return lambda _: False
 
     def is_real(plan: RunPlan) -> bool:
-        setup = campaign.setups[plan.case]
-        return any(setup.vehicles[name].attached is not None for name in setup.flying(plan.mode))
+        flown = campaign.setups[plan.case].flown_in(plan.mode)
+        return any(one.attached is not None for one in flown)
 
     return is_real
 

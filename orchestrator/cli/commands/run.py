@@ -63,7 +63,9 @@ class Flights:
     no_arm
         Try each case and mode once, up to arming: links, parameters, fence, readiness.
     arm_real
-        Allow that attached vehicles are armed, which may be hardware.
+        Allow that attached vehicles of the pair are armed, which may be hardware.
+    arm_actors
+        Allow that attached actors are armed, which may be hardware and fly beside the pair.
     console
         A page in the browser beside the flight, to watch and to stop it: HOST, HOST:PORT or :PORT
         of this machine; auto for a free port of 127.0.0.1. Its links are printed.
@@ -82,6 +84,7 @@ class Flights:
     gcs: Annotated[tuple[str, ...], Parameter(negative=())] = ()
     no_arm: Annotated[bool, Parameter(name="--no-arm", negative=())] = False
     arm_real: Annotated[bool, Parameter(name="--arm-real", negative=())] = False
+    arm_actors: Annotated[bool, Parameter(name="--arm-actors", negative=())] = False
     console: str | None = None
     foxglove: str | None = None
     engine: str = LOCAL
@@ -143,6 +146,7 @@ def run(
         again=again,
         arm=not flights.no_arm,
         arm_real=flights.arm_real,
+        arm_actors=flights.arm_actors,
     )
     try:
         with ready_flight(wish) as (campaign, settings):

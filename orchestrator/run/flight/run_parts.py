@@ -230,13 +230,13 @@ def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
         preflight=ground.preflight,
         configuration=OnboardConfiguration(
             setup=ground.setup,
-            contexts=pair.contexts,
+            contexts=(*pair.contexts, *pair.actors),
             run_state=ground.run_state,
             record=ground.arming,
             note=ground.recorder.note,
         ),
         record=ground.arming,
-        others={one.name: one.prepare for one in ground.actors},
+        actors=pair.actors,
     )
 
 
@@ -260,6 +260,7 @@ def _actor_flights(
             sync=setup.campaign.sync,
             events=ground.events,
             place=place,
+            anchored=pair.send_anchors,
         )
         for actor, context in zip(setup.actors, pair.actors, strict=True)
     )

@@ -53,6 +53,7 @@ class FollowRunner(CoupledRunner):
 
     def __init__(self, *, context: VehicleContext, leader: VehicleContext) -> None:
         super().__init__(context=context)
+        self._leader = leader
         self._own: PoseSample | None = None
         self._leads: deque[PoseSample] = deque()
         context.on_pose(self._take_own)
@@ -80,6 +81,7 @@ class FollowRunner(CoupledRunner):
         if own is None or not self._leads or now_s - min(self._leads[-1].t_s, own.t_s) > _OLD_S:
             return _STILL
         leader, earlier = self._leads[-1], self._leads[0]
+        asked = self._leader.setpoint
         gained_m_s = subtract(leader.velocity_ned_m_s, earlier.velocity_ned_m_s)
         return following_setpoint(
             leader=leader.pose,
@@ -88,6 +90,7 @@ class FollowRunner(CoupledRunner):
             age_s=now_s - leader.t_s,
             own=own.pose,
             own_age_s=now_s - own.t_s,
+            asked_ned_m_s=asked.velocity_ned_m_s if isinstance(asked, VelocitySetpoint) else None,
         )
 
 

@@ -42,8 +42,8 @@ class ActorFlight:
 
     It is to leave the ground when the motion begins, and so gets its commands sooner, as soon as
     there is the event on which that starts. By how much later it leaves the ground it stays behind
-    the motion from then on. events: of the world. place: is told
-    where the actor is.
+    the motion from then on. events: of the world. place: is told where the actor is. anchored: is
+    called when its local frame has been anchored anew.
     """
 
     setup: ActorSetup
@@ -53,6 +53,7 @@ class ActorFlight:
     sync: SyncSetup
     events: Mapping[str, float]
     place: Callable[[PoseSample], None]
+    anchored: Callable[[], None]
     landed: asyncio.Event = field(default_factory=asyncio.Event)
     _way: ActorWay = field(init=False)
     _delay_s: float | None = None
@@ -79,14 +80,11 @@ class ActorFlight:
         return ActorResult(
             name=self.name,
             autopilot=self.setup.autopilot,
+            flown_by=self.setup.kind,
+            pose_source=self.setup.pose_source,
             delay_s=self._delay_s,
             offset_m=None if self._delay_s is None else self._offset_m,
         )
-
-    async def prepare(self) -> None:
-        """Wait until the actor is identified and ready to arm. Raises VehicleError."""
-        await self.context.driver.identify(self.sync.identify_timeout_s)
-        await self.context.driver.ready(self.sync.ready_timeout_s)
 
     async def fly(self) -> None:
         """Fly the actor until the pair lands, and land it then; what goes wrong is decisive."""
@@ -138,6 +136,7 @@ class ActorFlight:
         if driver.state.landed in _FLIES:  # An operator held meanwhile.
             return
         await driver.arm()
+        self.anchored()
         await sleep_until(started_s - self._liftoff_s)
         await driver.begin_takeoff(self._way.climb_m)
         try:

@@ -1,11 +1,11 @@
 """All that is done to a run's vehicles between ready and armed, in one order and one record."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
 
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.model.arming_steps import ArmingStep
 from orchestrator.run.stages.anchor_capture import anchor_by_mocap
+from orchestrator.run.stages.distinct_vehicles import require_distinct
 from orchestrator.run.stages.drop_outs import each
 from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
@@ -17,10 +17,10 @@ from orchestrator.state.vehicle_context import VehicleContext
 class BeforeArming:
     """Applies what vehicles need before they arm, and restores it in reverse when they are down.
 
-    The order: of each vehicle its parameters, then its fence, each read back; ready again, for who
-    was ready first has stood meanwhile and its estimate has drifted; actors ready too; external
-    inputs and injections proven; anchors by motion capture; the preflight, which sees all of it.
-    others: what gets each actor ready, by name.
+    The order: actors identified and ready as the pair is; of each vehicle its parameters, then its
+    fence, each read back; ready again, for who was ready first has stood meanwhile and its estimate
+    has drifted; external inputs and injections proven; anchors by motion capture; the preflight,
+    which sees all of it. contexts: of the pair.
     """
 
     def __init__(
@@ -32,14 +32,14 @@ class BeforeArming:
         preflight: Preflight,
         configuration: OnboardConfiguration,
         record: ArmingRecord,
-        others: Mapping[str, Callable[[], Awaitable[None]]] | None = None,
+        actors: tuple[VehicleContext, ...] = (),
     ) -> None:
         self._setup = setup
         self._contexts = contexts
         self._outside = outside
         self._preflight = preflight
         self._record = record
-        self._others = others or {}
+        self._actors = actors
         self.configuration = configuration
 
     @property
@@ -54,11 +54,14 @@ class BeforeArming:
         NotHonouredError, AnchorError.
         """
         timeout_s = self._setup.campaign.sync.ready_timeout_s
-        await each(self._contexts, self.configuration.put)
-        await each(self._contexts, lambda context: context.driver.ready(timeout_s))
-        for name, prepare in self._others.items():
-            with self._record.step("actor", name):
-                await prepare()
+        flown = (*self._contexts, *self._actors)
+        for actor in self._actors:
+            with self._record.step("actor", actor.name):
+                await actor.driver.identify(self._setup.campaign.sync.identify_timeout_s)
+                await actor.driver.ready(timeout_s)
+        require_distinct(flown)
+        await each(flown, self.configuration.put)
+        await each(flown, lambda context: context.driver.ready(timeout_s))
         with self._record.step("external") as said:
             unbooted = self.configuration.unbooted
             said(await self._outside.before_arming(self._contexts, unbooted=unbooted))
@@ -67,7 +70,7 @@ class BeforeArming:
         ]
         await asyncio.gather(*map(self._anchor, captured))
         with self._record.step("preflight") as said:
-            said(await self._preflight.check(self._contexts))
+            said(await self._preflight.check(self._contexts, self._actors))
 
     async def restore(self) -> None:
         """Restore what attached vehicles had; a failure is decisive, for it stays so."""

@@ -1,20 +1,19 @@
 """The flight of a pair: both ready, both armed, one takeoff, both at height, one goal, landing."""
 
 import asyncio
-import itertools
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.liftoff_delays import staggers_s
 from orchestrator.model.results import NOT_ARMED
+from orchestrator.run.stages.distinct_vehicles import require_distinct
 from orchestrator.run.stages.drop_outs import each, each_left
 from orchestrator.run.stages.operator_hold import OperatorHold
 from orchestrator.state.run_state import FlightError, RunState
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.driver.session.identity import same_vehicle
 from vehicles.errors import VehicleError
 from vehicles.setpoints import PositionSetpoint
 from vehicles.tasks import stop, together
@@ -57,7 +56,7 @@ async def fly_together(
     """
     run_state.enter("identify")
     await each(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
-    _require_two(contexts)
+    require_distinct(contexts)
     run_state.enter("ready")
     await each(contexts, lambda context: context.driver.ready(sync.ready_timeout_s))
     await before_arming()
@@ -217,16 +216,6 @@ async def _with_operator_holds(
         guiding = tasks.create_task(guide_again(), name="guided after a hold")
         await goal
         await stop(guiding)
-
-
-def _require_two(contexts: tuple[VehicleContext, ...]) -> None:
-    """Refuse a pair that is one vehicle on both links. Raises FlightError."""
-    for one, other in itertools.combinations(contexts, 2):
-        if same_vehicle(one.driver.identity, other.driver.identity):
-            raise FlightError(
-                f"{one.name} and {other.name} are the same vehicle: both answer with the uid "
-                f"{one.driver.identity.uid}; check where their links lead"
-            )
 
 
 async def _at_height(context: VehicleContext, altitude_m: float, sync: SyncSetup) -> None:

@@ -49,6 +49,7 @@ def return_setup(setup: RunSetup, way: ReturnPath) -> RunSetup:
         order=replace(setup.order, plan=return_plan(setup.order.plan)),
         campaign=campaign,
         vehicles=(real,),
+        actors=(),
         profiles={"real": setup.profiles["real"]},
         virtual_scene=setup.real_scene,
     )

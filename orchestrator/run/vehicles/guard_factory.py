@@ -18,9 +18,9 @@ from orchestrator.state.run_setup import RunSetup
 from safety.guard.core.events import GuardedVehicle, GuardSettings
 from safety.guard.guard import Guard
 from safety.guard.local_guard import GuardLinks, LocalGuard, Record
-from safety.guard.process.clock_follower import PaceSetup
 from safety.guard.process.guard_config import GuardConfig, Guarded
 from safety.guard.process.remote_guard import RemoteGuard
+from safety.guard.process.run_clock import PaceSetup
 from vehicles.autopilots.autopilot import Target
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.launch.prepared_launch import PreparedLaunch
@@ -54,7 +54,7 @@ def guard_of(
     """
     pace = _pace_of(setup)
     # Without the simulation that leads it the run clock is nobody's: then all have to come down.
-    leader = None if pace is None or pace.follows_us else pace.leader
+    leader = None if pace is None else pace.leader
     guarded: dict[str, GuardedVehicle] = {
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
@@ -65,6 +65,7 @@ def guard_of(
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
             fence=setup.campaign.fences.get(vehicle.name),
             lands_alone=_lands_alone(setup, vehicle) and vehicle.name != leader,
+            abandoned_when_lost=_is_abandoned_when_lost(setup, vehicle) and vehicle.name != leader,
         )
         for vehicle in setup.guarded
     }
@@ -102,12 +103,24 @@ def _lands_alone(setup: RunSetup, vehicle: FlownSetup) -> bool:
     return vehicle.name == setup.companion or vehicle in setup.actors
 
 
+def _is_abandoned_when_lost(setup: RunSetup, vehicle: FlownSetup) -> bool:
+    """Return whether nobody waits for a vehicle that is silent; an attached actor may fly still.
+
+    The twin is simulated, however it is attached.
+    """
+    return vehicle.name == setup.companion or (vehicle in setup.actors and not vehicle.attached)
+
+
 def _pace_of(setup: RunSetup) -> PaceSetup | None:
     """Return the guard's pace of the scaled clock: by a simulation with its own pace."""
     if setup.clock != "scaled":
         return None
-    leader = next((one for one in setup.vehicles if one.launch is not None), setup.vehicles[0])
-    return PaceSetup(nominal=setup.pace, leader=leader.name, follows_us=leader.launch is None)
+    leader = next((one.name for one in setup.guarded if one.launch is not None), None)
+    return PaceSetup(
+        nominal=setup.pace,
+        leader=leader,
+        followers=tuple(one.name for one in setup.guarded if one.embedded),
+    )
 
 
 def _address(vehicle: FlownSetup, prepared: Mapping[str, PreparedLaunch]) -> str:

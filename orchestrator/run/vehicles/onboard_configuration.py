@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 
-from campaigns.setup.case_setup import VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.onboard_fences import OnboardFences
 from orchestrator.run.vehicles.preflight_checks import (
@@ -62,7 +62,7 @@ class OnboardConfiguration:
 
     async def put(self, context: VehicleContext) -> None:
         """Apply a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
-        vehicle = self._setup.vehicle(context.name)
+        vehicle = self._setup.flown(context.name)
         stack = self._stacks[context.name] = AsyncExitStack()
         with self._record.step("parameters", context.name) as said:
             said(await self._put_parameters(context, vehicle, stack))
@@ -80,7 +80,7 @@ class OnboardConfiguration:
             await asyncio.gather(*map(self._fetch_log, self._contexts))
 
     async def _put_parameters(
-        self, context: VehicleContext, vehicle: VehicleSetup, stack: AsyncExitStack
+        self, context: VehicleContext, vehicle: FlownSetup, stack: AsyncExitStack
     ) -> str:
         """Apply a vehicle's parameters, and say which."""
         parameters = context.driver.parameters
@@ -109,7 +109,7 @@ class OnboardConfiguration:
         return ", ".join(said) or "none changed"
 
     async def _failsafes(
-        self, context: VehicleContext, vehicle: VehicleSetup
+        self, context: VehicleContext, vehicle: FlownSetup
     ) -> Mapping[str, ParameterValue]:
         """Return the autopilot's failsafe parameters to apply, except the campaign's.
 
@@ -124,7 +124,7 @@ class OnboardConfiguration:
         return {name: value for name, value in wanted.items() if name not in vehicle.params}
 
     async def _undo(self, name: str, stack: AsyncExitStack) -> None:
-        attached = self._setup.vehicle(name).attached is not None
+        attached = self._setup.flown(name).attached is not None
         try:
             await stack.aclose()
             if attached:

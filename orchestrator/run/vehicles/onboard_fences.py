@@ -55,7 +55,7 @@ class OnboardFences:
         """
         if self._setup.campaign.preflight.fence is None:
             return "none uploaded: preflight.fence is null"
-        vehicle = self._setup.vehicle(context.name)
+        vehicle = self._setup.flown(context.name)
         attached = vehicle.attached is not None
         kept = OnboardFence(
             fences=context.driver.onboard.fences,
@@ -136,7 +136,7 @@ class OnboardFences:
 
         Raises VehicleError where that may not be set.
         """
-        vehicle = self._setup.vehicle(context.name)
+        vehicle = self._setup.flown(context.name)
         before_m = self._ceilings_m.get(context.name)
         ceiling_m = ceiling_above_home_m(self._setup, vehicle, fence)
         if ceiling_m is None or (before_m is not None and ceiling_m >= before_m):

@@ -114,6 +114,8 @@ async def open_pair(
             feed = await backend.start(stack, actor)
             await stack.enter_async_context(context.driver)
             _connect_actor(context, feed, guard)
+            if actor.requests_truth:
+                context.driver.on_truth(context.take_simulator)
             actors.append(context)
         backend.all_started()
         yield Pair(tuple(contexts), feeds, guard, links, tuple(actors))
@@ -155,7 +157,7 @@ def _connect(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: flo
 
 
 def _connect_actor(context: VehicleContext, feed: Feed, guard: Guard) -> None:
-    """Connect an actor's estimates to its context and its truth to the world and the guard."""
+    """Connect an actor's estimates and its simulation's truth to its context, world and guard."""
 
     def take(truth: TruthSample) -> None:
         t_s = truth.t_s

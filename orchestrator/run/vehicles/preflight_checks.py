@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 
-from campaigns.setup.case_setup import VehicleSetup
+from campaigns.setup.vehicle_setups import FlownSetup
+from orchestrator.run.vehicles.encounter_items import encounter_items
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import FlightError
 from orchestrator.state.vehicle_context import VehicleContext
@@ -60,17 +61,21 @@ class Preflight:
         self._note = note
         self.items: tuple[Item, ...] = ()
 
-    async def check(self, contexts: tuple[VehicleContext, ...]) -> str:
+    async def check(
+        self, contexts: tuple[VehicleContext, ...], actors: tuple[VehicleContext, ...] = ()
+    ) -> str:
         """Check all vehicles before arming, and say how many checks there were.
 
-        Raises FlightError with every reason against arming.
+        contexts: of the pair. Raises FlightError with every reason against arming.
         """
         wanted = self._setup.campaign.preflight
         items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
-        await _await_position(contexts)
-        for context in contexts:
+        flown = (*contexts, *actors)
+        await _await_position(flown)
+        for context in flown:
             items += await self._vehicle(context)
         items += self._pair(contexts)
+        items += encounter_items(self._setup, flown)
         if self._setup.campaign.unsigned_commands:
             items.append(unsigned_commands_item())
         self.items = settled(items, wanted.override)
@@ -83,7 +88,7 @@ class Preflight:
 
     async def _vehicle(self, context: VehicleContext) -> Iterable[Item]:
         setup, name = self._setup, context.name
-        wanted, vehicle = setup.campaign.preflight, setup.vehicle(name)
+        wanted, vehicle = setup.campaign.preflight, setup.flown(name)
         state, fence = context.driver.state, setup.campaign.fences.get(vehicle.name)
         battery = None if state.battery is None else state.battery.remaining
         place = _place(context)
@@ -122,7 +127,9 @@ class Preflight:
                 at_most("mocap", name, seen_s, _FRESH_S, unit="s", what=since),
                 at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=often),
             )
-        truth = () if context.pose_source != "simulator" else (self._truth_item(context),)
+        is_judged_by_truth = context.pose_source == "simulator"
+        has_truth = is_judged_by_truth and self._setup.flown(name).requests_truth
+        truth = (self._truth_item(context),) if has_truth else ()
         if wanted.gps is None:
             return truth
         fix = await context.driver.onboard.satellites.fix(_FIX_WITHIN_S)
@@ -141,14 +148,14 @@ class Preflight:
         return ground_truth_item(
             context.name,
             context.driver.truth.rate_hz(now_s, fresh_s=_FRESH_S),
-            wanted_hz=self._setup.vehicle(context.name).rates.position_hz,
+            wanted_hz=self._setup.flown(context.name).rates.position_hz,
             message=message_name(
                 autopilot_named(context.driver.identity.autopilot).truth_message_id
             ),
             refused=context.driver.truth.refused,
         )
 
-    async def _failsafes(self, context: VehicleContext, vehicle: VehicleSetup) -> Iterable[Item]:
+    async def _failsafes(self, context: VehicleContext, vehicle: FlownSetup) -> Iterable[Item]:
         autopilot = context.driver.identity.autopilot
         parameters = context.driver.parameters
         values: dict[str, float] = {}
@@ -220,7 +227,7 @@ async def lower_return(
     return {}
 
 
-def sets_failsafes(setup: RunSetup, vehicle: VehicleSetup) -> bool:
+def sets_failsafes(setup: RunSetup, vehicle: FlownSetup) -> bool:
     """Return whether preflight sets a vehicle's failsafes; not of attached ones by default.
 
     Those that are not set are looked at.
@@ -230,7 +237,7 @@ def sets_failsafes(setup: RunSetup, vehicle: VehicleSetup) -> bool:
 
 
 def ceiling_above_home_m(
-    setup: RunSetup, vehicle: VehicleSetup, changed: Fence | None = None
+    setup: RunSetup, vehicle: FlownSetup, changed: Fence | None = None
 ) -> float | None:
     """Return a vehicle's fence ceiling above its start; None without one.
 

@@ -145,7 +145,6 @@ class SubprocessBackend:
         """Start an embedded vehicle's process; its feed comes to us."""
         feed = FeedClient(source=_source_of(vehicle))
         await stack.enter_async_context(feed)
-        self._guard.on_pace(feed.pace)
         settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
         program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
         await self._guard.start(vehicle.name, program)

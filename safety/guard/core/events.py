@@ -93,8 +93,8 @@ class GuardedVehicle:
     campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
     motors of this vehicle as the last resort. gcs: a ground station port is open for it. limits:
     of the setpoints that it is given; None passes all. lands_alone: what happens to this vehicle
-    brings it down and no other, and nobody waits for it once it is silent: the simulated twin of a
-    vehicle that flies on.
+    brings it down and no other. abandoned_when_lost: nobody waits for it once it is silent: it is
+    simulated beside a vehicle that flies on.
     """
 
     autopilot: Autopilot
@@ -106,6 +106,7 @@ class GuardedVehicle:
     gcs: bool = False
     limits: SetpointLimits | None = None
     lands_alone: bool = False
+    abandoned_when_lost: bool = False
 
     def __post_init__(self) -> None:
         require_landing(self.landing)

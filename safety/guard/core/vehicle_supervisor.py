@@ -48,7 +48,7 @@ class SupervisedVehicle:
     @property
     def is_out_of_reach(self) -> bool:
         """Return whether nothing can be done for it, and nobody has to wait for it."""
-        return self.gone or (self.lost and self.vehicle.lands_alone)
+        return self.gone or (self.lost and self.vehicle.abandoned_when_lost)
 
     @property
     def commanded(self) -> frozenset[Mode] | None:

@@ -9,7 +9,7 @@ from safety.fence.fence_values import fence_of_plain, plain_fence
 from safety.fence.geofence import Fence
 from safety.guard.core.contingency import ContingencyPlan
 from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.process.clock_follower import PaceSetup
+from safety.guard.process.run_clock import PaceSetup
 from vehicles.autopilots.autopilot import Autopilot, AutopilotName
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.links.link_conditions import LinkConditions

@@ -27,10 +27,10 @@ from safety.guard.operator.operator_requests import OperatorOrders
 from safety.guard.operator.operator_socket import POINTER, OperatorSocket
 from safety.guard.process.channel import Channel
 from safety.guard.process.channel_link import ChannelLink
-from safety.guard.process.clock_follower import ClockFollower, Trouble
 from safety.guard.process.guard_config import GuardConfig, GuardConfigError
 from safety.guard.process.guard_launch import SCALED
 from safety.guard.process.guard_log import GuardLog
+from safety.guard.process.lockstep_clock import ORCHESTRATOR
 from safety.guard.process.messages import (
     Alive,
     AnchorAt,
@@ -46,8 +46,8 @@ from safety.guard.process.messages import (
     NewFences,
     Opened,
     Operate,
-    Pace,
     Position,
+    Reached,
     Start,
     Started,
     StartOutage,
@@ -62,6 +62,8 @@ from safety.guard.process.orphaned_processes import (
     write_record,
 )
 from safety.guard.process.process_links import close_quietly, open_ports, spare_links, vehicle_link
+from safety.guard.process.run_clock import RunClock, Trouble
+from safety.guard.process.run_clock_factory import run_clock_of
 from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
 from safety.model.samples import PoseSample
 from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
@@ -73,6 +75,7 @@ from vehicles.links.link_strings import parse_link
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.poses.anchor import Anchor
 from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.clock_socket import clock_environment
 from vehicles.processes.identity import ProcessId
 from vehicles.tasks import FAULTS, TaskAccount, start
 from worlds.frames import Pose
@@ -102,7 +105,7 @@ class GuardProcess:
         self._names: tuple[str, ...] = ()
         self._links: list[ChannelLink] = []
         self._tlogs: dict[str, TlogWriter] = {}
-        self._following: ClockFollower | None = None
+        self._clock: RunClock | None = None
         self._journal: GuardLog | None = None
 
     async def run(self) -> int:
@@ -150,7 +153,7 @@ class GuardProcess:
                     await self._last()
                     self._guarding = False
         finally:
-            pace = None if self._following is None else self._following.pace
+            pace = None if self._clock is None else self._clock.pace
             if pace is not None:
                 self._note("paced", times_real_time=round(pace, 2))
             self._note("end", dropped=self._channel.dropped, garbage=self._channel.garbage)
@@ -166,13 +169,20 @@ class GuardProcess:
                 self._note("leftover", text=text)
         sweep(runtime)
         raw = {name: vehicle_link(one) for name, one in guard_config.vehicles.items()}
-        self._following = self._remote_clock(guard_config)
+        self._clock = run_clock_of(
+            guard_config,
+            channel=self._channel,
+            trouble=self._clock_trouble,
+            took_over=lambda: self._shell.core.latched is not None,
+        )
+        if self._clock is not None:
+            stack.callback(self._clock.close)
         links: dict[str, GuardLinks] = {}
         for index, (name, one) in enumerate(guard_config.vehicles.items()):
             inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
             self._links.append(inner)
             gcs = open_link(parse_link(one.gcs)) if one.gcs else None
-            near = raw[name] if self._following is None else self._following.tap(name, raw[name])
+            near = raw[name] if self._clock is None else self._clock.tap(name, raw[name])
             outer = under_conditions(
                 near,
                 one.conditions,
@@ -196,21 +206,6 @@ class GuardProcess:
         stack.push_async_callback(self._reap)
         await self._write_record(stack, runtime)
         self._report_opened(raw)
-
-    def _remote_clock(self, guard_config: GuardConfig) -> ClockFollower | None:
-        """Return what makes our clock follow a vehicle's; None under the wall clock."""
-        loop = asyncio.get_running_loop()
-        if guard_config.pace is None or not isinstance(loop, PacedLoop):
-            return None
-        return ClockFollower(
-            setup=guard_config.pace,
-            systems={
-                name: one.vehicle.target.system for name, one in guard_config.vehicles.items()
-            },
-            loop=loop,
-            tell=lambda one: self._channel.send(Pace(one.wall_s, one.run_s, one.rate)),
-            trouble=self._clock_trouble,
-        )
 
     def _clock_trouble(self, name: str, trouble: Trouble, text: str) -> None:
         (self._shell.vehicle_gone if trouble == "stalled" else self._shell.clocks_apart)(name, text)
@@ -275,6 +270,8 @@ class GuardProcess:
                 self._shell.position(PoseSample(t_s, self._names[index], pose, velocity))
             case Alive() if self._links:
                 self._shell.alive()
+            case Reached(run_s) if self._clock is not None:
+                self._clock.reached(ORCHESTRATOR, run_s)
             case _:
                 self._take_rare(message)
 
@@ -296,8 +293,8 @@ class GuardProcess:
                 task = start(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)
                 task.add_done_callback(self._starts.discard)
-            case Follow() if self._following is not None:
-                self._following.begin()
+            case Follow() if self._clock is not None:
+                self._clock.begin()
             case End():
                 self._over.set()
             case _:
@@ -307,16 +304,21 @@ class GuardProcess:
 
     async def _start(self, start: Start) -> None:
         """Start a vehicle as a child of the guard process; its end is reported at once."""
+        clock = None if self._clock is None else self._clock.inherit(start.vehicle)
         child = ChildProcess(
             argv=start.argv,
             stdin=self._lifeline,
-            environment={**os.environ, **start.environment},
+            environment={**os.environ, **start.environment, **clock_environment(clock)},
+            inherited=() if clock is None else (clock.fileno(),),
         )
         try:
             child.start(lambda one: self._child_ended(start.vehicle, one))
         except OSError as error:
             self._channel.send(Ended(start.vehicle, None, str(error)))
             return
+        finally:
+            if clock is not None:
+                clock.close()
         self._children[start.vehicle] = child
         pid = child.pid or 0
         if child.identity is not None:
@@ -373,6 +375,8 @@ class GuardProcess:
             self._chartered.set_result(None)
         elif self._names:
             self._lost = True
+            if self._clock is not None:
+                self._clock.leave(ORCHESTRATOR)
             self._note("orphaned", text="the orchestrator's end of the pipe is closed")
         self._over.set()
 

@@ -149,12 +149,22 @@ class Status(Message, frozen=True):
     phases: tuple[Phase, ...]
 
 
+class Reached(Message, frozen=True):
+    """Message to the guard: the orchestrator has done all that was due until this moment."""
+
+    run_s: Finite
+
+
 class Pace(Message, frozen=True):
-    """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope."""
+    """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope.
+
+    holds_s: for how much of the wall's time, None where nobody waits for the orchestrator.
+    """
 
     wall_s: Finite
     run_s: Finite
     rate: Annotated[float, msgspec.Meta(ge=0.0, le=1e300)]
+    holds_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e300)] | None = None
 
 
 class Failed(Message, frozen=True):
@@ -175,6 +185,7 @@ ToGuard = (
     | AnchorAt
     | StartOutage
     | Follow
+    | Reached
     | End
 )
 ToOrchestrator = (

@@ -35,6 +35,7 @@ from safety.guard.process.messages import (
     Operate,
     Pace,
     Position,
+    Reached,
     Start,
     Started,
     StartOutage,
@@ -47,7 +48,6 @@ from safety.guard.process.remote_clock import RemoteClock
 from safety.guard.waits import happens
 from safety.model.samples import PoseSample
 from vehicles.clocks.paced_loop import call_wall_later
-from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.links.link import Link, LinkError
 from vehicles.poses.anchor import Anchor
 from vehicles.processes.identity import ProcessId
@@ -116,7 +116,7 @@ class RemoteGuard:
         self._waiting: dict[str, asyncio.Future[ToOrchestrator]] = {}
         self._beating: asyncio.Handle | None = None
         self._checking: asyncio.Handle | None = None
-        self._clock = RemoteClock()
+        self._clock = RemoteClock(report=lambda run_s: self._channel.send(Reached(run_s)))
         self._aftermath: asyncio.Task[None] | None = None
 
     @property
@@ -189,10 +189,6 @@ class RemoteGuard:
     def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
         """Register a listener for every event of the remote guard."""
         self._listeners.append(listener)
-
-    def on_pace(self, listener: Callable[[Segment], None]) -> None:
-        """Register a listener for every segment of the remote guard's clock."""
-        self._clock.on_pace(listener)
 
     def follow(self) -> None:
         """Have the remote guard's scaled clock follow the leading vehicle."""
@@ -417,6 +413,7 @@ class RemoteGuard:
             text = "the guard continues by itself: a vehicle is still in the air"
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
+        self._clock.go_on_alone()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
-from campaigns.autonomies.avoid import AvoidAutonomy, slope
+from campaigns.autonomies.avoid import AvoidAutonomy, line_slope
 from tests.campaigns.autonomies.point_mass import Corners, Flight, GeometryFinder, fly
 from worlds.frames import Vec3
 
@@ -69,9 +70,28 @@ def test_what_does_not_come_nearer_is_not_evaded(place: Callable[[float], Vec3])
     assert all(math.dist(at, (0.0, 0.0, -1.2)) < 0.05 for _, at in flight.path)
 
 
+def test_boxes_that_jump_are_no_approach() -> None:
+    rises = drone_at(lambda t_s: (2.5, 0.0, -min(0.1 + 0.3 * t_s, 1.2)))
+    boxes = {}
+    for standard_errors in (0, 2):
+        autonomy = AvoidAutonomy(
+            goal={"altitude_m": 1.2}, parameters={"standard_errors": standard_errors}, seed=1
+        )
+        finder = GeometryFinder(rises, noise_px=2.5)
+        autonomy._finder = finder  # type: ignore[assignment]  # stands in for a detector
+        boxes[standard_errors] = set(fly(autonomy, finder, 15.0).notes())
+    assert boxes == {0: {"watch", "evade"}, 2: {"watch"}}
+
+
 def test_the_slope_of_a_line() -> None:
-    assert slope(((0.0, 1.0), (1.0, 3.0), (2.0, 5.0))) == pytest.approx(2.0)
-    assert slope(((1.0, 1.0), (1.0, 9.0))) == 0.0
+    slope, error = line_slope(((0.0, 1.0), (1.0, 3.0), (2.0, 5.0)))
+    assert slope == pytest.approx(2.0)
+    assert error == pytest.approx(0.0, abs=1e-12)
+    assert line_slope(((1.0, 1.0), (1.0, 9.0))) == (0.0, 0.0)
+    x, y = np.arange(8.0), np.array([1.0, 3.1, 4.9, 7.2, 8.8, 11.0, 13.3, 14.9])
+    _, covariance = np.polyfit(x, y, 1, cov=True)
+    _, error = line_slope(tuple(zip(x.tolist(), y.tolist(), strict=True)))
+    assert error == pytest.approx(math.sqrt(covariance[0][0]))
 
 
 def test_wrong_parameters_are_refused() -> None:

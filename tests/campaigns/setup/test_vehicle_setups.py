@@ -100,8 +100,8 @@ def test_an_embedded_vehicle_follows_a_launched_one_at_any_pace(files: Any) -> N
     program(files.folder, "arducopter")
     outside(files, FAST, autopilot="ardupilot")
     setup = next(iter(files.load().setups.values()))
-    assert setup.pace(("real", "twin")) == 4.0
-    assert setup.pace(("twin",)) is None
+    assert setup.pace("wil") == 4.0
+    assert setup.pace("sim") is None
 
 
 TWIN = """  twin:

@@ -51,6 +51,7 @@ class Speaker:
         self.version = 0x01120080
         self.garbage = False
         self.armed = False
+        self.uid = 77
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -75,7 +76,7 @@ class Speaker:
                 if message.get_type() == "COMMAND_LONG" and message.param1 == 148:
                     self._send(
                         mavlink.MAVLink_autopilot_version_message(
-                            0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 77
+                            0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.uid
                         )
                     )
 
@@ -220,6 +221,72 @@ def test_a_person_at_a_terminal_is_asked(
     said = screen.getvalue()
     assert f"real: px4 1.18.0-beta quadrotor, system 1, board {77:016x}, on udpin" in said
     assert "campaign 'gate', 1 run. Arm real (position unknown) and take off? [y/N]" in said
+
+
+FENCE = "geofence: {box: {north_m: [-1.5, 3.5], east_m: [-1.5, 1.5], up_m: [-0.5, 2.3]}}"
+
+
+def actor_campaign(real: int, actor: int) -> Campaign:
+    intruder = f"{{link: 'udpin://127.0.0.1:{actor}', autopilot: px4, system_id: 3, {FENCE}}}"
+    sets = (
+        *("cases={fast: {}}", "accept={fast: {real: 5/5}}", "modes=[real]", "controls={}"),
+        *(LINK % real, MAVLINK, f"actors={{intruder: {intruder}}}"),
+        "preflight.override={separation: A. Pilot}",
+    )
+    return load_campaign(ROOT / "campaigns" / "avoid.yaml", Options(repetitions=1, sets=sets))
+
+
+@contextmanager
+def two_boards() -> Iterator[Campaign]:
+    real, actor = free_port(), free_port()
+    one, other = Speaker(real), Speaker(actor, system=3)
+    other.uid = 78
+    with one.speaking(), other.speaking():
+        yield actor_campaign(real, actor)
+
+
+def clear_both(flown: Campaign) -> Cleared:
+    return clear(flown, clock=None, jobs=None, arm=True, arm_real=True, arm_actors=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"arm_real": True}, r"^intruder \(udpin.*\): it may be hardware.*only with --arm-actors"),
+        ({"arm_actors": True}, r"^real \(udpin.*\): it may be hardware.*only with --arm-real"),
+    ],
+)
+def test_pair_and_actors_are_armed_by_words_of_their_own(given: dict[str, bool], said: str) -> None:
+    options = {"arm_real": False, "arm_actors": False, **given}
+    with pytest.raises(RefusedError, match=said) as caught:
+        clear(actor_campaign(14550, 14560), clock=None, jobs=None, arm=True, **options)
+    assert caught.value.code == 2
+
+
+def test_boards_that_could_touch_fly_with_a_person_at_a_terminal_alone() -> None:
+    with two_boards() as flown, pytest.raises(RefusedError) as caught:
+        clear_both(flown)
+    assert caught.value.code == 2
+    assert "intruder flies beside real, and their fences let them touch" in str(caught.value)
+    assert "a person consents to that at a terminal" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("answers", "armed"), [("intruder\ny\n", True), ("y\ny\n", False), ("intruder\nno\n", False)]
+)
+def test_the_person_types_the_name_of_what_flies_at_the_real_vehicle(
+    monkeypatch: pytest.MonkeyPatch, answers: str, armed: bool
+) -> None:
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stdin", Terminal(answers))
+    monkeypatch.setattr(sys, "stderr", screen)
+    with two_boards() as flown:
+        if armed:
+            assert clear_both(flown).hardware == "real and intruder"
+        else:
+            with pytest.raises(RefusedError, match="not confirmed; nothing was armed"):
+                clear_both(flown)
+    assert "Type intruder to consent: " in screen.getvalue()
 
 
 def test_one_board_on_two_links_is_refused() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, load_campaign
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from orchestrator.campaign.between_runs import BetweenRuns
 from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.campaign.workers.run_workers import WorkerLost
@@ -23,10 +23,11 @@ from orchestrator.model.return_path import (
     why_not_on,
     why_not_there,
 )
-from orchestrator.state.run_setup import RunOrder
+from orchestrator.run.stages.return_flight import return_setup
+from orchestrator.state.run_setup import RunOrder, RunSetup
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import Flag
-from tests.orchestrator.conftest import NoCommands
+from tests.orchestrator.conftest import ROOT, NoCommands
 from tests.orchestrator.flights import all_landed, log_of
 from vehicles.embedded.physics.contact_world import BODY
 from worlds.clearance.clearance import ClearanceProbe
@@ -328,3 +329,33 @@ def test_who_is_asked_for(
     landed_at(order.folder, STOOD)
     assert made.after(order, result()) is None
     assert asked.count == asked_for
+
+
+@pytest.mark.parametrize(
+    ("hardware", "mode", "asked_for"),
+    [("intruder", "real", 1), ("intruder", "sim", 0), ("", "real", 0)],
+)
+def test_a_person_puts_an_attached_actor_back_where_it_flew(
+    tmp_path: Path, hardware: str, mode: str, asked_for: int
+) -> None:
+    fence = "{box: {north_m: [-1.5, 3.5], east_m: [-1, 1], up_m: [-0.5, 2.3]}}"
+    link = "link: 'udpin://0.0.0.0:14560', autopilot: px4, virtual: embedded"
+    sets = (f"actors={{intruder: {{{link}, geofence: {fence}}}}}", "controls={}")
+    options = Options(cases=("fast",), modes=(mode,), sets=sets)
+    campaign = load_campaign(ROOT / "campaigns" / "avoid.yaml", options)
+    made, asked, _ = between(campaign, tmp_path / "o", hardware)
+    order = RunOrder(plan=campaign.runs[0], folder=tmp_path / "o" / "run", clock="wall")
+    landed_at(order.folder, STOOD)
+    assert made.after(order, result()) is None
+    assert asked.count == asked_for
+
+
+def test_nothing_flies_back_with_an_actor_beside_it(tmp_path: Path) -> None:
+    sets = ("actors={intruder: {link: embedded, autopilot: px4}}", "controls={}")
+    campaign = load_campaign(
+        ROOT / "campaigns" / "avoid.yaml", Options(cases=("fast",), modes=("real",), sets=sets)
+    )
+    order = RunOrder(plan=campaign.runs[0], folder=tmp_path, clock="virtual")
+    setup = RunSetup.of(order)
+    assert [one.name for one in setup.guarded] == ["real", "intruder"]
+    assert [one.name for one in return_setup(setup, way()).guarded] == ["real"]

@@ -8,6 +8,7 @@ import pytest
 
 from orchestrator.model.clock import run_virtual
 from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
+from vehicles.clocks.progress import ProgressReporter
 from vehicles.clocks.sim_clock_controller import Segment
 
 
@@ -96,6 +97,165 @@ def test_the_walls_timers_come_while_the_clock_stands() -> None:
     with asyncio.Runner(loop_factory=PacedLoop) as runner:
         assert runner.run(waited()) == 0.0
     assert 0.1 <= time.monotonic() - began_s < 5.0
+
+
+def test_a_timer_beyond_the_end_of_a_piece_waits_idle_for_the_next() -> None:
+    async def waited() -> tuple[float, float]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        began_s, rung = loop.time(), asyncio.Event()
+        loop.follow(Segment(time.monotonic(), began_s, 10.0, holds_s=0.05))
+        loop.call_at(began_s + 0.501, rung.set)
+        loop.call_wall_later(
+            0.4, lambda: loop.follow(Segment(time.monotonic(), began_s + 0.5, 10.0))
+        )
+        cpu_s = time.process_time()
+        await rung.wait()
+        return loop.time() - began_s, time.process_time() - cpu_s
+
+    began_s = time.monotonic()
+    with asyncio.Runner(loop_factory=PacedLoop) as runner:
+        took_s, cpu_s = runner.run(waited())
+    assert 0.5 <= took_s < 30.0
+    assert time.monotonic() - began_s >= 0.4
+    assert cpu_s < 0.1
+
+
+def test_a_loop_reports_how_far_it_has_come_and_a_thread_s_job_holds_it_back() -> None:
+    async def reported() -> tuple[list[float], float, float, list[float]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        reports: list[float] = []
+        progress = ProgressReporter(loop=loop, report=reports.append)
+        await asyncio.sleep(1.0)
+        before = list(reports)
+        began_s = loop.time()
+        await asyncio.to_thread(time.sleep, 0.1)
+        ended_s = loop.time()
+        during = reports[len(before) :]
+        await asyncio.sleep(0.1)
+        progress.stop()
+        assert reports[-1] > ended_s
+        return before, began_s, ended_s, during
+
+    with asyncio.Runner(loop_factory=lambda: PacedLoop(10.0)) as runner:
+        before, began_s, ended_s, during = runner.run(reported())
+    assert before == sorted(before)
+    assert before[-1] <= began_s
+    assert len(before) > 3
+    assert ended_s >= began_s + 1.0
+    assert max(during, default=0.0) <= ended_s - 0.9
+
+
+def test_a_loop_that_is_ahead_of_the_first_piece_reports_how_far_it_is() -> None:
+    async def ahead() -> tuple[float, list[float]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        reports: list[float] = []
+        loop.follow(Segment(time.monotonic(), loop.time() - 1.0, 4.0, holds_s=0.01))
+        stands_s = loop.time()
+        progress = ProgressReporter(loop=loop, report=reports.append)
+        rung = asyncio.Event()
+        loop.call_wall_later(0.2, rung.set)
+        await rung.wait()
+        progress.stop()
+        return stands_s, reports
+
+    with asyncio.Runner(loop_factory=PacedLoop) as runner:
+        stands_s, reports = runner.run(ahead())
+    assert reports == [stands_s]
+
+
+def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> None:
+    async def flown() -> list[tuple[float, float, int]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        began_s = loop.time()
+        done_s, seen = [began_s], list[tuple[float, float, int]]()
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ours.setblocking(False)
+        sent, read = [0], [0]
+
+        def take() -> None:
+            ours.recv(10)
+            read[0] += 1
+
+        def tick(count: int) -> None:
+            done_s.append(began_s + count * 0.008)
+            if count % 40 == 0:
+                time.sleep(0.01)  # late: several are due, and several packets come
+                for _ in range(8):
+                    theirs.send(b"word")
+                    sent[0] += 1
+            loop.call_at(began_s + (count + 1) * 0.008, tick, count + 1)
+
+        loop.add_reader(ours, take)
+        tick(0)
+        progress = ProgressReporter(
+            loop=loop,
+            report=lambda run_s: seen.append((run_s, done_s[-1], sent[0] - read[0])),
+        )
+        await asyncio.sleep(3.0)
+        progress.stop()
+        loop.remove_reader(ours)
+        ours.close()
+        theirs.close()
+        return seen
+
+    with asyncio.Runner(loop_factory=lambda: PacedLoop(10.0)) as runner:
+        seen = runner.run(flown())
+    assert len(seen) > 20
+    assert all(done_s > run_s - 0.008 - 1e-6 for run_s, done_s, _ in seen)
+    assert all(unread == 0 for _, _, unread in seen)
+
+
+def test_a_loop_that_is_flooded_reports_all_the_same() -> None:
+    async def flooded() -> list[float]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        ours, theirs = socket.socketpair()
+        theirs.send(b"never read")
+        loop.add_reader(ours, lambda: None)
+        reports: list[float] = []
+        progress = ProgressReporter(loop=loop, report=reports.append)
+        await asyncio.sleep(1.0)
+        progress.stop()
+        loop.remove_reader(ours)
+        ours.close()
+        theirs.close()
+        return reports
+
+    with asyncio.Runner(loop_factory=lambda: PacedLoop(10.0)) as runner:
+        assert len(runner.run(flooded())) > 3
+
+
+def test_the_first_reader_reads_before_all_others() -> None:
+    async def read() -> list[str]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, PacedLoop)
+        pairs = [socket.socketpair() for _ in range(6)]
+        order: list[str] = []
+
+        def reader(name: str, end: socket.socket) -> None:
+            end.recv(10)
+            order.append(name)
+
+        for index, (ours, theirs) in enumerate(pairs):
+            if index == 4:
+                loop.add_first_reader(ours, lambda: reader("first", pairs[4][0]))
+            else:
+                loop.add_reader(ours, reader, str(index), ours)
+            theirs.send(b"word")
+        await asyncio.sleep(0.05)
+        for ours, theirs in pairs:
+            loop.remove_reader(ours)
+            ours.close()
+            theirs.close()
+        return order
+
+    with asyncio.Runner(loop_factory=PacedLoop) as runner:
+        order = runner.run(read())
+    assert (order[0], len(order)) == ("first", 6)
 
 
 def test_without_a_paced_loop_the_wall_is_the_loop_s_time() -> None:

@@ -45,13 +45,12 @@ def flown(
     rate: Rate,
     *,
     nominal: float,
-    follows_us: bool = False,
     for_s: float = 20.0,
     late_s: float = 0.02,
     seed: int = 0,
 ) -> Flown:
     rng = np.random.default_rng(seed)
-    steering = SimClockController(nominal=nominal, follows_us=follows_us)
+    steering = SimClockController(nominal=nominal)
     steering.begin(Segment(0.0, 100.0, 1.0))
     out = Flown([], [], [], [], steering)
     boot_s, stamp_s, under_way = 0.0, 0.0, list[tuple[float, float]]()
@@ -133,7 +132,7 @@ def test_a_simulator_that_hangs_is_reported_and_time_goes_on() -> None:
 
 
 def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
-    steering = SimClockController(nominal=4.0, follows_us=True)
+    steering = SimClockController(nominal=4.0)
     steering.begin(Segment(0.0, 0.0, 1.0))
     for step in range(40):
         steering.track.received(step * STEP_S, step * STEP_S)
@@ -143,24 +142,8 @@ def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
     assert not steering.stalled
 
 
-def test_an_embedded_vehicle_flies_at_the_pace_that_was_asked_for() -> None:
-    out = flown(lambda _, rate, __: rate, nominal=4.0, follows_us=True, for_s=12.0)
-    follows_smoothly(out, 4.0)
-    assert out.rate[-1] == pytest.approx(4.0, rel=0.05)
-
-
-def test_or_as_fast_as_its_machine_can() -> None:
-    def rate(_: float, rate: float, behind_s: float) -> float:
-        return 2.5 if behind_s > 0.01 else min(rate, 2.5)
-
-    out = flown(rate, nominal=4.0, follows_us=True, for_s=15.0)
-    follows_smoothly(out, 4.0)
-    assert np.mean(out.rate[-400:]) == pytest.approx(2.5, rel=0.05)
-    assert out.off_s(15.0) - 100.0 < 1.0
-
-
 def test_a_reboot_begins_the_vehicle_s_time_anew_and_not_ours() -> None:
-    steering = SimClockController(nominal=2.0, follows_us=False)
+    steering = SimClockController(nominal=2.0)
     steering.begin(Segment(0.0, 50.0, 1.0))
     run_s = []
     for step in range(200):

@@ -5,10 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Self, cast
 
-from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
-    GoOn,
     MakeFault,
     ToVehicle,
     Truth,
@@ -70,10 +68,6 @@ class FeedClient(asyncio.DatagramProtocol):
     def fault(self, fault: Fault) -> None:
         """Inject a fault into the embedded vehicle."""
         self._send(MakeFault(self._next_seq(), str(fault)))
-
-    def pace(self, segment: Segment) -> None:
-        """Have the embedded vehicle's clock continue by this segment."""
-        self._send(GoOn(self._next_seq(), segment))
 
     async def __aenter__(self) -> Self:
         """Bind the feed client's port. Raises LinkError when it is taken."""

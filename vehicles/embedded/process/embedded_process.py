@@ -13,13 +13,11 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.physics.config import ContactWorld
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
     FromVehicle,
-    GoOn,
     MakeFault,
     Mocap,
     ToVehicle,
@@ -35,6 +33,7 @@ from vehicles.faults import FaultError, parse_fault
 from vehicles.links.link import LinkError
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
+from vehicles.processes.clock_socket import InheritedClock
 from vehicles.processes.codec import MessageError
 from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 from vehicles.readings import PoseReading
@@ -87,12 +86,10 @@ class FeedEnd(asyncio.DatagramProtocol):
             self._transport.sendto(from_vehicle.encode(message))
 
     def _take(self, message: ToVehicle) -> None:
-        """Handle a message to the embedded process: event, fault or clock."""
+        """Handle a message to the embedded process: event or fault."""
         match message:
             case WorldEvent(_, name, t_s):
                 self._vehicle.notify(name, t_s)
-            case GoOn(_, segment):
-                _go_on(segment)
             case MakeFault(_, fault):
                 self._faults.inject(parse_fault(fault))
 
@@ -165,13 +162,6 @@ def run_process(settings: ProcessSettings, companion: Companion | None = None) -
     return 0
 
 
-def _go_on(segment: Segment) -> None:
-    """Continue the embedded process's clock by a segment."""
-    loop = asyncio.get_running_loop()
-    if isinstance(loop, PacedLoop):
-        loop.follow(segment)
-
-
 async def _await_stop(settings: ProcessSettings, companion: Companion | None) -> None:
     """Run the embedded process's vehicle until SIGTERM, SIGINT or stdin's end."""
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
@@ -188,7 +178,12 @@ async def _await_stop(settings: ProcessSettings, companion: Companion | None) ->
         stop.set()
 
     loop.set_exception_handler(failed)
-    await fly(settings, stop, companion)
+    clock = InheritedClock.of(loop, os.environ) if isinstance(loop, PacedLoop) else None
+    try:
+        await fly(settings, stop, companion)
+    finally:
+        if clock is not None:
+            clock.close()
     if errors:
         raise errors[0]
 

@@ -6,7 +6,6 @@ processes of a machine share. seq counts up by one per datagram of a sender.
 
 import math
 
-from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.processes.codec import Codec, Finite, Message
 from vehicles.readings import PoseReading
@@ -41,15 +40,8 @@ class MakeFault(Message, frozen=True):
     fault: str
 
 
-class GoOn(Message, frozen=True):
-    """Feed message: how the run clock continues."""
-
-    seq: int
-    segment: Segment
-
-
 FromVehicle = Truth | Mocap
-ToVehicle = WorldEvent | MakeFault | GoOn
+ToVehicle = WorldEvent | MakeFault
 from_vehicle: Codec[FromVehicle] = Codec(FromVehicle)
 to_vehicle: Codec[ToVehicle] = Codec(ToVehicle)
 

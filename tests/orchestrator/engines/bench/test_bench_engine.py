@@ -1,5 +1,6 @@
 """A bench of a cluster: how it is announced and awaited, its gate, and who is refused."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign, requested_bench
 from campaigns.setup.bench_file import Bench, BenchFacts, load_benches
+from campaigns.setup.bench_resolution import departure
 from orchestrator.campaign.folder.bench_lock import held_benches
 from orchestrator.campaign.folder.campaign_folder import TakenError
 from orchestrator.cli import main
@@ -19,7 +21,7 @@ from orchestrator.engines.bench.bench_resources import announced_benches, resour
 from orchestrator.engines.node_messages import RunOrdered
 from orchestrator.state.run_setup import RunOrder
 from tests.orchestrator.hover import write_hover
-from worlds.files.documents import BadInput
+from worlds.files.documents import BadInput, parse
 
 BENCH = """\
 schema: wil/bench/1
@@ -134,6 +136,21 @@ def test_the_gate_of_a_bench_knows_its_vehicle_and_its_fence(
     gate.open_for(ConsentAsked("hover", 9, arm=True, place=PLACE))
     campaign = load_campaign(path, Options(benches=other))
     assert gate.refusal(RunOrdered(order_of(campaign, tmp_path))) == said
+
+
+def test_the_gate_of_a_bench_passes_no_attached_actor(tmp_path: Path) -> None:
+    path, bench = write_campaign(tmp_path), write_bench(tmp_path)
+    order = order_of(load_campaign(path, Options(benches=(bench,))), tmp_path)
+    data = order.plan.files.campaign.data
+    assert isinstance(data, dict)
+    for link, said in (
+        ("udpin://0.0.0.0:14560", "actors.ghost.link is udpin://0.0.0.0:14560: a bench has one"),
+        ("embedded", ""),
+    ):
+        text = json.dumps({**data, "actors": {"ghost": {"link": link, "autopilot": "px4"}}})
+        document = parse(text.encode(), name=str(path))
+        assert departure(document, bench).startswith(said)
+        assert bool(departure(document, bench)) is bool(said)
 
 
 def test_a_bench_is_flown_on_by_one_program_at_a_time(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from orchestrator.run.vehicles.pair import Pair
 from orchestrator.run.vehicles.vehicle_backends import vehicle_seed
 from orchestrator.state.run_state import RunState
 from tests.orchestrator.conftest import ROOT, Fly
-from tests.orchestrator.flights import log_of
+from tests.orchestrator.flights import all_landed, log_of
 
 FLOWN = "actors={intruder: {link: embedded, autopilot: px4}}"
 BLIND = "autonomy.with={object: person}"
@@ -75,6 +75,18 @@ def test_a_run_whose_actor_is_lost_never_passes(fly_run: Fly, autonomy: str) -> 
     result, _ = fly_run("avoid", "fast", "sim", sets=(*SETS, autonomy), disturb=mute)
     assert result.verdict == "ERROR", result.reason
     assert "intruder" in result.reason
+
+
+def test_an_actor_that_leaves_its_fence_lands_and_is_no_fault_of_the_subject(fly_run: Fly) -> None:
+    tight = "{box: {north_m: [-0.81, 3], east_m: [-1, 1], up_m: [-0.5, 2.3]}}"
+    sets = (*SETS, f"actors.intruder.geofence={tight}", "vehicles.twin.start.east_m=1.2")
+    result, folder = fly_run("avoid", "fast", "sim", sets=sets)
+    assert (result.verdict, result.decided_by) == ("ERROR", "guard.alone/intruder"), result.reason
+    assert "intruder cannot stop before the fence's side" in result.reason
+    assert [one.outcome for one in result.preflight if one.check == "home"] == ["ok", "ok"]
+    kinds = [one.get("kind") for one in log_of(folder) if one.get("vehicle") == "intruder"]
+    assert kinds.index("disarmed") > kinds.index("alone")
+    assert all_landed(folder)
 
 
 @pytest.mark.parametrize(

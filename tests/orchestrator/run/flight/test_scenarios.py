@@ -15,3 +15,11 @@ Fly = Callable[..., tuple[RunResult, Path]]
 def test_the_scenario_passes_in_simulation(fly_run: Fly, campaign: str, case: str) -> None:
     result, _ = fly_run(campaign, case, "sim")
     assert (result.verdict, result.reason) == ("PASS", "")
+
+
+@pytest.mark.timeout(300)
+def test_the_twin_follows_an_evasion_within_its_fence(fly_run: Fly) -> None:
+    result, _ = fly_run("avoid", "slow", "wil")
+    assert (result.verdict, result.reason) == ("PASS", "")
+    assert result.twin is not None
+    assert result.twin.dropped_out is None

@@ -57,7 +57,7 @@ class Standing:
 
 def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> None:
     """A PX4 in SIH waited 45 s for an ArduCopter: its estimate had left its anchor by 0.54 m."""
-    monkeypatch.setattr("orchestrator.run.stages.pair_flight.same_vehicle", lambda *_: False)
+    monkeypatch.setattr("orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False)
     asked: list[tuple[float, str]] = []
 
     async def flown() -> str:

@@ -64,7 +64,7 @@ class Rig:
         fences: Mapping[str, Fence] = MappingProxyType({}),
     ) -> OnboardConfiguration:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
-        setup = SimpleNamespace(vehicle=lambda _: self.setup, campaign=campaign)
+        setup = SimpleNamespace(flown=lambda _: self.setup, campaign=campaign)
         run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said), dropped_out={})
 
         def note(event: str, **more: Any) -> None:

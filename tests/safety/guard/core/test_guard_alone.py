@@ -19,7 +19,11 @@ def pair(fake_vehicle: Any, rig: Any) -> Any:
         vehicles={
             "real": GuardedVehicle(autopilot=Px4(), target=Target(1), fence=FENCE),
             "twin": GuardedVehicle(
-                autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True
+                autopilot=Px4(),
+                target=Target(2),
+                fence=FENCE,
+                lands_alone=True,
+                abandoned_when_lost=True,
             ),
         }
     )
@@ -77,6 +81,26 @@ def test_who_is_silent_is_not_waited_for(pair: Any) -> None:
     pair.apply(pair.core.bring_down("enough", pair.t_s))
     pair.fly(15.0)
     assert pair.core.all_down
+
+
+def test_one_that_may_be_in_the_air_still_is_waited_for_though_it_is_silent(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    actor = GuardedVehicle(
+        autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True, attached=True
+    )
+    real = GuardedVehicle(autopilot=Px4(), target=Target(1), fence=FENCE)
+    vehicles = {name: fake_vehicle(name, Px4(), system=i) for i, name in ((1, "real"), (2, "twin"))}
+    pair = rig(GuardCore(vehicles={"real": real, "twin": actor}), vehicles)
+    pair.fly(1.0)
+    fall_silent(pair)
+    pair.fly(5.0)
+    assert pair.kinds() == ["alone"]
+    assert set(pair.core.may_be_armed(pair.t_s)) == {"real", "twin"}
+    pair.apply(pair.core.bring_down("enough", pair.t_s))
+    pair.fly(15.0)
+    assert pair.core.phases["real"] is Phase.DOWN
+    assert not pair.core.all_down
 
 
 def test_what_befalls_the_other_brings_down_both(pair: Any) -> None:

@@ -8,7 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
-from safety.guard.process.clock_follower import ClockFollower, PaceSetup, boot_s_of
+from safety.guard.process.clock_follower import ClockFollower, boot_s_of
+from safety.guard.process.run_clock import PaceSetup
 from vehicles.clocks.sim_clock_controller import STEP_S, Segment
 from vehicles.links.memory import memory_pair
 from vehicles.mavlink.codec import Codec
@@ -49,10 +50,11 @@ async def flown(
     """Fly simulators whose rates at each second of the wall's are given."""
     wall, said = Wall(), list[tuple[str, str, str]]()
     following = ClockFollower(
-        setup=PaceSetup(nominal=5.0, leader=lead, follows_us=False),
+        setup=PaceSetup(nominal=5.0, leader=lead),
+        leader=lead,
         systems={"real": 1, "twin": 2},
         loop=wall,
-        tell=lambda _: None,
+        publish=lambda _: None,
         trouble=lambda *words: said.append(words),
         wall=lambda: wall.now_s,
     )
@@ -112,10 +114,11 @@ def test_who_is_no_vehicle_of_ours_sets_no_clock() -> None:
     async def await_piece() -> bool:
         wall = Wall()
         following = ClockFollower(
-            setup=PaceSetup(nominal=5.0, leader="real", follows_us=False),
+            setup=PaceSetup(nominal=5.0, leader="real"),
+            leader="real",
             systems={"real": 1},
             loop=wall,
-            tell=lambda _: None,
+            publish=lambda _: None,
             trouble=lambda *_: None,
             wall=lambda: wall.now_s,
         )

@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.clocks.sim_clock_controller import Segment
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.feed import (
-    GoOn,
     MakeFault,
     Mocap,
     ToVehicle,
@@ -56,8 +54,6 @@ def test_samples_and_readings_come_back(pose: Pose, velocity: tuple[float, float
     [
         WorldEvent(1, "start", 2.5),
         MakeFault(2, "motor 2 0.5"),
-        GoOn(3, Segment(1.0, 2.0, 4.0)),
-        GoOn(3, Segment(1.0, 2.0, 4.0, 0.5)),
     ],
 )
 def test_what_a_vehicle_is_sent_comes_back(message: ToVehicle) -> None:

@@ -1,0 +1,95 @@
+"""Encounters: attached vehicles in one hall, of which one is an actor, and what keeps them apart.
+
+Pure. Both may be hardware: what separates them is their fences, seen from above.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from campaigns.schema import Mode
+from campaigns.setup.actor_setups import ActorSetup
+from campaigns.setup.case_setup import Setup
+from campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
+from safety.fence.geofence import Fence
+from safety.fence.separation import moved, separation_m
+from worlds.frames import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Encounter:
+    """An attached actor beside another attached vehicle in the same run.
+
+    apart_m: between where their fences let them be, seen from above; needed_m: so that their bodies
+    do not meet. other_fence: None where the other one has none.
+    """
+
+    actor: ActorSetup
+    other: FlownSetup
+    other_fence: Fence | None
+    apart_m: float
+    needed_m: float
+
+    @property
+    def is_far(self) -> bool:
+        """Return whether the two cannot touch while each is inside its fence."""
+        return self.other_fence is not None and self.apart_m >= self.needed_m
+
+    @property
+    def may_be_allowed(self) -> bool:
+        """Return whether somebody may answer for it that they can touch.
+
+        Not where the actor is elsewhere because its object is virtual: there nothing is to be near.
+        """
+        return self.actor.place is None and self.other_fence is not None
+
+    @property
+    def remedy(self) -> str:
+        """Return what else there is to do but to separate them."""
+        if self.may_be_allowed:
+            return "or name who answers for it by `preflight.override: {separation: NAME}`"
+        return "by another `place`"
+
+    @property
+    def stated_m(self) -> float:
+        """Return how far apart they stand before takeoff, seen from above, as the files say."""
+        ours, theirs = self.actor.stands.position_ned_m, _stands(self.other).position_ned_m
+        return math.dist(ours[:2], theirs[:2])
+
+
+def encounters(setup: Setup, mode: Mode) -> Iterator[Encounter]:
+    """Yield each attached actor of a mode with each attached vehicle before it, but for the twin.
+
+    The twin is simulated, however it is attached.
+    """
+    attached = [one for one in setup.flown_in(mode) if one.attached and one.name != "twin"]
+    for index, actor in enumerate(attached):
+        for other in attached[:index]:
+            if isinstance(actor, ActorSetup):
+                yield _encounter(setup, actor, other)
+
+
+def _encounter(setup: Setup, actor: ActorSetup, other: FlownSetup) -> Encounter:
+    ours, theirs = _fence(setup, actor), _fence(setup, other)
+    apart_m = 0.0 if ours is None or theirs is None else separation_m(ours, theirs)
+    return Encounter(actor, other, theirs, apart_m, actor.reach_m + _reach_m(other))
+
+
+def _fence(setup: Setup, vehicle: FlownSetup) -> Fence | None:
+    """Return a vehicle's fence in W."""
+    fence = setup.fences.get(vehicle.name)
+    if fence is None or not isinstance(vehicle, ActorSetup) or vehicle.place is None:
+        return fence
+    return moved(fence, start=vehicle.start, to=vehicle.place)
+
+
+def _stands(vehicle: FlownSetup) -> Pose:
+    """Return where a vehicle stands in W before it takes off."""
+    return vehicle.stands if isinstance(vehicle, ActorSetup) else vehicle.start
+
+
+def _reach_m(vehicle: FlownSetup) -> float:
+    """Return how far a vehicle's body is from its middle at most."""
+    if isinstance(vehicle, ActorSetup):
+        return vehicle.reach_m
+    return math.hypot(*vehicle.body.half_m) if isinstance(vehicle, VehicleSetup) else 0.0

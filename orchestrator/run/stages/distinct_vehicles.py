@@ -1,0 +1,18 @@
+"""Whether identified vehicles are different ones."""
+
+import itertools
+from collections.abc import Iterable
+
+from orchestrator.state.run_state import FlightError
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.driver.session.identity import same_vehicle
+
+
+def require_distinct(contexts: Iterable[VehicleContext]) -> None:
+    """Refuse one vehicle on two links. Raises FlightError."""
+    for one, other in itertools.combinations(contexts, 2):
+        if same_vehicle(one.driver.identity, other.driver.identity):
+            raise FlightError(
+                f"{one.name} and {other.name} are the same vehicle: both answer with the uid "
+                f"{one.driver.identity.uid}; check where their links lead"
+            )

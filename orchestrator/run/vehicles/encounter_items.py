@@ -1,0 +1,32 @@
+"""Preflight items of an attached actor beside another attached vehicle: what keeps them apart."""
+
+from collections.abc import Iterable, Iterator
+
+from campaigns.setup.encounters import encounters
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.vehicle_context import VehicleContext
+from safety.preflight import Item, distance_item, separation_item
+from worlds.frames import norm
+from worlds.geodesy import LocalFrame
+
+
+def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iterator[Item]:
+    """Yield for each encounter whether fences separate the two, and whether they stand as stated.
+
+    contexts: of all vehicles that fly.
+    """
+    places_deg = {one.name: one.driver.place_deg for one in contexts}
+    for one in encounters(setup.campaign, setup.mode):
+        name, other = one.actor.name, one.other.name
+        yield separation_item(name, other, one.apart_m, one.needed_m)
+        measured_m = _distance_m(places_deg[name], places_deg[other])
+        yield distance_item(name, other, measured_m, stated_m=one.stated_m)
+
+
+def _distance_m(one: tuple[float, float] | None, other: tuple[float, float] | None) -> float | None:
+    """Return the distance of two places on Earth, seen from above; None where one is unknown."""
+    if one is None or other is None:
+        return None
+    frame = LocalFrame(*other, 0.0)
+    north_m, east_m, _ = frame.to_ned(*one, 0.0)
+    return norm((north_m, east_m, 0.0))

@@ -1,0 +1,58 @@
+"""How far apart two fences keep their vehicles, seen from above; pure.
+
+Height separates nobody: what lands comes down.
+"""
+
+from dataclasses import replace
+
+import shapely
+import shapely.affinity
+
+from safety.fence.areas import Circle
+from safety.fence.geofence import Area, Fence
+from vehicles.poses.anchor import Anchor
+from worlds.frames import Pose
+
+_QUARTER = 16
+"""Corners of a circle's quarter; the circle round them holds all of it."""
+
+
+def separation_m(one: Fence, other: Fence) -> float:
+    """Return the distance between the areas of two fences; 0 where they meet or have no edge."""
+    if not one.inclusions or not other.inclusions:
+        return 0.0
+    return float(shapely.distance(_inside(one), _inside(other)))
+
+
+def moved(fence: Fence, *, start: Pose, to: Pose) -> Fence:
+    """Return a fence as it is for a vehicle that stands at `to` and takes that for its start."""
+    anchor = Anchor.of_poses(local=start, world=to)
+
+    def area(one: Area) -> Area:
+        if isinstance(one, Circle):
+            return replace(one, centre_m=anchor.position((*one.centre_m, 0.0))[:2])
+        corners = (anchor.position((*corner, 0.0))[:2] for corner in one.corners_m)
+        return replace(one, corners_m=tuple(corners))
+
+    up_m = start.position_ned_m[2] - to.position_ned_m[2]
+    low_m, high_m = fence.floor_up_m, fence.ceiling_up_m
+    return Fence(
+        inclusions=map(area, fence.inclusions),
+        exclusions=map(area, fence.exclusions),
+        floor_up_m=None if low_m is None else low_m + up_m,
+        ceiling_up_m=None if high_m is None else high_m + up_m,
+    )
+
+
+def _inside(fence: Fence) -> shapely.Geometry:
+    """Return where the vehicle of a fence with an edge may be, seen from above; never less."""
+    return shapely.union_all([_shape(one) for one in fence.inclusions])
+
+
+def _shape(area: Area) -> shapely.Geometry:
+    """Return a shape that holds an area."""
+    if isinstance(area, Circle):
+        inner = shapely.Point(*area.centre_m).buffer(area.radius_m, quad_segs=_QUARTER)
+        grown = area.radius_m**2 / shapely.distance(shapely.Point(*area.centre_m), inner.exterior)
+        return shapely.Point(*area.centre_m).buffer(grown, quad_segs=_QUARTER)
+    return shapely.Polygon(area.corners_m)

@@ -1,0 +1,72 @@
+"""Leads the scaled clock where all vehicles follow it: guard, orchestrator, vehicles in lockstep.
+
+Time waits for whoever of them is late, as `vehicles/clocks/lockstep.py` has it. Who hangs is found
+by the wall's clock: a vehicle that does not get on for `STALL_S` ends the run. An orchestrator that
+does not is waited for no more, and the guard's watch for its silence sees to the rest; once the
+guard has taken over, nobody waits for an orchestrator for longer than `HURRY_S`.
+"""
+
+import time
+from collections.abc import Callable
+
+from safety.guard.process.run_clock import PaceSetup, RunClock, Trouble
+from vehicles.clocks.lockstep import Lockstep
+from vehicles.clocks.paced_loop import PacedLoop
+from vehicles.clocks.progress import ProgressReporter
+from vehicles.clocks.sim_clock_controller import STALL_S, Segment
+
+ORCHESTRATOR = "orchestrator"
+HURRY_S = 0.5
+_GUARD = "guard"
+
+
+class LockstepClock(RunClock):
+    """A run clock that waits for the orchestrator and all vehicles.
+
+    took_over: whether the guard has latched.
+    """
+
+    def __init__(
+        self,
+        *,
+        setup: PaceSetup,
+        loop: PacedLoop,
+        publish: Callable[[Segment], None],
+        trouble: Callable[[str, Trouble, str], None],
+        took_over: Callable[[], bool],
+        wall: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(setup=setup, loop=loop, publish=publish, trouble=trouble, wall=wall)
+        self._paced = loop
+        self._took_over = took_over
+        self._lockstep = Lockstep(nominal=setup.nominal)
+        for name in (_GUARD, ORCHESTRATOR, *setup.followers):
+            self._lockstep.join(name)
+
+    def reached(self, name: str, run_s: float) -> None:
+        """Take how far a process has come; the clock goes on if all have."""
+        self._lockstep.report(name, run_s)
+        if self._begun is not None and self._lockstep.extend(self._wall()):
+            self._send(self._lockstep.segment)
+
+    def leave(self, name: str) -> None:
+        """Wait no more for a process that has ended."""
+        self._lockstep.leave(name)
+
+    def _begin(self, segment: Segment) -> None:
+        self._lockstep.begin(segment)
+        # The guard itself reads what vehicles have sent before time goes on.
+        ProgressReporter(loop=self._paced, report=lambda run_s: self.reached(_GUARD, run_s))
+
+    def _advance(self, wall_s: float) -> Segment:
+        lockstep = self._lockstep
+        lockstep.step()
+        for name in self._setup.followers:
+            if lockstep.is_silent(name, wall_s, STALL_S):
+                lockstep.leave(name)
+                self._report_stall(name)
+        patience_s = HURRY_S if self._took_over() else STALL_S
+        if lockstep.is_silent(ORCHESTRATOR, wall_s, patience_s):
+            lockstep.give_up(ORCHESTRATOR)
+        lockstep.extend(wall_s)
+        return lockstep.segment

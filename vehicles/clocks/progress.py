@@ -1,0 +1,41 @@
+"""Reports how far a process has come on the run clock."""
+
+import math
+from collections.abc import Callable
+
+from vehicles.clocks.lockstep import REPORT_S
+from vehicles.clocks.paced_loop import PacedLoop
+
+
+class ProgressReporter:
+    """Reports the moment until which a paced loop has done all that was due.
+
+    It reports at least every `REPORT_S` of the loop's time, and once where its clock stands.
+    """
+
+    def __init__(self, *, loop: PacedLoop, report: Callable[[float], None]) -> None:
+        self._loop = loop
+        self._report = report
+        # The first report comes at once: a clock that went on alone until now may be ahead, and
+        # stands until the leader's has come as far.
+        self._reached_s = -math.inf
+        self._wake = loop.call_at(loop.time() + REPORT_S, self._on_wake)
+        loop.on_idle(self._on_idle)
+
+    def stop(self) -> None:
+        """Stop the reports of progress."""
+        self._wake.cancel()
+        self._loop.on_idle(None)
+
+    def _on_wake(self) -> None:
+        """Have the loop turn, however little it has to do."""
+        self._wake = self._loop.call_at(self._loop.time() + REPORT_S, self._on_wake)
+
+    def _on_idle(self, run_s: float) -> bool:
+        grown_s = run_s - self._reached_s
+        stands = run_s >= self._loop.segment.end_s - 1e-6
+        if grown_s < (1e-6 if stands else REPORT_S / 2.0):
+            return False
+        self._reached_s = run_s
+        self._report(run_s)
+        return True
