@@ -108,6 +108,12 @@ def tell(title: str, found: list[dict[str, Any]], wall_s: float) -> int:
     print(f"{title}: {len(found) - len(idle)} injected, {survived} survived, {len(lost)} lost")
     if idle:
         print(f"  {len(idle)} more hit nobody: the victim was gone already")
+    opened = sum(one.get("sockets", 0) for one in found)
+    if opened:
+        swept = sum(one.get("swept", 0) for one in found)
+        print(
+            f"  {opened} sockets seen; {swept} files of killed processes, removed by a next start"
+        )
     victims = sorted({_what(one) for one in found})
     for victim in victims:
         own = [one for one in found if _what(one) == victim]

@@ -1,6 +1,5 @@
 """Judges recorded runs again, by the oracles that the campaign file has now."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from safety.evaluation.judge import unjudged
 from safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
 from safety.evidence.evidence import SOURCE
 from safety.model.verdict import DecisiveEvent, DecisiveKind, decide, source_of
+from worlds.files.limited_json import loads_limited, read_json, read_limited
 from worlds.scene.track import RunHistory
 
 _KINDS: dict[str, DecisiveKind] = {
@@ -130,7 +130,7 @@ def _summary_of_flight(path: Path) -> Summary:
 def _document(path: Path) -> dict[str, Any]:
     """Return a document of the results folder as it was before the reevaluation; empty without."""
     try:
-        found = json.loads(path.read_text("utf-8"))
+        found = read_json(path)
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
@@ -215,9 +215,12 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
     """
     own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
     try:
-        lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
-        events = [_event(line) for line in lines if line["event"] == "decisive"]
-        is_whole = any(line["event"] == "stage" and line["stage"] == "end" for line in lines)
+        is_whole, events = False, list[DecisiveEvent]()
+        for text in read_limited(log).splitlines():
+            line = loads_limited(text)
+            if line["event"] == "decisive":
+                events.append(_event(line))
+            is_whole = is_whole or (line["event"] == "stage" and line["stage"] == "end")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordingError(f"{log} cannot be read: {error}") from error
     if not is_whole:

@@ -1,6 +1,5 @@
 """The status of the campaigns and guards of this machine, asked for by their operator sockets."""
 
-import json
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any, Self
 
 from orchestrator.operator.campaign_records import Place, places
 from orchestrator.operator.socket_client import NoAnswerError, ask
+from worlds.files.limited_json import read_json
 
 POLL_S = 0.5
 _AT_ONCE = 8
@@ -108,7 +108,7 @@ def _list(document: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
 def _document(path: Path) -> dict[str, Any]:
     """Return a JSON document of a results folder; an empty one where it cannot be read."""
     try:
-        found = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        found = read_json(path)
+    except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -8,6 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
+from worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
 _RESULT = TypeAdapter(RunResult)
 _SUMMARY = TypeAdapter(Summary)
@@ -34,10 +35,12 @@ def read_summary(path: Path) -> Summary:
 def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
     """Return what a document holds, and its text. Raises ResultError."""
     try:
-        text = path.read_text("utf-8")
+        data = read_limited(path)
+        check_values(data)
+        text = data.decode("utf-8")
     except FileNotFoundError as error:
         raise ResultError(f"{path} does not exist") from error
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, JsonLimitError, UnicodeDecodeError) as error:
         said = getattr(error, "strerror", None) or error
         raise ResultError(f"{path} cannot be read: {said}") from error
     try:

@@ -1,6 +1,5 @@
 """Reads run.mcap: every reading with its sensor, provenance and log lines, also of a cut file."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from orchestrator.recording.mcap.mcap_chunks import End, RecordStream
 from orchestrator.recording.mcap.mcap_decode import decode, image_of
 from orchestrator.recording.mcap.mcap_json import Json
 from vehicles.readings import Reading
-from worlds.files.limits import MAX_MESSAGE_VALUES
+from worlds.files.limited_json import loads_limited
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,15 +124,8 @@ class _ImageDecoder:
 
 def _loads(data: bytes) -> Json:
     """Return a message's document. Raises ValueError, also for one that would fill the memory."""
-    # Ours have their pictures as text: what is long and has many values was made to be so.
-    if len(data) > MAX_MESSAGE_VALUES:
-        values = sum(data.count(part) for part in (b",", b"[", b"{"))
-        if values > MAX_MESSAGE_VALUES:
-            raise ValueError(f"it has {values} values; at most {MAX_MESSAGE_VALUES} are read")
-    try:
-        return json.loads(data)
-    except RecursionError as error:
-        raise ValueError("it is nested too deep") from error
+    document: Json = loads_limited(data)
+    return document
 
 
 def _interpret(

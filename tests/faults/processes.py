@@ -8,6 +8,7 @@ import asyncio
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 import sys
@@ -21,6 +22,7 @@ from tests.faults.environment import Around, environment, place_for_results, tro
 from tests.faults.inspection import all_gone, roles, truth_receiver
 from tests.faults.readable import read_lines, unreadable
 from tests.faults.real_draws import ALWAYS_FLIES, RealFault, draw_signal, draw_trouble
+from tests.faults.socket_ledger import files_left, socket_ledger, start_again
 from tests.faults.witness import Sight, Witness
 from tests.orchestrator.wall_runs import ROOT, Program, stages
 from vehicles.processes.identity import ProcessId
@@ -44,7 +46,8 @@ _VERDICTS = {"PASS", "FAIL", "INVALID", "ERROR", "ABORTED"}
 class RealAftermath:
     """What came of it; hit: whether it could be done at all; verdict: None without a result.
 
-    acted_s: how long after it the guard took over.
+    acted_s: how long after it the guard took over. sockets: that its processes held, in all.
+    swept: files of killed processes that lay there until a next start.
     """
 
     fault: RealFault
@@ -54,6 +57,8 @@ class RealAftermath:
     exit_code: int | None
     acted_s: float | None
     lost: tuple[str, ...]
+    sockets: int = 0
+    swept: int = 0
 
 
 class FaultyProgram(Program):
@@ -63,12 +68,15 @@ class FaultyProgram(Program):
         super().__init__(out, *arguments)
         self.step = step
         self._truth_port = truth_port
+        self._temporary = self.runtime / "tmp"
+        self._temporary.mkdir()
 
     @property
     def environment(self) -> dict[str, str]:
         return {
             **super().environment,
             "PYTHONPATH": os.pathsep.join((str(_INSIDE), str(ROOT))),
+            "TMPDIR": str(self._temporary),
             "WIL_FAULTS_STEP": str(self.step),
             "WIL_FAULTS_PORT": str(self._truth_port),
         }
@@ -86,6 +94,9 @@ class Flown:
     struck_s: float | None
     armed_then: tuple[str, ...]
     sights: Mapping[str, Sight]
+    victim: ProcessId | None = None
+    sockets: int = 0
+    swept: int = 0
 
 
 async def inject(fault: RealFault, folder: Path, finished: Path | None = None) -> RealAftermath:
@@ -102,8 +113,16 @@ async def inject(fault: RealFault, folder: Path, finished: Path | None = None) -
         async with environment(fault, folder) as around, truth_receiver() as (truth, port):
             arguments = (*mode, "--json", *around.arguments)
             step = folder / "clock-step"
-            async with FaultyProgram(out, *arguments, step=step, truth_port=port) as program:
+            async with (
+                FaultyProgram(out, *arguments, step=step, truth_port=port) as program,
+                socket_ledger(program.runtime) as ledger,
+            ):
                 flown = await _flown(fault, program, around, truth.sights)
+                flown.sockets = len(ledger.seen)
+                flown.left += [f"{one} is left" for one in ledger.left()]
+                swept, left = own_files(program.runtime, flown.victim)
+                flown.swept = len(swept)
+                flown.left += [f"{one} is left" for one in left]
         return _aftermath(flown, before)
 
 
@@ -113,7 +132,7 @@ async def _flown(
     """Have it fly, hit it, and wait until all is over."""
     with ExitStack() as stack:
         hit = await _due(fault, program)
-        struck_s, armed_then = None, tuple[str, ...]()
+        struck_s, armed_then, victim = None, tuple[str, ...](), None
         if hit:
             armed_then = tuple(name for name, sight in sights.items() if sight.armed)
             pids = {**roles(program.process.pid, program.runtime), **around.pids}
@@ -123,6 +142,7 @@ async def _flown(
             else:
                 hit = fault.victim in pids and pids[fault.victim].lives
                 struck_s = asyncio.get_running_loop().time() if hit else None
+                victim = pids.get(fault.victim)
                 await _signal(fault, pids)
         try:
             landed = await program.end(_GONE_WITHIN_S)
@@ -136,7 +156,21 @@ async def _flown(
             os.kill(pid, signal.SIGKILL)
     folders = list((program.out / "gate").glob("*")) if (program.out / "gate").is_dir() else []
     folder = folders[0] if folders else None
-    return Flown(fault, folder, code, err, left, struck_s, armed_then, sights)
+    return Flown(fault, folder, code, err, left, struck_s, armed_then, sights, victim)
+
+
+def own_files(runtime: Path, victim: ProcessId | None) -> tuple[list[str], list[str]]:
+    """Return the victim's files, which a next start removes, and those that nobody does.
+
+    A process that is killed removes nothing: its own files are the only ones that may lie there.
+    """
+    own = "" if victim is None else f"-{victim.pid}"
+    found = files_left(runtime)
+    of_victim = {one for one in found if own and re.search(rf"{own}(?!\d)", one)}
+    start_again(runtime)
+    after = set(files_left(runtime))
+    left = [one for one in found if one not in of_victim or one in after]
+    return sorted(of_victim - after), left
 
 
 async def _due(fault: RealFault, program: FaultyProgram) -> bool:
@@ -195,7 +229,9 @@ def _aftermath(flown: Flown, before: Mapping[str, str]) -> RealAftermath:
     within_s = _ACTS_WITHIN_S.get((fault.victim, fault.action))
     lost += late(acted_s, within_s, flown.struck_s, others)
     hit = flown.struck_s is not None
-    return RealAftermath(fault, hit, verdict, reason, flown.code, acted_s, tuple(lost))
+    return RealAftermath(
+        fault, hit, verdict, reason, flown.code, acted_s, tuple(lost), flown.sockets, flown.swept
+    )
 
 
 def _not_down(flown: Flown) -> list[str]:

@@ -13,11 +13,11 @@ from orchestrator.analysis.model import CampaignDocuments, RunEntry
 from orchestrator.campaign.resuming.run_ledger import open_orders
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.results import RunResult
+from worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
 T = TypeVar("T")
 
 MODES = ("sim", "wil", "real")
-_MOST_BYTES = 64 * 1024 * 1024
 _LONGEST_NAME = 255
 """Bytes of one folder's name: more no file system takes."""
 _OF_THE_MANIFEST = {"campaign": str, "started_utc": str, "runs": list, "document": dict}
@@ -169,7 +169,9 @@ def _manifest_problems(manifest: dict[str, Any]) -> Iterator[str]:
 
 def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -> T | None:
     try:
-        return parse(read_text(path))
+        data = read_data(path)
+        check_values(data)
+        return parse(data.decode("utf-8", errors="replace"))
     except UnreadableError as error:
         problems.append(str(error))
     except ValidationError as error:
@@ -182,13 +184,14 @@ def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -
     return None
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file, with what is no UTF-8 replaced. Raises UnreadableError."""
+def read_data(path: Path) -> bytes:
+    """Return the bytes of a file, up to a limit. Raises UnreadableError."""
     try:
-        size_bytes = path.stat().st_size
-        if not path.is_file() or size_bytes > _MOST_BYTES:
-            raise UnreadableError(f"{path.name} is no file, or larger than {_MOST_BYTES} bytes")
-        return path.read_text("utf-8", errors="replace")
+        if path.exists() and not path.is_file():
+            raise UnreadableError(f"{path.name} is no file")
+        return read_limited(path)
+    except JsonLimitError as error:
+        raise UnreadableError(f"{path.name} cannot be read: {error}") from error
     except FileNotFoundError as error:
         raise UnreadableError(f"{path.name} is missing") from error
     except OSError as error:

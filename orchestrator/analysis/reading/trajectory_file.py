@@ -2,12 +2,15 @@
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO, TextIOWrapper
+from itertools import islice
 from pathlib import Path
 
 from orchestrator.analysis.model import Commanded
-from orchestrator.analysis.reading.results_folder import UnreadableError, read_text
+from orchestrator.analysis.reading.results_folder import UnreadableError, read_data
+from worlds.files.limits import MAX_TRAJECTORY_ROWS
 from worlds.frames import Vec3
 
 _NEEDED = frozenset({"t_s", "vehicle", "stage"})
@@ -19,11 +22,12 @@ class Row:
 
     t_s: float
     vehicle: str
-    cells: Mapping[str, str | None]
+    columns: Mapping[str, int]
+    line: Sequence[str]
 
     def decoded(self) -> Commanded:
         """Return all that the row tells."""
-        cells = self.cells
+        cells = _Cells(self.columns, self.line)
         return Commanded(
             t_s=self.t_s,
             vehicle=self.vehicle,
@@ -51,33 +55,51 @@ class TrajectoryRows:
 def read_trajectory(path: Path) -> TrajectoryRows:
     """Return the rows of a trajectory, as far as they can be read."""
     try:
-        lines = read_text(path).replace("\0", "").splitlines(keepends=True)
+        data = read_data(path).replace(b"\0", b"")
     except UnreadableError as error:
         return TrajectoryRows(problems=(str(error),))
-    is_cut = bool(lines) and not lines[-1].endswith("\n")
-    reader = csv.DictReader(lines[:-1] if is_cut else lines)
+    whole = data if data.endswith(b"\n") else data[: data.rfind(b"\n") + 1]
+    reader = csv.reader(TextIOWrapper(BytesIO(whole), "utf-8", "replace", newline=""))
     try:
-        if not set(reader.fieldnames or ()) >= _NEEDED:
+        columns = {name: number for number, name in enumerate(next(reader, ()))}
+        if not columns.keys() >= _NEEDED:
             return TrajectoryRows(
                 problems=(f"{path.name} is none of ours: no t_s, vehicle, stage",)
             )
-        found = [_row(cells) for cells in reader]
+        lines = (line for line in reader if line)
+        found = [_row(columns, line) for line in islice(lines, MAX_TRAJECTORY_ROWS)]
+        is_longer = next(lines, None) is not None
     except csv.Error as error:
         return TrajectoryRows(problems=(f"{path.name} is damaged: {error}",))
     rows = tuple(row for row in found if row is not None)
     damaged = len(found) - len(rows)
     problems = [f"{path.name}: {damaged} rows cannot be read"] if damaged else []
-    if is_cut:
+    if is_longer:
+        problems.append(f"{path.name}: only its first {MAX_TRAJECTORY_ROWS:,} rows are read")
+    if len(whole) != len(data):
         problems.append(f"{path.name} is cut off in the middle of a row")
     return TrajectoryRows(rows, tuple(problems))
 
 
-def _row(cells: Mapping[str, str | None]) -> Row | None:
+class _Cells:
+    """The cells of a row by their names; a short row lacks its last ones."""
+
+    def __init__(self, columns: Mapping[str, int], line: Sequence[str]) -> None:
+        self._columns, self._line = columns, line
+
+    def get(self, name: str) -> str | None:
+        """Return a cell of the row."""
+        at = self._columns.get(name, len(self._line))
+        return self._line[at] if at < len(self._line) else None
+
+
+def _row(columns: Mapping[str, int], line: list[str]) -> Row | None:
+    cells = _Cells(columns, line)
     t_s, vehicle = _number(cells, "t_s"), cells.get("vehicle")
-    return None if t_s is None or not vehicle else Row(t_s, vehicle, cells)
+    return None if t_s is None or not vehicle else Row(t_s, vehicle, columns, tuple(line))
 
 
-def _number(cells: Mapping[str, str | None], name: str) -> float | None:
+def _number(cells: _Cells, name: str) -> float | None:
     try:
         number = float(cells.get(name) or "nan")
     except ValueError:
@@ -85,6 +107,6 @@ def _number(cells: Mapping[str, str | None], name: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _vector(cells: Mapping[str, str | None], *names: str) -> Vec3 | None:
+def _vector(cells: _Cells, *names: str) -> Vec3 | None:
     x, y, z = (_number(cells, name) for name in names)
     return None if x is None or y is None or z is None else (x, y, z)

@@ -16,6 +16,7 @@ from orchestrator.campaign.folder.named_files import named_files
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
 
+_PIECE_BYTES = 1 << 20
 _VERSIONED = (
     "wil-campaign",
     "av",
@@ -57,10 +58,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
 def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
     """Return for the manifest the SHA-256 of files, by their paths from the campaign's folder."""
     home = campaign.document.path.resolve().parent
-    return {
-        os.path.relpath(path, home): f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
-        for path in sorted(files)
-    }
+    return {os.path.relpath(path, home): f"sha256:{_digest(path)}" for path in sorted(files)}
 
 
 def judging_manifest(campaign: Campaign) -> dict[str, Any]:
@@ -136,8 +134,22 @@ def world_digest(files: CaseFiles) -> str:
         return ""
     digest = hashlib.sha256(json.dumps(files.world.data, sort_keys=True, default=str).encode())
     for path in named_files(files.world.data, files.world.path):
-        digest.update(path.read_bytes())
+        _add_file(digest, path)
     return f"sha256:{digest.hexdigest()}"
+
+
+def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal digits."""
+    digest = hashlib.sha256()
+    _add_file(digest, path)
+    return digest.hexdigest()
+
+
+def _add_file(digest: "hashlib._Hash", path: Path) -> None:
+    """Add a file to a digest, in pieces: a video may be larger than the memory."""
+    with path.open("rb") as stream:
+        while piece := stream.read(_PIECE_BYTES):
+            digest.update(piece)
 
 
 def _versions(imported: frozenset[str]) -> dict[str, str]:

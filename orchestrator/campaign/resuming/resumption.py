@@ -8,6 +8,7 @@ from typing import Any
 from orchestrator.campaign.folder.campaign_folder import newest_folder
 from orchestrator.campaign.folder.manifest_changes import changed_keys
 from orchestrator.model.document_writer import to_json
+from worlds.files.limited_json import read_json
 
 
 class ResumeError(Exception):
@@ -37,7 +38,7 @@ def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, ob
     """
     path = folder / "campaign.json"
     try:
-        before = json.loads(path.read_text("utf-8"))
+        before = read_json(path)
     except (OSError, ValueError) as error:
         raise ResumeError(f"{path} cannot be read: {error}") from error
     present = json.loads(to_json(now))

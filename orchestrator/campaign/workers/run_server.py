@@ -3,9 +3,15 @@
 Every run so begins in the same state, whatever flew before it, and its process is there at once.
 """
 
+import atexit
+import contextlib
 import multiprocessing as mp
+import os
+import socket
+from collections.abc import Iterator
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
+from pathlib import Path
 
 _PREPARED = "orchestrator.campaign.workers.run_server_imports"
 
@@ -21,3 +27,33 @@ def start_run_server() -> None:
     """Start the run server, unless it is there; it imports while its caller goes on."""
     run_context()
     forkserver.ensure_running()
+
+
+def remove_listeners_at_exit() -> None:
+    """Have this process, the run server, remove the socket it listens at when it ends.
+
+    The program that started it does so otherwise, unless it is killed.
+    """
+    server, paths = os.getpid(), tuple(_listening_paths())
+
+    def remove() -> None:
+        if os.getpid() != server:
+            return
+        for path in paths:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+                path.parent.rmdir()  # made for this socket; not removed while anything is in it
+
+    atexit.register(remove)
+
+
+def _listening_paths() -> Iterator[Path]:
+    """Yield the path of each Unix socket at which this process listens."""
+    for entry in tuple(Path("/proc/self/fd").iterdir()):
+        if not entry.is_socket():
+            continue
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as end:
+            listens = end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+            name = end.getsockname()
+            if end.family == socket.AF_UNIX and listens and isinstance(name, str) and name:
+                yield Path(name)

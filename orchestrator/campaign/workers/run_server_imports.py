@@ -11,6 +11,7 @@ import signal
 import cv2
 
 import orchestrator.campaign.workers.run_order
+from orchestrator.campaign.workers.run_server import remove_listeners_at_exit
 from orchestrator.run.perception.warm_up import load_kept_kernels
 
 __all__ = ["orchestrator"]
@@ -19,6 +20,7 @@ for _number in (signal.SIGTERM, signal.SIGHUP):
     # They go to the whole process group; the server ends when its campaign does.
     signal.signal(_number, lambda *_: None)
 cv2.setNumThreads(1)  # threads of its own would not be in a fork
+remove_listeners_at_exit()
 load_kept_kernels()
 gc.collect()
 gc.freeze()

@@ -1,14 +1,15 @@
 """log.jsonl as lines for people; a line that is none is counted, not believed."""
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from orchestrator.analysis.reading.results_folder import UnreadableError, read_text
+from orchestrator.analysis.reading.results_folder import UnreadableError, read_data
 from orchestrator.report.model import LogEvent
+from worlds.files.limited_json import loads_limited
 
 MOST_EVENTS = 400
 """What a page shows of a run; a vehicle that repeats itself would drown the rest."""
@@ -29,38 +30,54 @@ class EventLog:
 def read_event_log(path: Path) -> EventLog:
     """Return what a log tells, as far as it can be read."""
     try:
-        lines = read_text(path).splitlines()
+        data = read_data(path)
     except UnreadableError as error:
         return EventLog(problems=(str(error),))
-    found = [_event(line) for line in lines if line.strip()]
-    told = [event for event in found if event is not None]
-    damaged = len(found) - len(told)
-    problems = (f"{path.name}: {damaged} lines are no events",) if damaged else ()
-    if not found:
-        problems = (f"{path.name} is empty",)
-    events = [event for event in told if event.kind not in {"preflight", "before_arming"}]
+    kept: dict[str, list[LogEvent]] = {"preflight": [], "before_arming": [], "": []}
     stages: dict[str, float] = {}
-    for event in events:
-        if event.kind == "stage":
-            stages.setdefault(event.text, event.t_s)
+    found = damaged = left_out = 0
+    for line in BytesIO(data):  # not split: a long file would stand in memory three times
+        if not line.strip():
+            continue
+        found += 1
+        parsed = _parse(line)
+        if parsed is None:
+            damaged += 1
+            continue
+        t_s, kind, fields = parsed
+        group = kept[kind if kind in kept else ""]
+        is_kept = len(group) < MOST_EVENTS
+        if is_kept or kind == "stage":
+            event = _event(t_s, kind, fields)
+            if is_kept:
+                group.append(event)
+            if kind == "stage":
+                stages.setdefault(event.text, t_s)
+        left_out += group is kept[""] and not is_kept
+    problems = (f"{path.name}: {damaged} lines are no events",) if damaged else ()
     return EventLog(
-        events=tuple(events[:MOST_EVENTS]),
-        preflight=tuple(event for event in told if event.kind == "preflight")[:MOST_EVENTS],
-        before_arming=tuple(one for one in told if one.kind == "before_arming")[:MOST_EVENTS],
+        events=tuple(kept[""]),
+        preflight=tuple(kept["preflight"]),
+        before_arming=tuple(kept["before_arming"]),
         stages=tuple(stages.items()),
-        left_out=max(0, len(events) - MOST_EVENTS),
-        problems=problems,
+        left_out=left_out,
+        problems=problems if found else (f"{path.name} is empty",),
     )
 
 
-def _event(line: str) -> LogEvent | None:
+def _parse(line: bytes) -> tuple[float, str, dict[str, Any]] | None:
+    """Return time, kind and fields of a line; None for one that is no event."""
     try:
-        fields = json.loads(line)
+        fields = loads_limited(line.decode("utf-8", "replace").encode())
         t_s, kind = float(fields["t_s"]), fields["event"]
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+    except (ValueError, KeyError, TypeError, OverflowError):
         return None
     if not isinstance(kind, str) or not math.isfinite(t_s):
         return None
+    return t_s, kind, fields
+
+
+def _event(t_s: float, kind: str, fields: dict[str, Any]) -> LogEvent:
     rest = {name: value for name, value in fields.items() if name not in {"t_s", "event"}}
     subject = _first_text(rest, "vehicle", "who")
     return LogEvent(t_s, kind, subject, " · ".join(_words(kind, rest)))

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from orchestrator.operator.message_signing import signed
 from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
 from safety.fence.geofence import Fence
-from safety.guard.core.events import GuardedVehicle
+from safety.guard.core.events import GuardedVehicle, ToVehicle
 from safety.guard.core.guard_core import GuardCore
 from safety.guard.operator.operator_lines import RefusedLineError, parse_line
 from tests.faults.fuzzing.targets import Prepared, Target
@@ -190,7 +190,10 @@ def _guard(folder: Path) -> Prepared:
         core, t_s = state["core"], state["count"] * 0.01
         frame = _resealed(data)
         core.from_orchestrator("real", frame, t_s)
-        core.from_vehicle("real", frame, t_s)
+        for one in core.from_vehicle("real", frame, t_s):
+            # Whoever speaks in a vehicle's name commands none.
+            if isinstance(one, ToVehicle) and any(raw in frame for raw in one.frames):
+                raise UnauthorisedError(repr(one))
         core.from_gcs("twin", frame, t_s)
         core.tick(t_s)
 

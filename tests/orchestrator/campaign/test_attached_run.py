@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.faults.inspection import processes_of
 from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, make_tree
 from tests.orchestrator.wall_runs import ROOT, SHORT, Program, lines, stages
 from vehicles.driver import Driver
@@ -146,3 +147,32 @@ async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "ERROR"
     assert "PANIC: no such frame" in run["reason"]
+
+
+async def test_of_two_campaigns_at_one_vehicle_s_port_one_flies_and_the_other_says_why(
+    tmp_path: Path,
+) -> None:
+    port = free_port()
+    sets = words(
+        vehicles__real__link=f"udpin://127.0.0.1:{port}",
+        vehicles__real__pose_source="mavlink",
+        vehicles__real__params="{COM_OF_LOSS_T: 2.5}",
+        preflight__failsafe="set",
+    )
+    arguments = ("--mode", "wil", "--json", "--arm-real", *SHORT, *sets)
+    async with outside(f"udpout://127.0.0.1:{port}", "px4"):
+        async with Program(tmp_path / "out", *arguments) as first:
+            await first.stage("takeoff")
+            # In the same folder for results, and with the same one for sockets.
+            second = Program(tmp_path / "out", *arguments, runtime=first.runtime)
+            await second.__aenter__()  # its end would remove the folder of both
+            refused = await second.end()
+            landed = await first.end()
+            left = [*processes_of(first.runtime), *first.runtime.glob("wil-campaign/*")]
+        assert refused.code == 3, refused.why
+        assert f"udpin://127.0.0.1:{port}" in refused.err, refused.why
+        assert landed.code == 0, landed.why
+        assert left == []
+        assert (
+            len(list((tmp_path / "out" / "gate").iterdir())) == 1
+        )  # nothing is made for who is refused

@@ -142,6 +142,11 @@ DAMAGE: tuple[tuple[str, Callable[[bytes], bytes], str], ...] = (
     ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
     ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
     ("log.jsonl", lambda data: b"\n".join(data.splitlines()[:5]), "cut before the end"),
+    (
+        "log.jsonl",
+        lambda data: data + b"[" * 100_000,
+        "log.jsonl cannot be read: it is nested too deep",
+    ),
 )
 
 
