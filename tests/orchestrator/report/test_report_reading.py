@@ -277,7 +277,7 @@ def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> 
     assert not {"nearest", "at worst", "limit"} & set(facts)
 
 
-def test_a_physical_contact_is_told_by_the_oracle_that_saw_it_and_in_the_order_of_time() -> None:
+def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time() -> None:
     touch = OracleResult(
         "collision", "real", True, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched gate.left"
     )
@@ -338,8 +338,10 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
     left = TwinResult("follow", 0.1, 0.2, 0.3, 1.0, DropOut(7.5, "the guard landed it"))
     notes = notes_of(replace(failed(floor), twin=left), at_s=8.0, goal_s=2.0)
     assert notes == (
-        "The twin dropped out 5.50 s after the goal was given, 0.50 s before what decided the "
-        "run: the guard landed it",
+        (
+            "The twin dropped out 5.50 s after the goal was given, 0.50 s before what decided "
+            "the run: the guard landed it"
+        ),
         "Reported only, and did not pass: collision of twin FAIL (touched cage.floor)",
     )
     passed = replace(failed(replace(floor, verdict="PASS")), verdict="PASS")
