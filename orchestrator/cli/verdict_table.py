@@ -11,6 +11,7 @@ from rich.text import Text
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.cli.external_lines import external_lines
 from orchestrator.cli.progress_display import VERDICT_STYLES
+from orchestrator.model.acceptance_texts import required_text, shortfall_texts
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, in_short, synthesised_texts
 from orchestrator.model.exit_codes import standings_of
@@ -66,16 +67,21 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
     return (passed, Text(text, style="green" if met else "bold red"), *rest)
 
 
-def conclusions(summary: Summary) -> list[Text]:
+def conclusions(summary: Summary, requirements: Sequence[Requirement] = ()) -> list[Text]:
     """Return beneath the verdict table why runs did not pass, and the conclusion.
 
     What a verdict has to be read with comes right before the last line, and in it.
     """
-    return [*_reasons(summary), *closing_lines(summary)]
+    return [*_reasons(summary), *closing_lines(summary, requirements)]
 
 
-def closing_lines(summary: Summary, *, changed_since_flight: Sequence[str] = ()) -> list[Text]:
-    """Return the closing lines of the verdict table: caveats and the conclusion.
+def closing_lines(
+    summary: Summary,
+    requirements: Sequence[Requirement] = (),
+    *,
+    changed_since_flight: Sequence[str] = (),
+) -> list[Text]:
+    """Return the closing lines of the verdict table: caveats, what decided, the conclusion.
 
     changed_since_flight: what judges otherwise than at the flight, where that was before.
     """
@@ -84,7 +90,14 @@ def closing_lines(summary: Summary, *, changed_since_flight: Sequence[str] = ())
     if summary.not_flown:
         lines.append(f"never flown: {', '.join(summary.not_flown)}")
     reserved = [Text(line, style="yellow") for line in lines]
-    return [*outside, *reserved, _conclusion(summary, changed_since_flight)]
+    short = shortfall_texts(summary.runs, requirements) if summary.accepted is False else ()
+    decided = [Text(f"{required_text(summary.runs)}: {'; '.join(short)}", style="red")]
+    return [
+        *outside,
+        *reserved,
+        *(decided if short else ()),
+        _conclusion(summary, changed_since_flight),
+    ]
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:

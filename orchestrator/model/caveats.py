@@ -90,11 +90,11 @@ def _unseen(run: RunResult) -> list[str]:
 
 
 def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return why the twin of a passed run did not fly to its end, and in which runs."""
+    """Return why twins did not fly to their end, and in which runs, whatever came of these."""
     return _in_runs(
         (run.twin.dropped_out.reason, run)
         for run in runs
-        if run.verdict == "PASS" and run.twin is not None and run.twin.dropped_out is not None
+        if run.twin is not None and run.twin.dropped_out is not None
     )
 
 

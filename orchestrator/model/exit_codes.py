@@ -54,8 +54,32 @@ def accepted(
     return code == 0
 
 
+def shortfalls(
+    runs: Iterable[RunResult], requirements: Iterable[Requirement]
+) -> tuple[Standing, ...]:
+    """Return the requirements that results miss, or that have a required run that proves nothing.
+
+    runs: all of them; controls and runs that are only reported are left out.
+    """
+    required = [run for run in runs if run.required and run.control is None]
+    unproven = {(run.case, run.mode) for run in required if run.verdict not in _PROVEN}
+    return tuple(
+        standing
+        for standing in standings_of(required, _all_wanted(required, requirements))
+        if not standing.met or (standing.requirement.case, standing.requirement.mode) in unproven
+    )
+
+
 def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -> list[Standing]:
     """Return the requirements that results do not meet; uncovered runs must pass by themselves."""
+    wanted = _all_wanted(required, requirements)
+    return [standing for standing in standings_of(required, wanted) if not standing.met]
+
+
+def _all_wanted(
+    required: Sequence[RunResult], requirements: Iterable[Requirement]
+) -> list[Requirement]:
+    """Return the requirements, and one of all passes for each case and mode without one."""
     wanted = list(requirements)
     covered = {(one.case, one.mode) for one in wanted}
     for run in required:
@@ -63,7 +87,7 @@ def _short(required: Sequence[RunResult], requirements: Iterable[Requirement]) -
             covered.add((run.case, run.mode))
             count = sum((r.case, r.mode) == (run.case, run.mode) for r in required)
             wanted.append(Requirement(run.case, run.mode, Share(count, count)))
-    return [standing for standing in standings_of(required, wanted) if not standing.met]
+    return wanted
 
 
 def is_rehearsed(run: RunResult) -> bool:

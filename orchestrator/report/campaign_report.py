@@ -22,7 +22,15 @@ from orchestrator.recording.timestamps import utc_text
 from orchestrator.report.model import RunReport
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
-from orchestrator.report.rendering.page import RunPage, anchors, render_page, render_run, went_wrong
+from orchestrator.report.rendering.overview import stand_in
+from orchestrator.report.rendering.page import (
+    RunPage,
+    anchors,
+    decides,
+    render_page,
+    render_run,
+    went_wrong,
+)
 
 FILE_NAME = "report.html"
 _ALONE = 8
@@ -45,13 +53,17 @@ class WrittenReport:
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """One run to be rendered; picklable. embeds: whether its video stands in the page."""
+    """One run to be rendered; picklable. embeds: whether its video stands in the page.
+
+    stand_in: that no hardware flew as `real`; empty where it did.
+    """
 
     folder: Path
     entry: RunEntry
     anchor: str
     size: ImageSize
     embeds: bool
+    stand_in: str = ""
 
 
 def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
@@ -65,7 +77,7 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
     names = anchors(entry.name for entry in campaign.entries)
     embedded = set(_embedded(folder, campaign.entries))
     orders = [
-        _Order(folder, entry, anchor, size, entry.name in embedded)
+        _Order(folder, entry, anchor, size, entry.name in embedded, stand_in(campaign))
         for entry, anchor in zip(campaign.entries, names, strict=True)
     ]
     pages, study = _pages_and_study(orders, folder, campaign)
@@ -87,9 +99,12 @@ def _study(folder: Path, campaign: CampaignDocuments) -> Study:
 
 
 def _embedded(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
-    """Yield the runs whose video stands in the page: what went wrong, while there is room."""
+    """Yield the runs whose video stands in the page: what went wrong, while there is room.
+
+    What decides the campaign comes first.
+    """
     room = _VIDEO_BYTES
-    for entry in entries:
+    for entry in sorted(entries, key=lambda one: not decides(one.result)):
         with suppress(OSError):
             if went_wrong(entry.result):
                 size_bytes = (folder / entry.name / "mixed.mp4").stat().st_size
@@ -129,7 +144,7 @@ def _page(order: _Order) -> RunPage:
             result=entry.result,
             problems=(*entry.problems, why),
         )
-        return render_run(run, anchor=order.anchor)
+        return render_run(run, anchor=order.anchor, stand_in=order.stand_in)
 
 
 def _whole_page(order: _Order) -> RunPage:
@@ -139,4 +154,4 @@ def _whole_page(order: _Order) -> RunPage:
         with suppress(OSError):
             data = (order.folder / run.name / run.video).read_bytes()
             video = f"data:video/mp4;base64,{base64.b64encode(data).decode('ascii')}"
-    return render_run(run, anchor=order.anchor, video=video)
+    return render_run(run, anchor=order.anchor, video=video, stand_in=order.stand_in)

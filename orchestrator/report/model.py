@@ -135,7 +135,11 @@ class Sight:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a run is no PASS. violated: what; facts: measured, limit, by how much, when, where."""
+    """Why a run is no PASS. violated: what; facts: measured, limit, by how much, when, where.
+
+    sequence: what happened in the order of its times, and how the flight ended; empty where there
+    was one thing alone.
+    """
 
     violated: str
     sentence: str
@@ -143,6 +147,7 @@ class Cause:
     at_s: float | None
     oracle: str = ""
     vehicle: str = ""
+    sequence: tuple[tuple[float, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +170,7 @@ class VehicleAtMoment:
 class RunReport:
     """One run. result: None where it has none that can be read. problems: what cannot be shown.
 
+    notes: what the verdict does not rest on and a reader has to know: the twin, reported oracles.
     files: in its folder, from the campaign's. overrides: what its case changes, in words.
     """
 
@@ -175,6 +181,7 @@ class RunReport:
     result: RunResult | None
     problems: tuple[str, ...] = ()
     cause: Cause | None = None
+    notes: tuple[str, ...] = ()
     moment: Moment | None = None
     at_moment: tuple[VehicleAtMoment, ...] = ()
     goal_s: float | None = None

@@ -8,6 +8,7 @@ from safety.evidence.evidence import Evidence
 from safety.model.oracle_results import EvidenceResult, Flag, OracleResult
 from safety.model.samples import (
     DoubtSample,
+    DropOutSample,
     FenceSample,
     GroundSpeedSample,
     LinkSample,
@@ -141,13 +142,9 @@ class Judge:
         self._taken = 0
         self._required = {source_of(o.name, o.vehicle) for o in self.oracles if o.required}
         self._fail_fast = {source_of(o.name, o.vehicle) for o in self.oracles if o.terms.fail_fast}
-        self._poses = self._table("on_pose")
-        self._states = self._table("on_state")
-        self._heards = self._table("on_received")
-        self._fences = self._table("on_fence")
-        self._stages = self.oracles
-        self._ticks = [o.on_tick for o in self.oracles if _overrides(o, "on_tick")]
         self._flags: list[Flag] = []
+        self._ended: dict[str, OracleResult] = {}
+        self._connect(self.oracles)
         self._events: list[DecisiveEvent] = []
 
     @property
@@ -236,21 +233,60 @@ class Judge:
         self._take_evidence()
         return flags
 
+    def drop_out(self, sample: DropOutSample) -> None:
+        """Take that a vehicle left the flight: its reported oracles and its evidence end.
+
+        What it does from then on, such as the guard's landing, is not what the run is about. What
+        is required of it is judged to the end, and so are oracles of other vehicles that watch it.
+        """
+        for oracle in self.oracles:
+            source = source_of(oracle.name, oracle.vehicle)
+            if oracle.vehicle == sample.vehicle and not oracle.required:
+                self._ended.setdefault(source, self._result_at_drop_out(oracle, sample.t_s))
+        self._connect(
+            [one for one in self.oracles if source_of(one.name, one.vehicle) not in self._ended]
+        )
+        self._evidence.drop_out(sample)
+        self._take_evidence()
+
     def ends_flight(self, event: DecisiveEvent) -> bool:
         """Return whether the judge ends the flight now for a decisive event."""
         return event.kind != "FAIL" or event.source in self._fail_fast
 
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
         """Return the judge's result of every oracle as of `t_s`, in the campaign's order."""
-        return tuple(oracle.result(t_s) for oracle in self.oracles)
+        return tuple(self.result_of(oracle, t_s) for oracle in self.oracles)
 
-    def _table(self, method: str) -> dict[str, list[Handler[object]]]:
-        table: dict[str, list[Handler[object]]] = {}
-        for oracle in self.oracles:
-            if _overrides(oracle, method):
-                for vehicle in oracle.watches:
-                    table.setdefault(vehicle, []).append(getattr(oracle, method))
-        return table
+    def result_of(self, oracle: Oracle, t_s: float) -> OracleResult:
+        """Return the result of one oracle as of `t_s`, or of when its vehicle dropped out."""
+        ended = self._ended.get(source_of(oracle.name, oracle.vehicle))
+        return oracle.result(t_s) if ended is None else ended
+
+    def _result_at_drop_out(self, oracle: Oracle, t_s: float) -> OracleResult:
+        """Return what an oracle saw of a vehicle that leaves the flight now.
+
+        A failure that no flag settled is of what was not done yet: nobody knows whether it would
+        have been.
+        """
+        result = oracle.result(t_s)
+        name, vehicle = oracle.name, oracle.vehicle
+        is_settled = any(
+            one.decisive and (one.oracle, one.vehicle) == (name, vehicle) for one in self._flags
+        )
+        if result.verdict == "FAIL" and not is_settled:
+            said = f"{vehicle} dropped out at {t_s:.2f} s, before this was decided"
+            return oracle.invalid(said, at_s=t_s)
+        until = f"judged until {vehicle} dropped out at {t_s:.2f} s"
+        return replace(result, detail=f"{result.detail}; {until}" if result.detail else until)
+
+    def _connect(self, oracles: Sequence[Oracle]) -> None:
+        """Feed these oracles, and no others, from now on."""
+        self._poses = _table(oracles, "on_pose")
+        self._states = _table(oracles, "on_state")
+        self._heards = _table(oracles, "on_received")
+        self._fences = _table(oracles, "on_fence")
+        self._stages = tuple(oracles)
+        self._ticks = [one.on_tick for one in oracles if _overrides(one, "on_tick")]
 
     def _feed_oracles(self, handlers: Iterable[Handler[S]], sample: S) -> tuple[Flag, ...]:
         new: list[Flag] = []
@@ -280,3 +316,13 @@ class Judge:
 def _overrides(oracle: Oracle, method: str) -> bool:
     """Return whether an oracle overrides a method, so that the judge has to call it."""
     return getattr(type(oracle), method) is not getattr(Oracle, method)
+
+
+def _table(oracles: Iterable[Oracle], method: str) -> dict[str, list[Handler[object]]]:
+    """Return by vehicle the methods that the judge calls with its samples."""
+    table: dict[str, list[Handler[object]]] = {}
+    for oracle in oracles:
+        if _overrides(oracle, method):
+            for vehicle in oracle.watches:
+                table.setdefault(vehicle, []).append(getattr(oracle, method))
+    return table

@@ -17,6 +17,7 @@ cameras three percent of its speed):
     ["event", t_s, name]                                  of the world, for what moves from then on
     ["actor", t_s, name, [n, e, d], [w, x, y, z], [vn, ve, vd]]   of an object that a vehicle flies
     ["tick", t_s]
+    ["dropped out", t_s, vehicle]                         the flight goes on without it
     ["fence", t_s, vehicle, fence]                        as `safety.fence.fence_values` writes it
 """
 
@@ -31,6 +32,7 @@ from safety.evaluation.judge import Judge
 from safety.fence.fence_values import fence_of_plain, plain_fence
 from safety.model.samples import (
     DoubtSample,
+    DropOutSample,
     FenceSample,
     GroundSpeedSample,
     LinkSample,
@@ -89,6 +91,7 @@ LoggedSample = (
     | ReportSample
     | DoubtSample
     | StageSample
+    | DropOutSample
     | FenceSample
     | Tick
     | WorldEvent
@@ -102,6 +105,7 @@ _NAMES: dict[type[LoggedSample], str] = {
     LinkSample: "heard",
     DoubtSample: "doubt",
     StageSample: "stage",
+    DropOutSample: "dropped out",
     Tick: "tick",
     WorldEvent: "event",
 }
@@ -234,6 +238,7 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
     ),
     "doubt": DoubtSample,
     "tick": Tick,
+    "dropped out": DropOutSample,
     "stage": lambda t_s, stage, vehicle: StageSample(t_s, _stage(stage), vehicle),
     "event": WorldEvent,
     "fence": lambda t_s, vehicle, plain: FenceSample(t_s, vehicle, fence_of_plain(plain)),
@@ -279,7 +284,8 @@ def judge_from_log(
 
 
 def _feed(
-    judge: Judge, sample: StateSample | LinkSample | ReportSample | DoubtSample | FenceSample
+    judge: Judge,
+    sample: StateSample | LinkSample | ReportSample | DoubtSample | DropOutSample | FenceSample,
 ) -> None:
     """Feed one sample of a judge log to the judge."""
     match sample:
@@ -291,5 +297,7 @@ def _feed(
             judge.report(sample)
         case DoubtSample():
             judge.doubt(sample)
+        case DropOutSample():
+            judge.drop_out(sample)
         case FenceSample():
             judge.fence(sample)

@@ -10,6 +10,7 @@ from safety.evidence.terms import SignalTerms
 from safety.model.oracle_results import EvidenceResult
 from safety.model.samples import (
     DoubtSample,
+    DropOutSample,
     GroundSpeedSample,
     LinkSample,
     PoseSample,
@@ -41,6 +42,7 @@ class Evidence:
 
     def __init__(self, signals: Iterable[SignalTerms] = ()) -> None:
         self._signals: dict[_Key, Coverage] = {}
+        self._ended: set[_Key] = set()
         self._flown: dict[str, list[tuple[_Key, FlownCoverage]]] = {}
         for terms in signals:
             if (terms.signal, terms.vehicle) in self._signals:
@@ -78,14 +80,14 @@ class Evidence:
         """Add another source's horizontal speed of a vehicle to the evidence."""
         key = (VELOCITY, sample.vehicle)
         known = self._signals.get(key)
-        if isinstance(known, VelocityCoverage):
+        if isinstance(known, VelocityCoverage) and key not in self._ended:
             known.ground_speed(sample)
             self._settle(key, known)
 
     def report(self, sample: ReportSample) -> None:
         """Add to the evidence that a sample of another signal has arrived."""
         key = (sample.signal, sample.vehicle)
-        if key in self._signals:
+        if key in self._signals and key not in self._ended:
             self._signals[key].take(sample.t_s)
             self._settle(key, self._signals[key])
 
@@ -96,27 +98,40 @@ class Evidence:
 
     def received(self, sample: LinkSample) -> None:
         """Add to the evidence that something arrived over a vehicle's link."""
-        for signal in self._signals.values():
+        for _, signal in self._judged():
             if signal.terms.vehicle == sample.vehicle:
                 signal.received(sample.t_s)
 
     def stage(self, sample: StageSample) -> None:
         """Add a stage to the evidence."""
-        for key, signal in self._signals.items():
+        for key, signal in self._judged():
             if sample.vehicle in {None, signal.terms.vehicle}:
                 signal.stage(sample)
                 self._settle(key, signal)
 
     def tick(self, t_s: float) -> None:
         """Add the passing of time to the evidence."""
-        for key, signal in self._signals.items():
+        for key, signal in self._judged():
             signal.tick(t_s)
             self._settle(key, signal)
+
+    def drop_out(self, sample: DropOutSample) -> None:
+        """End the evidence of a vehicle that left the flight, but for what a verdict rests on."""
+        vehicle = sample.vehicle
+        for key, signal in self._judged():
+            if signal.terms.vehicle == vehicle and not signal.terms.required:
+                signal.stage(StageSample(sample.t_s, "end", vehicle))
+                self._ended.add(key)
+        if vehicle in self._flown:
+            flown = self._flown[vehicle]
+            self._flown[vehicle] = [one for one in flown if one[0] not in self._ended]
 
     def doubt(self, sample: DoubtSample) -> None:
         """Add a doubt to the evidence: a signal is not credible, and the run proves nothing."""
         key = (sample.signal, sample.vehicle)
         known = self._signals.get(key)
+        if key in self._ended:
+            return
         if known is not None:
             known.find(sample.t_s, sample.reason)
             self._settle(key, known)
@@ -131,6 +146,9 @@ class Evidence:
         seen = (signal.result() for signal in self._signals.values())
         doubted = (_result_of(*doubt) for doubt in self._doubts.values())
         return (*(one for one in seen if one is not None), *doubted)
+
+    def _judged(self) -> list[tuple[_Key, Coverage]]:
+        return [one for one in self._signals.items() if one[0] not in self._ended]
 
     def _coverage(self, terms: SignalTerms) -> Coverage:
         kind = _FLOWN.get(terms.signal)

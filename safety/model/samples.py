@@ -118,6 +118,14 @@ class StageSample:
 
 
 @dataclass(frozen=True, slots=True)
+class DropOutSample:
+    """A sample of a vehicle that left the flight, which went on without it."""
+
+    t_s: float
+    vehicle: str
+
+
+@dataclass(frozen=True, slots=True)
 class FenceSample:
     """A sample of a vehicle's changed fence."""
 

@@ -82,7 +82,9 @@ def judge(
         for line in _changes(judgement.runs):
             out(line)
         for said in closing_lines(
-            judgement.summary, changed_since_flight=judgement.changed_since_flight
+            judgement.summary,
+            campaign.requirements,
+            changed_since_flight=judgement.changed_since_flight,
         ):
             out(said.plain)
     return judgement.exit_code

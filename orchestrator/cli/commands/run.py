@@ -232,7 +232,7 @@ def _print_verdicts(
     Console(file=ignore_broken_pipe(), width=width).print(table)
     if report is not None and has_modes_to_compare(report.study):
         console.print(study_text(report.study), highlight=False, markup=False, soft_wrap=True)
-    for line in conclusions(outcome.summary):
+    for line in conclusions(outcome.summary, campaign.requirements):
         console.print(line, soft_wrap=True)
     if report is not None:
         console.print(f"report: {report.path}", highlight=False, soft_wrap=True)

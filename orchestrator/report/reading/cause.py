@@ -1,13 +1,22 @@
 """Why a run is no PASS, and the moment that its page is about; pure."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from orchestrator.model.results import RunResult
 from orchestrator.report.model import Cause, LogEvent, Moment
 from orchestrator.report.words import NOTHING, limit_text, number_text, time_text
 from safety.model.oracle_results import OracleResult
 from safety.oracles import registry
+
+_CONTACT = "contact/"
+_COLLISION = "collision"
+_MOST_EVENTS = 8
+_SAME_MOMENT_S = 0.05
+
+SpeedAt = Callable[[str, float], float | None]
+"""The speed of a vehicle at a time, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,22 +33,28 @@ def cause_of(
     *,
     goal_s: float | None,
     passed: NearestPass | None,
+    formulas: Mapping[str, str] = MappingProxyType({}),
+    outcome: tuple[tuple[float, str], ...] = (),
+    speed_at: SpeedAt | None = None,
 ) -> Cause | None:
     """Return what was violated, when and by how much; None for a PASS.
 
     passed: where the vehicle was nearest to what it should have reached; None where not known.
+    formulas: of the oracles that have one. outcome: how the flight went on and ended, with times.
     """
     if result.verdict == "PASS":
         return None
     oracle = deciding_oracle(result)
     at_s = _decided_s(result, oracle, events)
-    facts = [] if oracle is None else _oracle_facts(oracle)
-    facts.append(("when", time_text(at_s, goal_s) if at_s is not None else "at the end of the run"))
+    facts = [] if oracle is None else _oracle_facts(oracle, formulas.get(oracle.name, ""))
+    is_formula = oracle is not None and oracle.name in formulas
+    facts += _time_facts(oracle, at_s, goal_s, first="crossed" if is_formula else "when")
+    if oracle is not None and _is_contact(oracle) and at_s is not None and speed_at is not None:
+        facts.append(("speed then", number_text(speed_at(oracle.vehicle, at_s), "m/s", digits=2)))
     if at_s is None and passed is not None:
         facts.append(("nearest", _nearest_text(passed, goal_s)))
     if result.note:
         facts.append(("last note", result.note))
-    facts += [("also", f"{one.verdict}: {one.reason}") for one in result.also[:3]]
     return Cause(
         violated=_violated(result, oracle),
         sentence=result.reason,
@@ -47,11 +62,71 @@ def cause_of(
         at_s=at_s,
         oracle="" if oracle is None else oracle.name,
         vehicle="" if oracle is None else oracle.vehicle,
+        sequence=_sequence(result, at_s, outcome),
     )
 
 
+def _sequence(
+    result: RunResult, at_s: float | None, outcome: Iterable[tuple[float, str]]
+) -> tuple[tuple[float, str], ...]:
+    """Return the decisive events in the order of their times; empty for one alone."""
+    found = [(one.at_s, f"{one.verdict}: {one.reason}") for one in result.also[:_MOST_EVENTS]]
+    if at_s is None or not found:
+        return ()
+    found += [(at_s, f"{result.verdict}: {result.bare_reason}"), *outcome]
+    return tuple(sorted(found))
+
+
+def _time_facts(
+    oracle: OracleResult | None, at_s: float | None, goal_s: float | None, *, first: str
+) -> list[tuple[str, str]]:
+    """Return when a limit was crossed, and when the worst was where that is another moment.
+
+    first: the name of the time where there is one alone.
+    """
+    if at_s is None:
+        return [("when", "at the end of the run")]
+    worst_s = None if oracle is None else oracle.at_s
+    if worst_s is not None and worst_s - at_s > _SAME_MOMENT_S:
+        return [("crossed", time_text(at_s, goal_s)), ("worst", time_text(worst_s, goal_s))]
+    return [(first, time_text(at_s, goal_s))]
+
+
+def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> tuple[str, ...]:
+    """Return what happened beside what was judged: the twin's end, and reported oracles.
+
+    at_s: when what decided the run happened; None for a PASS, or where that is not known.
+    """
+    found = []
+    left = None if result.twin is None else result.twin.dropped_out
+    if left is not None:
+        text = f"The twin dropped out {time_text(left.at_s, goal_s)}"
+        if at_s is not None:
+            word = "before" if left.at_s < at_s else "after"
+            text += f", {abs(at_s - left.at_s):.2f} s {word} what decided the run"
+        found.append(f"{text}: {left.reason}")
+    reported = [
+        f"{one.name} of {one.vehicle} {one.verdict}{f' ({one.detail})' if one.detail else ''}"
+        for one in result.oracles
+        if not one.required and one.verdict != "PASS"
+    ]
+    if reported:
+        found.append(f"Reported only, and did not pass: {'; '.join(reported)}")
+    return tuple(found)
+
+
+def _is_contact(oracle: OracleResult) -> bool:
+    return oracle.name.startswith("collision") and oracle.verdict == "FAIL"
+
+
 def deciding_oracle(result: RunResult) -> OracleResult | None:
-    """Return the oracle that made the verdict; None where something else did."""
+    """Return the oracle that made the verdict; None where something else did.
+
+    A physical contact fails a run by itself; the oracle that judged the same contact explains it.
+    """
+    if result.decided_by.startswith(_CONTACT):
+        vehicle = result.decided_by.removeprefix(_CONTACT)
+        return next((o for o in result.oracles if o.vehicle == vehicle and _is_contact(o)), None)
     named = (one for one in result.oracles if f"{one.name}/{one.vehicle}" == result.decided_by)
     failed = (
         one
@@ -79,21 +154,27 @@ def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
     return f"{distance} from the goal's first gate or place, {time_text(passed.t_s, goal_s)}"
 
 
-def _oracle_facts(oracle: OracleResult) -> list[tuple[str, str]]:
-    kind = registry.get(oracle.name)
+def _oracle_facts(oracle: OracleResult, formula: str) -> list[tuple[str, str]]:
+    kind = registry.get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
     rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
     if worst == NOTHING != limit:
         worst = "not measured"
-    found = [("rule", rule)]
-    if oracle.margin == 0.0:
+    found = [("rule", f"{formula} (seconds since its window opened)" if formula else rule)]
+    if _is_contact(oracle) and oracle.margin == 0.0:
+        found.append(("by how much", "contact: any touch is a violation"))
+    elif oracle.margin == 0.0:
         # A worst value, a limit and a distance of 0 m each would say it three times.
         found.append(("by how much", f"{worst}: reaching the limit is a violation already"))
     else:
         found += [("at worst", worst), ("limit", limit)]
         if oracle.margin is not None:
             found.append(("by how much", _margin_text(oracle)))
-    if oracle.detail:
+    part, is_formula, _ = oracle.detail.partition(" is violated")
+    if is_formula and formula:
+        # Its figures stand above: what is left is which part of the formula they are of.
+        found.append(("broken part", part))
+    elif oracle.detail:
         found.append(("where", oracle.detail))
     return [(name, text) for name, text in found if text != NOTHING]
 

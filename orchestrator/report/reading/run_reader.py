@@ -1,14 +1,16 @@
 """One run of a results folder as its report shows it; whatever is missing becomes a problem."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from orchestrator.analysis.model import Commanded, RunEntry
 from orchestrator.analysis.reading.judged_motion import JudgedMotion, read_judged_motion
 from orchestrator.analysis.reading.trajectory_file import Row, read_trajectory
+from orchestrator.model.results import RunResult
 from orchestrator.report.model import (
+    Cause,
     DrawnWorld,
     Point,
     RunReport,
@@ -16,7 +18,7 @@ from orchestrator.report.model import (
     Track,
     VehicleAtMoment,
 )
-from orchestrator.report.reading.cause import NearestPass, cause_of, moment_of
+from orchestrator.report.reading.cause import NearestPass, cause_of, moment_of, notes_of
 from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
 from orchestrator.report.reading.outlines import outlines_of
@@ -25,7 +27,7 @@ from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights,
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
 from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
 from orchestrator.report.words import place_text, velocity_text
-from worlds.frames import Pose, quat_from_euler
+from worlds.frames import Pose, norm, quat_from_euler
 
 STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """When the frames of the strip are, relative to the moment."""
@@ -74,7 +76,15 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     result = entry.result
     cause = None
     if result is not None:
-        cause = cause_of(result, parts.log.events, goal_s=parts.goal_s, passed=passed)
+        cause = cause_of(
+            result,
+            parts.log.events,
+            goal_s=parts.goal_s,
+            passed=passed,
+            formulas=parts.world.formulas,
+            outcome=tuple(_outcome(parts, poses.get(subject, []))),
+            speed_at=lambda vehicle, t_s: _speed_m_s(parts.commands, vehicle, t_s),
+        )
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
     moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
@@ -94,6 +104,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         result=result,
         problems=tuple(dict.fromkeys(problems)),
         cause=cause,
+        notes=_notes(result, cause, parts.goal_s),
         moment=moment,
         at_moment=() if moment is None else tuple(_at_moment(parts.commands, moment.t_s)),
         goal_s=parts.goal_s,
@@ -133,7 +144,34 @@ def _without_files(entry: RunEntry) -> RunReport:
         result=entry.result,
         problems=problems,
         cause=cause,
+        notes=_notes(entry.result, cause, None),
     )
+
+
+def _notes(result: RunResult | None, cause: Cause | None, goal_s: float | None) -> tuple[str, ...]:
+    if result is None:
+        return ()
+    return notes_of(result, at_s=None if cause is None else cause.at_s, goal_s=goal_s)
+
+
+def _outcome(parts: _Parts, poses: Sequence[TimedPose]) -> Iterator[tuple[float, str]]:
+    """Yield how the flight went on: its goal done, its landing, and where the vehicle ended."""
+    texts = {"done": "the goal was done", "landed": "the run counts as landed"}
+    for stage, text in texts.items():
+        if stage in parts.stages:
+            yield parts.stages[stage], text
+    if poses:
+        t_s, pose = poses[-1]
+        up_m = round(-pose.position_ned_m[2], 2) or 0.0
+        yield t_s, f"the last pose: {up_m:.2f} m above the world's origin"
+
+
+def _speed_m_s(commands: Sequence[Row], vehicle: str, t_s: float) -> float | None:
+    """Return the recorded speed of a vehicle at a time; None without one."""
+    before = (row for row in reversed(commands) if row.vehicle == vehicle and row.t_s <= t_s)
+    row = next(before, None)
+    velocity = None if row is None else row.decoded().velocity_ned_m_s
+    return None if velocity is None else norm(velocity)
 
 
 def _read_parts(place: Path, entry: RunEntry) -> _Parts:

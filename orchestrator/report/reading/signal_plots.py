@@ -59,7 +59,12 @@ def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plo
 def _height_plot(poses: Poses, world: RecordedWorld, subject: str) -> Plot:
     limits = [world.parameter("altitude", name) for name in ("min_m", "max_m")]
     del subject
-    return Plot("height", "m", _curves(poses, heights), tuple(x for x in limits if x is not None))
+    known = [x for x in limits if x is not None]
+    of_formulas = world.height_limits_m
+    names = [name for name, text in world.formulas.items() if "up_m" in text] if of_formulas else []
+    note = f"limits of {', '.join(names)} hold over its interval alone" if names else ""
+    levels = tuple(dict.fromkeys([*known, *of_formulas]))
+    return Plot("height", "m", _curves(poses, heights), levels, note)
 
 
 def _curves(
@@ -75,8 +80,18 @@ def mixture_plots(
     wanted = (
         ("skew", "ms", "skew_ms", "between the two exposures that were mixed"),
         ("latency", "ms", "latency_ms", "from exposure to delivery"),
-        ("registration error", "px", "registration_error_px", "of what is virtual, at its place"),
-        ("registration bound", "px", "registration_bound_px", "what the error is within"),
+        (
+            "registration error",
+            "px",
+            "registration_error_px",
+            "of what is virtual, at its place; no line where none was measured: nothing in view",
+        ),
+        (
+            "registration bound",
+            "px",
+            "registration_bound_px",
+            "what the error is within; no line where none is known",
+        ),
     )
     found = []
     for sensor, rows in provenances.items():

@@ -1,6 +1,7 @@
 """What a recording tells of its world, fences and campaign file, as far as it can be read."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -13,6 +14,7 @@ from worlds.scene.scene import Scene
 from worlds.world_file.world import Mode, Which, World
 
 _MOST_OVERRIDES = 60
+_HEIGHT_LIMIT = re.compile(r"\bup_m\s*(?:<=|>=|<|>)\s*(-?[0-9]{1,6}(?:\.[0-9]{1,9})?)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,20 @@ class RecordedWorld:
             north, east, up = (float(v) if isinstance(v, int | float) else 0.0 for v in values)
             places.append((north, east, -up))
         return places
+
+    @property
+    def formulas(self) -> dict[str, str]:
+        """Return the formulas that the campaign file gives oracles, by their names."""
+        oracles = self.campaign.get("oracles")
+        given = oracles.items() if isinstance(oracles, dict) else ()
+        texts = {name: one.get("stl") for name, one in given if isinstance(one, dict)}
+        return {name: text for name, text in texts.items() if isinstance(text, str)}
+
+    @property
+    def height_limits_m(self) -> list[float]:
+        """Return what formulas hold heights against."""
+        found = [_HEIGHT_LIMIT.findall(text) for text in self.formulas.values()]
+        return [float(number) for numbers in found for number in numbers]
 
     def parameter(self, oracle: str, name: str) -> float | None:
         """Return a number that the campaign file gives an oracle."""

@@ -5,13 +5,19 @@ from dataclasses import dataclass
 
 from campaigns.schema.campaign import UntilDecidedPart
 from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import Share, parse_share
+from campaigns.values.acceptance import Requirement, Share, parse_share
 from orchestrator.analysis.model import CampaignDocuments
+from orchestrator.model.acceptance_texts import (
+    left_out_text,
+    required_text,
+    shortfall_texts,
+    stand_in_text,
+)
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, synthesised_texts
 from orchestrator.model.control_results import expected_text
 from orchestrator.model.results import RunResult
-from orchestrator.report.words import NOTHING, number_text
+from orchestrator.report.words import MODES, NOTHING, number_text
 from safety.model.oracle_results import EvidenceResult
 
 _CONTACT = frozenset({"collision", "collision_always", "clearance"})
@@ -48,7 +54,14 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
         said = "There is no summary of this campaign that can be read: it was cut off, or damaged."
         return Verdict("no verdict", "open", said)
     totals = summary.totals
-    counted = f"{totals.passed} of {totals.runs} runs passed; {totals.required} were required."
+    said = required_text(summary.runs)
+    counted = f"{said[0].upper()}{said[1:]}."
+    if summary.accepted is False and (why := _not_accepted_because(campaign, summary)):
+        counted += f" Not accepted because {'; '.join(why)}."
+    if others := [run.verdict == "PASS" for run in summary.runs if not run.required]:
+        counted += (
+            f" Beside them {sum(others)} of {len(others)} runs that are only reported passed."
+        )
     if totals.controls:
         counted += f" {totals.controls_met} of {totals.controls} controls ended as they must."
     if summary.not_flown:
@@ -61,6 +74,37 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
         limited = " of what was flown" if summary.left_out else ""
         return Verdict(f"accepted{limited}", "good", counted)
     return Verdict("not accepted", "bad", counted)
+
+
+def _not_accepted_because(campaign: CampaignDocuments, summary: Summary) -> list[str]:
+    """Return which required cases are short, and which controls did not end as they must."""
+    places = dict.fromkeys((run.case, run.mode) for run in summary.runs if run.required)
+    test = _sequential_test(campaign)
+    wanted = []
+    for case, mode in places:
+        share = _share(campaign, case, mode)
+        if test is not None:
+            flown = sum((run.case, run.mode) == (case, mode) for run in summary.runs)
+            wanted.append(Requirement(case, mode, Share(flown, flown), test))
+        elif share is not None:
+            wanted.append(Requirement(case, mode, share))
+    return [*shortfall_texts(summary.runs, wanted), *summary.unmet]
+
+
+def stand_in(campaign: CampaignDocuments) -> str:
+    """Return that no hardware flew; empty where it did."""
+    return "" if campaign.summary is None else stand_in_text(campaign.summary)
+
+
+def limits(campaign: CampaignDocuments) -> list[str]:
+    """Return what bounds the verdict, for the head of the page; sentences."""
+    summary = campaign.summary
+    if summary is None:
+        return []
+    found = [stand_in_text(summary)]
+    if any(run.mode == "wil" for run in (*summary.runs, *summary.controls)):
+        found.append(f"Mode wil is world in the loop: {MODES['wil']}.")
+    return [text for text in (*found, left_out_text(summary)) if text]
 
 
 def grounds(campaign: CampaignDocuments) -> list[tuple[str, str]]:
@@ -89,8 +133,6 @@ def cautions(campaign: CampaignDocuments) -> list[str]:
         *summary.caveats,
         *summary.unmet,
     ]
-    if summary.left_out:
-        found.append(f"required, and left out: {', '.join(summary.left_out)}")
     if summary.not_flown:
         found.append(f"never flown: {', '.join(summary.not_flown)}")
     return found
@@ -148,7 +190,7 @@ def _standing(
 ) -> tuple[str, str]:
     """Return what is required of a case and mode, and whether it is met."""
     if not any(run.required for run in runs):
-        return NOTHING, ""
+        return NOTHING, "reported"
     if (test := _sequential_test(campaign)) is not None:
         return _decision_text(test, runs)
     share = _share(campaign, case, mode) or Share(len(runs), len(runs))

@@ -38,12 +38,18 @@ class RunPage:
     duration_s: str
     margin: str
     is_bad: bool
+    decides: bool
     html: Markup
     problems: tuple[str, ...] = ()
 
 
-def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunPage:
-    """Return a run's part of the page. video: a data URI; None links to the file."""
+def render_run(
+    run: RunReport, *, anchor: str, video: str | None = None, stand_in: str = ""
+) -> RunPage:
+    """Return a run's part of the page. video: a data URI; None links to the file.
+
+    stand_in: that no hardware flew as `real`; shown where `real` flew.
+    """
     result = run.result
     verdict = "NO RESULT" if result is None else result.verdict
     html = (
@@ -57,6 +63,9 @@ def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunP
             is_bad=went_wrong(result),
             role=role_of(run),
             mode_text=MODES.get(run.mode, ""),
+            stand_in="" if run.mode == "sim" else stand_in,
+            virtual=[one.name for one in run.world.outlines if one.is_virtual and not one.is_room],
+            flown=[track.vehicle for track in run.tracks],
             subject="twin" if run.mode == "sim" else "real",
             maps=[found for view in ("above", "side") if (found := map_svg(run, view))],
             plots=[(plot, plot_svg(plot, run)) for plot in run.plots],
@@ -82,6 +91,7 @@ def render_run(run: RunReport, *, anchor: str, video: str | None = None) -> RunP
         duration_s=number_text(None if result is None else result.duration_s, digits=1),
         margin=overview.margin_text(result),
         is_bad=went_wrong(result),
+        decides=decides(result),
         html=Markup(html),  # noqa: S704 - made by the template above, which escapes
         problems=run.problems,
     )
@@ -107,7 +117,9 @@ def render_page(
             energies=energy_rows(study),
             statements=statements(study),
             pages=pages,
-            bad=[page for page in pages if page.is_bad],
+            limits=overview.limits(campaign),
+            deciding=[page for page in pages if page.is_bad and page.decides],
+            others=[page for page in pages if page.is_bad and not page.decides],
             problems=campaign.problems,
             document=_document_text(campaign),
             policy=policy(style, script),
@@ -135,6 +147,11 @@ def role_of(run: RunReport) -> str:
     if result.control is not None:
         return "control, as it must" if result.control.met else "control, NOT as it must"
     return "required" if result.required else "reported only"
+
+
+def decides(result: RunResult | None) -> bool:
+    """Return whether the campaign's verdict rests on a run: required, a control, or without one."""
+    return result is None or result.required or result.control is not None
 
 
 def went_wrong(result: RunResult | None) -> bool:

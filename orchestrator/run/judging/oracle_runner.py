@@ -7,6 +7,7 @@ from functools import partial
 from typing import cast, get_args
 
 from orchestrator.model.results import FenceChange
+from orchestrator.model.twin_results import DropOut
 from orchestrator.run.judging.judged_times import JudgedTimes
 from orchestrator.state.run_state import RunState, Stage
 from orchestrator.state.vehicle_context import VehicleContext
@@ -16,6 +17,7 @@ from safety.fence.geofence import Fence
 from safety.model.oracle_results import Flag, OracleResult
 from safety.model.samples import (
     DoubtSample,
+    DropOutSample,
     FenceSample,
     GroundSpeedSample,
     LinkSample,
@@ -69,6 +71,7 @@ class OracleRunner:
         self.fence_changes: list[FenceChange] = []
         self.changed_fences: dict[str, Fence] = {}
         run_state.on_stage(self._stage)
+        run_state.on_drop_out(self._drop_out)
 
     def attach(self, context: VehicleContext) -> None:
         """Feed a vehicle's poses, state and silence to the oracles from now on."""
@@ -106,7 +109,8 @@ class OracleRunner:
 
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
         """Return the results so far of the oracles that keep one at hand."""
-        return tuple(one.result(t_s) for one in self._judge.oracles if not one.is_costly)
+        judge = self._judge
+        return tuple(judge.result_of(one, t_s) for one in judge.oracles if not one.is_costly)
 
     def fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give the oracles changed fences of vehicles."""
@@ -197,6 +201,13 @@ class OracleRunner:
             reached = StageSample(t_s, cast("JudgedStage", stage))
             self._tape(reached)
             self._take(self._judge.stage(reached))
+
+    def _drop_out(self, vehicle: str, left: DropOut) -> None:
+        """End what is only reported of a vehicle that left the flight."""
+        gone = DropOutSample(left.at_s, vehicle)
+        self._tape(gone)
+        self._judge.drop_out(gone)
+        self._take(())
 
     def _take(self, flags: tuple[Flag, ...]) -> None:
         for flag in flags:

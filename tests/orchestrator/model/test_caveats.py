@@ -117,7 +117,11 @@ def test_an_oracle_that_only_reports_and_failed_is_reported() -> None:
 
 def test_a_campaign_that_is_not_accepted_tells_it_beneath_the_table_alone() -> None:
     said = caveat_lines(run(1, oracles=(oracle("real"),)), run(2, verdict="FAIL"))
-    assert said[-2:] == ["reported only, and failed: reached (large wil, 1 run)", "not accepted"]
+    assert said[-3:] == [
+        "reported only, and failed: reached (large wil, 1 run)",
+        "1 of the 2 required runs passed: large/wil is 1/2 (needs 2/2)",
+        "not accepted",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +152,8 @@ def test_a_flown_campaign_says_what_failed_and_was_only_reported(
 def test_a_twin_that_dropped_out_is_reported_with_what_passed() -> None:
     left = TwinResult("free", 0.1, 0.2, 0.3, 10.0, DropOut(17.5, "twin was not heard for 3 s"))
     runs = [run(twin=left), run(2), run(3, verdict="FAIL", twin=left)]
-    text = "twin was not heard for 3 s (large wil, 1 run)"
+    # Of a failed run too: it tells why the picture of the flight ends.
+    text = "twin was not heard for 3 s (large wil, 2 runs)"
     assert f"the twin dropped out: {text}" in caveat_lines(*runs)
     assert properties(*runs)["twin_dropped_out"] == text
 

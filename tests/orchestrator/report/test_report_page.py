@@ -54,9 +54,52 @@ def elements(page: str) -> _Reader:
 def test_the_verdict_comes_first_and_then_why(page: str) -> None:
     text = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL)
     text = re.sub(r"<[^>]+>", " ", text)
-    order = ["not accepted", "1 of 2 runs passed", "real touched gate.left", "embedded surrogate"]
+    order = [
+        "not accepted",
+        "1 of the 2 required runs passed",
+        "because large/wil is 0/1 (needs 1/1)",
+        "No hardware flew: 'real' is the embedded surrogate".replace("'", "&#39;"),
+        "Mode wil is world in the loop",
+        "Runs that decide the verdict",
+        "real touched gate.left",
+    ]
     places = [text.index(words) for words in order]
     assert places == sorted(places)
+
+
+def test_what_is_only_reported_stands_under_a_heading_of_its_own(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate")
+    for file in (folder / "large/wil/1/result.json", folder / "summary.json"):
+        document = json.loads(file.read_text("utf-8"))
+        for one in document.get("runs", [document]):
+            one["required"] = one["mode"] != "wil"
+        file.write_text(json.dumps(document), "utf-8")
+    text = write_report(folder).path.read_text("utf-8")
+    assert "Runs that decide the verdict" not in text
+    assert "1 of the 1 required run passed." in text
+    assert "Beside them 0 of 1 runs that are only reported passed." in text
+    assert text.index("Reported only: runs that did not pass") < text.index("large/wil/1")
+
+
+def test_what_was_left_out_stands_in_the_head_with_what_it_means(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate")
+    file = folder / "summary.json"
+    document = json.loads(file.read_text("utf-8"))
+    document["left_out"] = ["the controls of gate (fly_controls: false)"]
+    file.write_text(json.dumps(document), "utf-8")
+    text = write_report(folder).path.read_text("utf-8")
+    head = text[text.index("<header") : text.index("</header>")]
+    assert "Required, and left out: the controls of gate (fly_controls: false)." in head
+    assert "Controls are runs that must not pass" in head
+
+
+def test_a_run_with_a_stand_in_says_so_where_real_flew(page: str) -> None:
+    said = "No hardware flew"
+    wil = page[page.index('id="run-large-wil-1"') :]
+    sim = page[page.index('id="run-large-sim-1"') :].split("</article>", maxsplit=1)[0]
+    assert said in wil.split("</header>")[0]
+    assert "not there for the vehicle: <bdi>gate</bdi>" in wil.split("</header>")[0]
+    assert said not in sim
 
 
 def test_a_failed_run_names_its_cause_before_anything_else(page: str) -> None:

@@ -10,10 +10,11 @@ import pytest
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.model.results import RunResult, SyncResult, with_note
+from orchestrator.model.results import Also, RunResult, SyncResult, with_note
+from orchestrator.model.twin_results import DropOut, TwinResult
 from orchestrator.report.campaign_report import write_report
 from orchestrator.report.model import Frame, LogEvent, RunReport
-from orchestrator.report.reading.cause import NearestPass, cause_of
+from orchestrator.report.reading.cause import NearestPass, cause_of, notes_of
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from orchestrator.report.words import limit_text, number_text, short_time
@@ -272,8 +273,79 @@ def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> 
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["rule"] == "real touches nothing of the judged world"
-    assert facts["by how much"] == "0 m: reaching the limit is a violation already"
+    assert facts["by how much"] == "contact: any touch is a violation"
     assert not {"nearest", "at worst", "limit"} & set(facts)
+
+
+def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time() -> None:
+    touch = OracleResult(
+        "collision", "real", True, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched gate.left"
+    )
+    result = replace(
+        failed(touch),
+        reason="real physically touched gate.left",
+        decided_by="contact/real",
+        also=(Also("FAIL", "real: failsafe", 8.5), Also("FAIL", "real touched gate.left", 8.0)),
+    )
+    cause = cause_of(
+        result,
+        (),
+        goal_s=2.0,
+        passed=None,
+        outcome=((9.5, "the run counts as landed"),),
+        speed_at=lambda vehicle, t_s: 0.39 if (vehicle, t_s) == ("real", 8.0) else None,
+    )
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert cause.violated == "collision of real"
+    assert (facts["where"], facts["speed then"]) == ("touched gate.left", "0.39 m/s")
+    assert cause.sequence == (
+        (8.0, "FAIL: real physically touched gate.left"),
+        (8.0, "FAIL: real touched gate.left"),
+        (8.5, "FAIL: real: failsafe"),
+        (9.5, "the run counts as landed"),
+    )
+
+
+def test_a_formula_is_its_own_rule_and_its_figures_stand_once() -> None:
+    said = "up_m <= 1.3 is violated: 1.650 m against 1.3 m"
+    waits = OracleResult("waits", "real", True, "FAIL", 1.65, (None, 1.3), "m", -0.35, 8.0, said)
+    cause = cause_of(
+        failed(waits), (), goal_s=2.0, passed=None, formulas={"waits": "always[0,3] (up_m <= 1.3)"}
+    )
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert facts["rule"].startswith("always[0,3] (up_m <= 1.3)")
+    assert facts["broken part"] == "up_m <= 1.3"
+    assert facts["crossed"] == "6.00 s after the goal was given"
+    assert "where" not in facts
+
+
+def test_a_limit_crossed_before_its_worst_has_both_times() -> None:
+    high = OracleResult("altitude", "real", True, "FAIL", 2.5, (None, 2.3), "m", -0.2, 9.0, "")
+    events = [LogEvent(8.0, "flag", "real", "oracle altitude · real too high")]
+    cause = cause_of(failed(high), events, goal_s=2.0, passed=None)
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert facts["crossed"] == "6.00 s after the goal was given"
+    assert facts["worst"] == "7.00 s after the goal was given"
+
+
+def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
+    floor = OracleResult(
+        "collision", "twin", False, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched cage.floor"
+    )
+    left = TwinResult("follow", 0.1, 0.2, 0.3, 1.0, DropOut(7.5, "the guard landed it"))
+    notes = notes_of(replace(failed(floor), twin=left), at_s=8.0, goal_s=2.0)
+    assert notes == (
+        (
+            "The twin dropped out 5.50 s after the goal was given, 0.50 s before what decided "
+            "the run: the guard landed it"
+        ),
+        "Reported only, and did not pass: collision of twin FAIL (touched cage.floor)",
+    )
+    passed = replace(failed(replace(floor, verdict="PASS")), verdict="PASS")
+    assert notes_of(passed, at_s=None, goal_s=2.0) == ()
 
 
 def test_what_was_never_reached_says_how_near_the_vehicle_came() -> None:

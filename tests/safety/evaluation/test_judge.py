@@ -6,7 +6,13 @@ import pytest
 
 from safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
 from safety.fence.geofence import Fence
-from safety.model.samples import LinkSample, PoseSample, StageSample, StateSample
+from safety.model.samples import (
+    DropOutSample,
+    LinkSample,
+    PoseSample,
+    StageSample,
+    StateSample,
+)
 from safety.oracles import OracleContext, OracleError, RunMode, registry
 from vehicles.autopilots.autopilot import Mode
 from worlds.frames import Pose, Vec3
@@ -106,6 +112,37 @@ def test_each_vehicle_is_judged_by_its_own_samples() -> None:
     verdicts = {(r.name, r.vehicle): r.verdict for r in judge.results(2.0)}
     assert verdicts["geofence", "real"] == "PASS"
     assert verdicts["geofence", "twin"] == "FAIL"
+
+
+def test_a_vehicle_that_dropped_out_is_judged_until_then_and_the_others_to_the_end() -> None:
+    uses = [use("geofence"), use("altitude", max_m=3), use("time_limit", limit_s=10)]
+    uses.append(use("altitude", name="kept", vehicle="twin", max_m=3))
+    judge = Judge(build_oracles(uses, contexts("wil")))
+    judge.stage(StageSample(0.0, "takeoff"))
+    judge.stage(StageSample(0.0, "goal"))
+    judge.pose(pose(1.0, "twin", (0, 0, -2)))
+    judge.pose(pose(1.0, "real", (0, 0, -2)))
+    judge.pose(pose(1.5, "twin", (9, 0, -2)))
+    judge.drop_out(DropOutSample(2.0, "twin"))
+    for vehicle in ("twin", "real"):
+        judge.pose(pose(3.0, vehicle, (0, 0, -9)))
+    judge.tick(20.0)
+    flags = [(one.oracle, one.vehicle) for one in judge.flags if one.t_s > 2.0]
+    reported = [one for one in flags if one[1] == "twin" and one[0] != "kept"]
+    assert reported == []
+    # What is required of the twin is judged to the end, as is the other vehicle.
+    assert {("kept", "twin"), ("altitude", "real"), ("time_limit", "real")} <= set(flags)
+    results = {(one.name, one.vehicle): one for one in judge.results(20.0)}
+    fence = results["geofence", "twin"]
+    assert (fence.verdict, fence.at_s) == ("FAIL", 1.5)
+    height = results["altitude", "twin"]
+    assert (height.verdict, height.actual) == ("PASS", 2.0)
+    assert height.detail == "judged until twin dropped out at 2.00 s"
+    time_limit = results["time_limit", "twin"]
+    assert time_limit.verdict == "INVALID"
+    assert time_limit.detail == "twin dropped out at 2.00 s, before this was decided"
+    assert results["altitude", "real"].verdict == "FAIL"
+    assert results["kept", "twin"].verdict == "FAIL"
 
 
 def test_a_decisive_flag_of_a_required_oracle_settles_the_run_once() -> None:

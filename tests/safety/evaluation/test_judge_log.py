@@ -27,6 +27,7 @@ from safety.fence.fence_values import plain_fence
 from safety.fence.geofence import Fence
 from safety.model.samples import (
     DoubtSample,
+    DropOutSample,
     FenceSample,
     GroundSpeedSample,
     LinkSample,
@@ -125,7 +126,9 @@ def judge_logs(draw: st.DrawFn) -> list[LoggedSample]:
 
 def draw_evidence(draw: st.DrawFn, t_s: float, vehicle: str) -> LoggedSample:
     signal = draw(st.sampled_from((*SIGNALS, "camera")))
-    kind = draw(st.integers(0, 2))
+    kind = draw(st.integers(0, 3))
+    if kind == 3:
+        return DropOutSample(t_s, vehicle)
     if kind == 2:
         accuracy_m_s = draw(st.none() | st.floats(0.01, 2.0))
         return GroundSpeedSample(t_s, vehicle, "gps", draw(st.floats(0.0, 20.0)), accuracy_m_s)
@@ -223,6 +226,8 @@ def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
             feed_evidence(judge, sample)
         case StageSample():
             judge.stage(sample)
+        case DropOutSample():
+            judge.drop_out(sample)
         case Tick(t_s):
             judge.tick(t_s)
         case FenceSample():

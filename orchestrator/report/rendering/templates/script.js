@@ -101,11 +101,35 @@
     link("next", runs[index + 1]);
   });
 
+  for (const video of document.querySelectorAll("video")) {
+    video.addEventListener("error", () => {
+      video.hidden = true;
+      video.parentElement.querySelector(".no-video").hidden = false;
+    });
+  }
+
+  // What a box that scrolls is about stands in its middle.
+  function centre(run) {
+    const frame = run.querySelector(".strip .now");
+    if (frame) {
+      const strip = frame.parentElement;
+      const left = frame.getBoundingClientRect().left - strip.getBoundingClientRect().left;
+      strip.scrollLeft += left - (strip.clientWidth - frame.clientWidth) / 2;
+    }
+    const row = run.querySelector(".events tr.decisive");
+    if (row) {
+      const box = row.closest(".events");
+      const top = row.getBoundingClientRect().top - box.getBoundingClientRect().top;
+      box.scrollTop += top - box.clientHeight / 2;
+    }
+  }
+
   function opened() {
     const run = current();
     if (run || location.hash === "#overview") window.scrollTo(0, 0);
     if (!run) return;
     run.focus({ preventScroll: true });
+    if (run.wilTime === undefined) centre(run);
     if (run.wilTime === undefined && run.dataset.moment) setTime(run, Number(run.dataset.moment));
   }
   window.addEventListener("hashchange", opened);

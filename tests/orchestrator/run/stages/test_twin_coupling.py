@@ -86,6 +86,18 @@ def test_a_twin_that_leaves_its_fence_lands_alone(fly_run: Fly) -> None:
     assert result.twin.dropped_out is not None
     assert "twin" in result.twin.dropped_out.reason
     assert all_landed(folder)
+    # The guard's landing of the twin, mid-flight for the other, is no collision of the twin's.
+    left_s = result.twin.dropped_out.at_s
+    of_twin = [one for one in result.oracles if one.vehicle == "twin"]
+    assert not any("cage.floor" in one.detail for one in of_twin)
+    assert all((one.at_s or 0.0) <= left_s for one in of_twin)
+    assert all(f"dropped out at {left_s:.2f} s" in one.detail for one in of_twin)
+    twin_s = [float(row["t_s"]) for row in rows_of(folder) if row["vehicle"] == "twin"]
+    assert max(twin_s) > left_s + 1.0
+    seen = [one for one in result.evidence if one.vehicle == "twin" and not one.required]
+    assert seen
+    assert all(one.last_s is not None and one.last_s <= left_s for one in seen)
+    assert all(one.verdict == "PASS" for one in seen)
 
 
 def test_a_twin_that_dies_in_flight_is_reported(fly_run: Fly) -> None:

@@ -1,0 +1,59 @@
+"""Why a campaign is accepted or not, in words that the terminal and the report share; pure."""
+
+from collections.abc import Iterable, Sequence
+
+from campaigns.values.acceptance import Requirement, Standing
+from orchestrator.model.campaign_results import Summary
+from orchestrator.model.exit_codes import shortfalls
+from orchestrator.model.results import RunResult
+
+_PROVEN = frozenset({"PASS", "FAIL"})
+
+
+def required_text(runs: Iterable[RunResult]) -> str:
+    """Return how many of the required runs passed."""
+    required = [run.verdict == "PASS" for run in runs if run.required]
+    if not required:
+        return "no run was required"
+    runs_word = "run" if len(required) == 1 else "runs"
+    return f"{sum(required)} of the {len(required)} required {runs_word} passed"
+
+
+def shortfall_texts(
+    runs: Sequence[RunResult], requirements: Sequence[Requirement]
+) -> tuple[str, ...]:
+    """Return each required case and mode that does not pass, with what it needs."""
+    return tuple(_shortfall_text(one, runs) for one in shortfalls(runs, requirements))
+
+
+def _shortfall_text(standing: Standing, runs: Iterable[RunResult]) -> str:
+    wanted = standing.requirement
+    place = f"{wanted.case}/{wanted.mode}"
+    text = f"{place} is {standing.passed}/{standing.flown} (needs {wanted})"
+    if standing.decision:
+        text = f"{text[:-1]}: {standing.decision})"
+    counted = (run for run in runs if (run.case, run.mode) == (wanted.case, wanted.mode))
+    unproven = [run.verdict for run in counted if run.verdict not in _PROVEN]
+    counts = (f"{unproven.count(word)} {word}" for word in dict.fromkeys(unproven))
+    return ", ".join([text, *counts])
+
+
+def stand_in_text(summary: Summary) -> str:
+    """Return in a sentence that no hardware flew as `real`; empty where it did, or none was due."""
+    if all(run.mode == "sim" for run in (*summary.runs, *summary.controls)):
+        return ""
+    if summary.surrogate or summary.real_kind == "embedded":
+        return "No hardware flew: 'real' is the embedded surrogate, a simulation in this program."
+    if summary.real_kind == "sitl":
+        return "No hardware flew: 'real' is a simulator of its autopilot (SITL)."
+    return "" if summary.real_kind == "hardware" else "It is not known whether 'real' is hardware."
+
+
+def left_out_text(summary: Summary) -> str:
+    """Return in sentences what was required and not flown, and what that means; empty for none."""
+    if not summary.left_out:
+        return ""
+    text = f"Required, and left out: {', '.join(summary.left_out)}."
+    if any("control" in one for one in summary.left_out):
+        text += " Controls are runs that must not pass: they show that the campaign can fail."
+    return f"{text} The verdict is of what was flown, and says nothing of what was left out."
