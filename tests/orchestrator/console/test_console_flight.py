@@ -16,11 +16,13 @@ from tests.orchestrator.wall_runs import STAYING, Program, lines, stages
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 RECORD = "operator.jsonl"
 PATIENCE_S = 100.0
-IS_DRAWN = (
-    "(() => { const one = document.getElementById('image-{name}');"
-    " const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;"
-    " return one.width === 160 && data.some((value, at) => at % 4 !== 3 && value > 0); })()"
-)
+IS_DRAWN = """(() => {
+  const of = new OffscreenCanvas(160, 120).getContext('2d');
+  const one = document.getElementById('image-{name}');
+  of.drawImage(one, 0, 0);
+  const data = of.getImageData(0, 0, 160, 120).data;
+  return one.width === 160 && data.some((value, at) => at % 4 !== 3 && value > 0);
+})()"""
 CEILING = (
     "document.getElementById('fence-ceiling').value = '2.9';"
     "document.getElementById('fence-form').requestSubmit()"
