@@ -2,7 +2,7 @@
 // How often, and how finely, a view is drawn: as its graphics take it. A view that is slow to draw, as
 // every one is without a graphics processor, leaves most of the time to the images and to the flight.
 
-const SHARE = 0.2;
+const SHARE = 0.08;
 const SMOOTH = 0.3;
 const LONGEST_MS = 2000;
 const COARSE_MS = 120;
