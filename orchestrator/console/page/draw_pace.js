@@ -7,7 +7,7 @@ const SMOOTH = 0.3;
 const LONGEST_MS = 2000;
 const COARSE_MS = 120;
 const FINE_MS = 30;
-const LEAST_SCALE = 0.5;
+const LEAST_SCALE = 0.7;
 
 export class DrawPace {
   constructor() {

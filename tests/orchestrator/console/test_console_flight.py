@@ -73,6 +73,10 @@ async def look_and_abort(program: Program, link: str) -> None:
             assert name in page.value(text_of("vehicles"))
         assert "passes setpoints on" in await until(page, text_of("guards"))
         assert "collision of real" in page.value(text_of("margins"))
+        # Who sees it for the first time reads at the top what flies, and how near it is to failing.
+        assert "simulated: embedded" in page.value(text_of("vehicles"))
+        assert await until(page, text_of("air"), lambda one: "and" in one) == "real and twin"
+        assert " of real: " in page.value(text_of("nearest"))
         page.value("document.getElementById('hold').click()")
         await until(page, text_of("state"), lambda one: one.startswith("HELD"))
         page.value("document.getElementById('fence-edit').click()")
@@ -88,6 +92,7 @@ async def look_and_abort(program: Program, link: str) -> None:
         landed = await program.end()
         assert landed.code == 4, landed.why
         await until(page, "!document.getElementById('lost').hidden")
+        assert page.value(text_of("air")) == "nothing"
 
 
 async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:
