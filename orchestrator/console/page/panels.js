@@ -109,7 +109,7 @@ export class Panels {
     const run = this.model.run;
     const required = (run?.view?.margins ?? []).filter((/** @type {any} */ one) => one.required && one.margin !== null);
     const [nearest] = required
-      .map((/** @type {any} */ one) => ({ one, share: shareLeft(one, run?.margins.get(`${one.name} ${one.vehicle}`) ?? []) }))
+      .map((/** @type {any} */ one) => ({ one, share: shareLeft(one, run?.largest.get(`${one.name} ${one.vehicle}`) ?? 0) }))
       .toSorted((/** @type {any} */ one, /** @type {any} */ other) => one.share - other.share);
     by("nearest").textContent = nearest ? `${titleOf(nearest.one)}: ${number(nearest.one.margin)} ${nearest.one.unit}` : "–";
     by("nearest").className = nearest && nearest.share < NEAR ? "near" : "";
@@ -207,7 +207,7 @@ export class Panels {
       const name = make("th", titleOf(one));
       if (!one.required) name.append(make("small", " not required"));
       const value = make("td", `${number(one.actual)} ${one.unit}${limitText(one.limits)}`);
-      row.append(name, value, barCell(one, history), sparkCell(history));
+      row.append(name, value, barCell(one, run?.largest.get(`${one.name} ${one.vehicle}`) ?? 0), sparkCell(history));
       row.title = one.detail;
       return row;
     });
@@ -324,10 +324,10 @@ function titleOf(one) {
   return `${one.name.replaceAll("_", " ")} of ${one.vehicle}`;
 }
 
-/** How much of a margin is left, of the largest that it was or its limit. @param {any} one @param {number[]} history */
-function shareLeft(one, history) {
+/** How much of a margin is left, of the largest that it was or its limit. @param {any} one @param {number} largest */
+function shareLeft(one, largest) {
   const known = one.limits.filter((/** @type {any} */ limit) => limit !== null).map(Math.abs);
-  return one.margin / Math.max(1e-9, ...history.map(Math.abs), ...known, Math.abs(one.margin));
+  return one.margin / Math.max(1e-9, largest, ...known, Math.abs(one.margin));
 }
 
 /** @param {any} one */
@@ -343,14 +343,14 @@ function airText(vehicles, kinds) {
   return armed.length ? `nothing; ${armed.join(" and ")} armed` : "nothing";
 }
 
-/** @param {any} one @param {number[]} history */
-function barCell(one, history) {
+/** @param {any} one @param {number} largest that the margin was */
+function barCell(one, largest) {
   const cell = make("td");
   if (one.margin === null) {
     cell.append(make("small", one.verdict === "FAIL" ? `not yet: ${one.detail}` : one.detail || "no margin"));
     return cell;
   }
-  const share = shareLeft(one, history);
+  const share = shareLeft(one, largest);
   const bar = make("span", "", `bar ${share < 0 ? "over" : share < NEAR ? "near" : ""}`);
   const fill = make("i");
   fill.style.width = `${Math.max(0, share * 100)}%`;
