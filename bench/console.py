@@ -67,7 +67,7 @@ JOIN = "document.querySelector('#join-form button').click()"
 LINK = "document.getElementById('link')"
 IS_OPERATOR = "!document.getElementById('abort').disabled"
 LOOK = """((width, square, bits) => {
-  window.delays = []; window.shown = 0;
+  window.delays = [];
   const last = {}; let fresh = [];
   const row = new OffscreenCanvas(width, 1).getContext('2d', { willReadFrequently: true });
   const look = () => {
@@ -93,9 +93,13 @@ LOOK = """((width, square, bits) => {
 WATCH = f"{LOOK}({WIDTH}, {SQUARE}, {BITS})"
 COUNT = """(() => {
   window.shown = 0;
-  const make = window.createImageBitmap;
-  window.createImageBitmap = (one) => { window.shown += 1; return make(one); };
+  const draw = CanvasRenderingContext2D.prototype.drawImage;
+  CanvasRenderingContext2D.prototype.drawImage = function (...given) {
+    window.shown += this.canvas.id.startsWith('image-') && this.canvas.id !== 'image-overlay';
+    return draw.apply(this, given);
+  };
 })()"""
+"""Counts the images that the page draws; before the page's own scripts."""
 
 
 class Scenery:
@@ -113,7 +117,7 @@ class Scenery:
         image[:SQUARE] = np.repeat(np.array(bits, np.uint8) * 255, SQUARE)[None, :, None]
         return CameraReading(t_s, t_s, seq, source, image, LENS)
 
-    def view(self, seq: int, t_s: float) -> RunView:
+    def view(self, seq: int, t_s: float, run: str = RUN) -> RunView:
         """Return the state of a run in which both vehicles fly circles."""
         turn = seq / 60.0
         place = (2.0 * np.sin(turn), 2.0 * np.cos(turn), -1.2 - 0.3 * np.sin(3.0 * turn))
@@ -132,7 +136,7 @@ class Scenery:
             for name in ("real", "twin")
         )
         return RunView(
-            run=RUN,
+            run=run,
             name="large/wil/1",
             clock="wall",
             subject="real",
@@ -179,9 +183,11 @@ async def look_on(link: str) -> None:
         ).raise_for_status()
         async with session.ws_connect(f"{base}/live", max_msg_size=0) as socket:
             print("open", flush=True)
+            images = 0
             async for message in socket:
                 if message.type is aiohttp.WSMsgType.BINARY:
-                    await socket.send_str('{"ack": 1}')
+                    images += 1
+                    await socket.send_str(json.dumps({"ack": images}))
 
 
 @contextmanager
@@ -213,6 +219,15 @@ def wait_for(page: Page, script: str) -> None:
         if time.monotonic() > give_up_s:
             raise TimeoutError(script)
         time.sleep(0.05)
+
+
+def join(page: Page, console: Console) -> None:
+    """Open the page of a console as its operator."""
+    page.resize(1440, 1000)
+    page.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT)
+    page.open(console.operator)
+    page.value(JOIN)
+    wait_for(page, IS_OPERATOR)
 
 
 def show_images(page: Page, console: Console, seconds: float, more: str) -> None:
@@ -258,7 +273,7 @@ async def press_abort(page: Page, folder: Path) -> float:
 class Memory:
     """What is held at a moment, in MB, and how many images and states were sent and shown before.
 
-    heap_mb: of the page's scripts, after what is free was collected; page_mb: of its process.
+    heap_mb: of the page's scripts, after what is free was collected; page_mb: of its processes.
     """
 
     heap_mb: float
@@ -280,14 +295,14 @@ class Memory:
 
 
 def renderers() -> list[psutil.Process]:
-    """Return the processes of this process's browser that hold pages."""
+    """Return the processes of this process's browser that hold pages, and what they draw."""
     below = psutil.Process().children(recursive=True)
-    return [one for one in below if "--type=renderer" in one.cmdline()]
+    kinds = {"--type=renderer", "--type=gpu-process"}
+    return [one for one in below if kinds & set(one.cmdline())]
 
 
 def show_memory(page: Page, console: Console, minutes: float) -> None:
     """Show the page all it takes, and print how memory went behind a quarter for warming up."""
-    page.value(COUNT)
     scenery, moments = Scenery(), list[Memory]()
     images = [image_view(RUN, name, scenery.reading(name, 0, 0.0), 0.0) for name in NAMES]
     (path,) = find_console_sockets()
@@ -324,10 +339,7 @@ def measure(asked: argparse.Namespace, base: Path) -> None:
     console = Console()
     try:
         with browser() as page:
-            page.resize(1440, 1000)
-            page.open(console.operator)
-            page.value(JOIN)
-            wait_for(page, IS_OPERATOR)
+            join(page, console)
             page.value(WATCH)
             show_images(page, console, asked.seconds, ", one viewer")
             with viewers(page, 3):

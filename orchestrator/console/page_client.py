@@ -1,10 +1,10 @@
 """What one open page is sent: views by a latest-only slot each, the rest in order, never dropped.
 
-Images wait for the page: it acknowledges each, and at most two are on their way.
+Images wait for the page: it acknowledges each by its number, and of each camera at most two are on
+their way. One camera's image waits for no other's.
 """
 
 import asyncio
-import json
 from collections import deque
 from typing import Any
 
@@ -16,12 +16,19 @@ from orchestrator.live_feed.feed_messages import ImageView
 from vehicles.tasks import together
 
 WINDOW = 2
+"""Images of one camera that are on their way to a page."""
 MAX_MESSAGE_BYTES = 1024
 """Of what a page sends by its WebSocket: acknowledgements."""
 _MOST_WAITING = 4000
 _SEND_S = 5.0
 """A page that takes nothing for so long is closed; it connects again."""
 _HEAD = 4
+
+
+class _Acknowledgement(msgspec.Struct, forbid_unknown_fields=True):
+    """What a page sends."""
+
+    ack: int
 
 
 class SlowPageError(Exception):
@@ -37,7 +44,8 @@ class PageClient:
         self._ordered: deque[str] = deque()
         self._views: dict[str, str] = {}
         self._images: dict[str, bytes] = {}
-        self._unacknowledged = 0
+        self._on_way: dict[int, str] = {}
+        self._sent_images = 0
         self._is_slow = False
         self._woken = asyncio.Event()
 
@@ -70,10 +78,11 @@ class PageClient:
 
     async def _receive(self, sending: "asyncio.Task[None]") -> None:
         async for message in self._socket:
-            if message.type is not WSMsgType.TEXT or not _is_acknowledgement(message.data):
+            number = _acknowledged(message.data) if message.type is WSMsgType.TEXT else None
+            if number not in self._on_way:
                 await self._socket.close(code=1008, message=b"only acknowledgements are read")
                 break
-            self._unacknowledged = max(0, self._unacknowledged - 1)
+            del self._on_way[number]
             self._woken.set()
         sending.cancel()
 
@@ -87,15 +96,16 @@ class PageClient:
                 await self._send_waiting()
 
     async def _send_waiting(self) -> None:
-        """Send all that waits; of images no more than the window has room for."""
+        """Send all that waits; of each camera's images no more than the window has room for."""
         while self._ordered:
             await self._socket.send_str(self._ordered.popleft())
         for key in tuple(self._views):
             await self._socket.send_str(self._views.pop(key))
-        while self._images and self._unacknowledged < WINDOW:
-            key = next(iter(self._images))
-            self._unacknowledged += 1
-            await self._socket.send_bytes(self._images.pop(key))
+        for key in tuple(self._images):
+            if list(self._on_way.values()).count(key) < WINDOW:
+                self._sent_images += 1
+                self._on_way[self._sent_images] = key
+                await self._socket.send_bytes(self._images.pop(key))
 
 
 def as_text(document: Any) -> str:
@@ -120,8 +130,9 @@ def image_packet(image: ImageView) -> bytes:
     return len(head).to_bytes(_HEAD, "big") + head + image.jpeg
 
 
-def _is_acknowledgement(text: str) -> bool:
+def _acknowledged(text: str) -> int | None:
+    """Return the number of the image that a page acknowledges, counted from 1; None for none."""
     try:
-        return bool(json.loads(text) == {"ack": 1})
-    except (ValueError, RecursionError):
-        return False
+        return msgspec.json.decode(text, type=_Acknowledgement).ack
+    except msgspec.DecodeError:
+        return None

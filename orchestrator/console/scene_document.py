@@ -3,6 +3,7 @@
 NED metres and quaternions wxyz; vertices in the object's own frame.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,7 @@ class RunScene:
             "objects": [_object(thing, world) for thing in world.judged.objects],
             "targets": world.targets_ned_m({}),
             "problems": list(world.problems),
+            "kinds": _kinds(facts),
         }
         return cls(world, document)
 
@@ -53,6 +55,24 @@ class RunScene:
             for thing in self.world.judged.objects
             if thing.motion is not None
         }
+
+
+def _kinds(facts: Mapping[str, str]) -> dict[str, str]:
+    """Return what each vehicle is, in words, by its link; none where the links are not known."""
+    try:
+        vehicles = json.loads(facts.get("campaign", "{}"))["vehicles"]
+        links = {str(name): one["link"] for name, one in vehicles.items()}
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return {name: _kind(link) for name, link in links.items()}
+
+
+def _kind(link: object) -> str:
+    if link == "embedded":
+        return "simulated: embedded"
+    if isinstance(link, Mapping) and "launch" in link:
+        return f"simulated: {link['launch']}"
+    return "attached: may be hardware"
 
 
 def _object(thing: SceneObject, world: RecordedWorld) -> dict[str, Any]:

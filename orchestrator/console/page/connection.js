@@ -3,9 +3,10 @@
 
 const SILENT_MS = 2500;
 const AGAIN_MS = 1000;
+const HEAD_BYTES = 4;
 
 /**
- * @typedef {{document: (message: any) => void, image: (head: any, jpeg: Blob) => Promise<void>,
+ * @typedef {{document: (message: any) => void, image: (head: any, jpeg: Uint8Array<ArrayBuffer>) => Promise<void>,
  *   opened: () => void, isOver: () => boolean}} Takers
  */
 
@@ -27,34 +28,35 @@ export class Connection {
     this.isWanted = true;
     this.tryAt = performance.now() + AGAIN_MS;
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+    this.socket?.close();
     const socket = new WebSocket(`${scheme}//${location.host}/live`);
     socket.binaryType = "arraybuffer";
+    let images = 0;
     socket.addEventListener("open", () => {
       this.heard = performance.now();
       this.wasOpen = true;
       this.takers.opened();
     });
-    socket.addEventListener("message", (event) => void this.take(socket, event.data));
+    socket.addEventListener("message", (event) => {
+      this.heard = performance.now();
+      if (typeof event.data === "string") this.takers.document(JSON.parse(event.data));
+      else void this.takeImage(socket, event.data, (images += 1));
+    });
     socket.addEventListener("close", () => {
       if (this.socket === socket) this.socket = null;
     });
     this.socket = socket;
   }
 
-  /** @param {WebSocket} socket @param {string | ArrayBuffer} data */
-  async take(socket, data) {
-    this.heard = performance.now();
-    if (typeof data === "string") {
-      this.takers.document(JSON.parse(data));
-      return;
-    }
+  /** Hand an image on, and acknowledge it by its number when it is shown or let go.
+   * @param {WebSocket} socket @param {ArrayBuffer} data @param {number} number */
+  async takeImage(socket, data, number) {
     try {
       const length = new DataView(data).getUint32(0);
-      const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-      const jpeg = new Blob([new Uint8Array(data, 4 + length)], { type: "image/jpeg" });
-      await this.takers.image(head, jpeg);
+      const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, HEAD_BYTES, length)));
+      await this.takers.image(head, new Uint8Array(data, HEAD_BYTES + length));
     } finally {
-      if (socket.readyState === WebSocket.OPEN) socket.send('{"ack": 1}');
+      if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ ack: number }));
     }
   }
 

@@ -1,13 +1,17 @@
 // @ts-check
-// Camera images: drawn as they come, with age and rate; real and mixed one over the other.
+// Camera images: drawn as they come, the newest of each camera first, with age and rate; real and mixed
+// one over the other.
 
 /** @typedef {import("./model.js").Model} Model */
 
 const NAMES = ["real", "twin", "mixed"];
 const STALE_S = 1.0;
 const RATE_S = 3.0;
+const OVERLAY_MS = 125;
+const KIND = "image/jpeg";
 
-/** @typedef {{bitmap: ImageBitmap, head: any, at: number, times: number[]}} Shown */
+/** @typedef {VideoFrame | ImageBitmap} Decoded */
+/** @typedef {{image: Decoded, head: any, at: number, times: number[]}} Shown */
 
 export class Images {
   /** @param {Model} model */
@@ -16,42 +20,71 @@ export class Images {
     /** @type {Map<string, Shown>} */
     this.shown = new Map();
     this.run = "";
+    /** The newest image of each camera. @type {Map<string, any>} */
+    this.newest = new Map();
+    /** What is decoded of each camera. @type {Map<string, Promise<unknown>>} */
+    this.decoding = new Map();
+    this.isOverlayDue = false;
+    this.overlaidAt = 0;
     this.blend = /** @type {HTMLInputElement} */ (document.getElementById("blend"));
     this.blend.addEventListener("input", () => this.drawOverlay());
   }
 
-  /** @param {any} head @param {Blob} jpeg */
+  /** Draw an image, unless a newer one of its camera is there before it can be decoded.
+   * @param {any} head @param {Uint8Array<ArrayBuffer>} jpeg */
   async take(head, jpeg) {
     if (head.run !== this.model.chosen) return;
-    const bitmap = await createImageBitmap(jpeg);
+    this.newest.set(head.name, head);
+    await this.decoding.get(head.name)?.catch(() => null);
+    if (this.newest.get(head.name) !== head) return;
+    const decoding = decoded(jpeg);
+    this.decoding.set(head.name, decoding);
+    const image = await decoding;
+    if (head.run === this.model.chosen) this.show(head, image);
+    else image.close();
+  }
+
+  /** @param {any} head @param {Decoded} image */
+  show(head, image) {
     if (this.run !== head.run) this.forget(head.run);
     const before = this.shown.get(head.name);
     const at = performance.now();
     const times = [...(before?.times ?? []), at].filter((one) => one > at - RATE_S * 1000);
-    before?.bitmap.close();
-    this.shown.set(head.name, { bitmap, head, at, times });
-    draw(canvas(`image-${head.name}`), [[bitmap, 1]]);
-    if (head.name !== "twin") this.drawOverlay();
+    before?.image.close();
+    this.shown.set(head.name, { image, head, at, times });
+    draw(canvas(`image-${head.name}`), [[image, 1]]);
+    if (head.name !== "twin") this.refreshOverlay();
   }
 
   /** @param {string} run */
   forget(run) {
     this.run = run;
-    for (const one of this.shown.values()) one.bitmap.close();
+    for (const one of this.shown.values()) one.image.close();
     this.shown.clear();
     for (const name of [...NAMES, "overlay"]) {
       const one = canvas(`image-${name}`);
-      one.getContext("2d")?.clearRect(0, 0, one.width, one.height);
+      one.getContext("2d", { alpha: false })?.clearRect(0, 0, one.width, one.height);
     }
+  }
+
+  /** Draw the overlay behind the images themselves, and less often: it costs as much as they do. */
+  refreshOverlay() {
+    if (this.isOverlayDue) return;
+    this.isOverlayDue = true;
+    setTimeout(() => {
+      this.isOverlayDue = false;
+      this.overlaidAt = performance.now();
+      this.drawOverlay();
+    }, Math.max(0, this.overlaidAt + OVERLAY_MS - performance.now()));
   }
 
   drawOverlay() {
     const real = this.shown.get("real");
     const mixed = this.shown.get("mixed");
-    /** @type {[ImageBitmap, number][]} */
+    /** @type {[Decoded, number][]} */
     const layers = [];
-    if (real) layers.push([real.bitmap, 1]);
-    if (mixed) layers.push([mixed.bitmap, Number(this.blend.value) / 100]);
+    if (real) layers.push([real.image, 1]);
+    if (mixed) layers.push([mixed.image, Number(this.blend.value) / 100]);
     if (layers.length) draw(canvas("image-overlay"), layers);
   }
 
@@ -80,24 +113,37 @@ export class Images {
   }
 }
 
+/** An image of a JPEG. A decoder takes it where it is; a blob goes by way of the browser's own process.
+ * @param {Uint8Array<ArrayBuffer>} jpeg @returns {Promise<Decoded>} */
+async function decoded(jpeg) {
+  if (!("ImageDecoder" in window)) return await createImageBitmap(new Blob([jpeg], { type: KIND }));
+  const decoder = new ImageDecoder({ data: jpeg, type: KIND });
+  try {
+    return (await decoder.decode()).image;
+  } finally {
+    decoder.close();
+  }
+}
+
 /** @param {string} id */
 function canvas(id) {
   return /** @type {HTMLCanvasElement} */ (document.getElementById(id));
 }
 
-/** @param {HTMLCanvasElement} target @param {[ImageBitmap, number][]} layers */
+/** @param {HTMLCanvasElement} target @param {[Decoded, number][]} layers */
 function draw(target, layers) {
   const [first] = layers[0];
-  if (target.width !== first.width || target.height !== first.height) {
-    target.width = first.width;
-    target.height = first.height;
-    target.style.aspectRatio = `${first.width} / ${first.height}`;
+  const [width, height] = "displayWidth" in first ? [first.displayWidth, first.displayHeight] : [first.width, first.height];
+  if (target.width !== width || target.height !== height) {
+    target.width = width;
+    target.height = height;
+    target.style.aspectRatio = `${width} / ${height}`;
   }
-  const context = target.getContext("2d");
+  const context = target.getContext("2d", { alpha: false });
   if (!context) return;
-  for (const [bitmap, alpha] of layers) {
+  for (const [image, alpha] of layers) {
     context.globalAlpha = alpha;
-    context.drawImage(bitmap, 0, 0, target.width, target.height);
+    context.drawImage(image, 0, 0, target.width, target.height);
   }
   context.globalAlpha = 1;
 }

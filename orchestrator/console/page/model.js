@@ -7,7 +7,7 @@ const HISTORY = 120;
 const MOST_EVENTS = 400;
 
 /** @typedef {{key: string, scene: any, view: any, at: number, trails: Map<string, number[][]>,
- *   margins: Map<string, number[]>, contacts: number[][], poses: Map<string, number[]>}} Run */
+ *   margins: Map<string, number[]>, largest: Map<string, number>, contacts: number[][], poses: Map<string, number[]>}} Run */
 
 export class Model {
   constructor() {
@@ -101,6 +101,7 @@ export class Model {
         at: 0,
         trails: new Map(),
         margins: new Map(),
+        largest: new Map(),
         contacts: [],
         poses: new Map(),
       };
@@ -116,6 +117,7 @@ export class Model {
     if (run.view && view.t_s < run.view.t_s - 1) {
       run.trails.clear();
       run.margins.clear();
+      run.largest.clear();
       run.contacts = [];
     }
     run.view = view;
@@ -134,7 +136,10 @@ export class Model {
       const key = `${margin.name} ${margin.vehicle}`;
       const history = run.margins.get(key) ?? [];
       run.margins.set(key, history);
-      if (margin.margin !== null) history.push(margin.margin);
+      if (margin.margin !== null) {
+        history.push(margin.margin);
+        run.largest.set(key, Math.max(run.largest.get(key) ?? 0, Math.abs(margin.margin)));
+      }
       if (history.length > HISTORY) history.shift();
     }
   }

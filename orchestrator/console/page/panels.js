@@ -70,7 +70,8 @@ export class Panels {
       for (const one of document.querySelectorAll(`.aged[data-age=${key}]`)) {
         one.classList.toggle("stale", age !== null && age > STALE_S);
         const text = one.querySelector(".age");
-        if (text) text.textContent = age === null ? "" : `${age.toFixed(1)} s old`;
+        const isOver = key === "run" && run?.view?.stage === "end";
+        if (text) text.textContent = age === null ? "" : isOver ? "the run has ended" : `${age.toFixed(1)} s old`;
       }
     }
   }
@@ -91,6 +92,8 @@ export class Panels {
     const verdict = by("verdict");
     verdict.textContent = view?.verdict_so_far || "–";
     verdict.className = `badge ${view?.verdict_so_far ?? ""}`;
+    by("air").textContent = view ? airText(view.vehicles, model.run?.scene?.kinds ?? {}) : "–";
+    this.showNearest();
     by("reason").textContent = view?.reason ?? "";
     by("reason").hidden = !view?.reason;
     this.showRuns();
@@ -99,6 +102,17 @@ export class Panels {
     button("abort").disabled = !isOperator;
     button("hold").disabled = !isOperator || !model.hasControl || isDone || Boolean(campaign?.held);
     button("resume").disabled = !isOperator || !model.hasControl || !campaign?.held;
+  }
+
+  /** Name the required margin of which the least share is left. */
+  showNearest() {
+    const run = this.model.run;
+    const required = (run?.view?.margins ?? []).filter((/** @type {any} */ one) => one.required && one.margin !== null);
+    const [nearest] = required
+      .map((/** @type {any} */ one) => ({ one, share: shareLeft(one, run?.largest.get(`${one.name} ${one.vehicle}`) ?? 0) }))
+      .toSorted((/** @type {any} */ one, /** @type {any} */ other) => one.share - other.share);
+    by("nearest").textContent = nearest ? `${titleOf(nearest.one)}: ${number(nearest.one.margin)} ${nearest.one.unit}` : "–";
+    by("nearest").className = nearest && nearest.share < NEAR ? "near" : "";
   }
 
   campaign() {
@@ -135,6 +149,7 @@ export class Panels {
     const vehicles = view?.vehicles ?? [];
     /** @type {[string, (one: any) => [string, string] | string][]} */
     const rows = [
+      ["what it is", (one) => this.model.run?.scene?.kinds?.[one.name] ?? "–"],
       ["mode", (one) => one.mode || "–"],
       ["armed", (one) => (one.armed ? "armed" : "disarmed")],
       ["state", (one) => one.landed.replace("_", " ") || "–"],
@@ -189,10 +204,10 @@ export class Panels {
     const rows = sorted.map((/** @type {any} */ one) => {
       const history = run?.margins.get(`${one.name} ${one.vehicle}`) ?? [];
       const row = make("tr", "", one.required ? "" : "minor");
-      const name = make("th", `${one.name.replaceAll("_", " ")} of ${one.vehicle}`);
+      const name = make("th", titleOf(one));
       if (!one.required) name.append(make("small", " not required"));
       const value = make("td", `${number(one.actual)} ${one.unit}${limitText(one.limits)}`);
-      row.append(name, value, barCell(one, history), sparkCell(history));
+      row.append(name, value, barCell(one, run?.largest.get(`${one.name} ${one.vehicle}`) ?? 0), sparkCell(history));
       row.title = one.detail;
       return row;
     });
@@ -304,16 +319,38 @@ function limitText(limits) {
   return high === null ? `, limit ${number(low)}` : `, ${number(low)} to ${number(high)}`;
 }
 
-/** @param {any} one @param {number[]} history */
-function barCell(one, history) {
+/** The name of a margin. @param {any} one */
+function titleOf(one) {
+  return `${one.name.replaceAll("_", " ")} of ${one.vehicle}`;
+}
+
+/** How much of a margin is left, of the largest that it was or its limit. @param {any} one @param {number} largest */
+function shareLeft(one, largest) {
+  const known = one.limits.filter((/** @type {any} */ limit) => limit !== null).map(Math.abs);
+  return one.margin / Math.max(1e-9, largest, ...known, Math.abs(one.margin));
+}
+
+/** @param {any} one */
+function isUp(one) {
+  return one.landed ? one.landed !== "on_ground" : one.armed;
+}
+
+/** What is off the ground, and what of it may be hardware. @param {any[]} vehicles @param {Record<string, string>} kinds */
+function airText(vehicles, kinds) {
+  const up = vehicles.filter(isUp).map((one) => `${one.name}${kinds[one.name]?.startsWith("attached") ? " (may be hardware)" : ""}`);
+  const armed = vehicles.filter((one) => one.armed && !isUp(one)).map((one) => one.name);
+  if (up.length) return up.join(" and ");
+  return armed.length ? `nothing; ${armed.join(" and ")} armed` : "nothing";
+}
+
+/** @param {any} one @param {number} largest that the margin was */
+function barCell(one, largest) {
   const cell = make("td");
   if (one.margin === null) {
     cell.append(make("small", one.verdict === "FAIL" ? `not yet: ${one.detail}` : one.detail || "no margin"));
     return cell;
   }
-  const known = one.limits.filter((/** @type {any} */ limit) => limit !== null).map(Math.abs);
-  const scale = Math.max(1e-9, ...history.map(Math.abs), ...known, Math.abs(one.margin));
-  const share = one.margin / scale;
+  const share = shareLeft(one, largest);
   const bar = make("span", "", `bar ${share < 0 ? "over" : share < NEAR ? "near" : ""}`);
   const fill = make("i");
   fill.style.width = `${Math.max(0, share * 100)}%`;

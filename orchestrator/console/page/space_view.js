@@ -2,6 +2,7 @@
 // The world in three dimensions, by WebGL; what it shows is the model's newest run.
 
 import * as THREE from "./vendor/three/three.module.min.js";
+import { DrawPace } from "./draw_pace.js";
 import { Orbit } from "./orbit.js";
 import { axes } from "./projection.js";
 import { Bands, Mark } from "./space_marks.js";
@@ -15,8 +16,7 @@ const FIELD = (35 * Math.PI) / 180;
 const LIGHT = [-0.35, 0.25, -0.9];
 const FILLS = 0.94;
 const ROUNDS = 3;
-const SLOW_MS = 300;
-const IN_SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+const LOOK_MS = 5;
 
 export class SpaceView {
   /** @param {Model} model @param {HTMLCanvasElement} canvas @param {WebGL2RenderingContext} context */
@@ -25,9 +25,9 @@ export class SpaceView {
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, context, alpha: true, antialias: true });
     this.renderer.setClearColor(0, 0);
-    /** Without a graphics processor a picture costs a core that the flight may need. */
-    this.pause_ms = IN_SOFTWARE.test(rendererName(context)) ? SLOW_MS : 0;
-    this.drawnAt = -Infinity;
+    this.context = context;
+    this.pace = new DrawPace();
+    this.fitted = "";
     this.scene = new THREE.Scene();
     const sun = new THREE.DirectionalLight("white", 2.2);
     sun.position.fromArray(LIGHT);
@@ -55,16 +55,42 @@ export class SpaceView {
   draw() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     const now = performance.now();
-    const isDue = this.isTurned || now - this.drawnAt >= this.pause_ms;
-    if (!width || !isDue || this.renderer.getContext().isContextLost()) return;
-    this.drawnAt = now;
+    if (!width || this.context.isContextLost() || !this.pace.isDue(now, this.isTurned)) return;
+    this.pace.begin(now);
     this.isTurned = false;
     const { run } = this.model;
     if (run) this.show(run);
-    this.renderer.setPixelRatio(this.pause_ms ? 1 : window.devicePixelRatio || 1);
-    this.renderer.setSize(width, height, false);
+    this.fit(width, height, (window.devicePixelRatio || 1) * this.pace.scale);
     this.aim(width, height);
     this.renderer.render(this.scene, this.camera);
+    this.awaitDrawn();
+  }
+
+  /** A size that is set anew makes all buffers anew. @param {number} width @param {number} height @param {number} ratio */
+  fit(width, height, ratio) {
+    const fitted = `${width} ${height} ${ratio}`;
+    if (fitted === this.fitted) return;
+    this.fitted = fitted;
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+  }
+
+  /** Take the time until the graphics have drawn, without waiting for them. */
+  awaitDrawn() {
+    const fence = this.context.fenceSync(this.context.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    if (!fence) return this.pace.end(performance.now());
+    this.context.flush();
+    const look = () => {
+      const isLost = this.context.isContextLost();
+      if (!isLost && this.context.getSyncParameter(fence, this.context.SYNC_STATUS) !== this.context.SIGNALED) {
+        setTimeout(look, LOOK_MS);
+        return;
+      }
+      this.context.deleteSync(fence);
+      this.pace.end(performance.now());
+      if (this.isTurned) requestAnimationFrame(() => this.draw());
+    };
+    setTimeout(look, 0);
   }
 
   /** @param {Run} run */
@@ -159,11 +185,4 @@ function boxCorners(box) {
   if (box.isEmpty()) return [];
   const { min, max } = box;
   return [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new THREE.Vector3(x, y, z))));
-}
-
-/** What draws: the name of a graphics processor, or of a program in its place.
- * @param {WebGL2RenderingContext} context */
-function rendererName(context) {
-  const names = context.getExtension("WEBGL_debug_renderer_info");
-  return String(context.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : context.RENDERER));
 }

@@ -152,7 +152,9 @@ class Drawing {
     this.line([arms[2], arms[3]], colour, 3);
     this.line([place, rotate(q, [ARM_M * 1.9, 0, 0], place)], colour, 2);
     for (const arm of arms) this.ring(arm, colour, 3, 1.5);
-    this.text(place, vehicle.name, colour, vehicle.name === "twin" ? -22 : 12);
+    const [x] = this.projection.flat(place);
+    const beside = Math.max(...arms.map((one) => this.projection.flat(one)[0] - x));
+    this.text(place, vehicle.name, colour, vehicle.name === "twin" ? -16 : 8, beside + 6);
   }
 
   /** @param {any} vehicle @param {number[]} place @param {string} colour */
@@ -207,12 +209,13 @@ class Drawing {
     this.context.stroke();
   }
 
-  /** @param {number[]} point @param {string} text @param {string} colour @param {number} [lift] */
-  text(point, text, colour, lift = 0) {
+  /** @param {number[]} point @param {string} text @param {string} colour @param {number} [lift]
+   * @param {number} [beside] */
+  text(point, text, colour, lift = 0, beside = 10) {
     const [x, y] = this.projection.flat(point);
     this.context.fillStyle = colour;
     this.context.font = "12px system-ui, sans-serif";
-    this.context.fillText(text, x + 10, y - 4 - lift);
+    this.context.fillText(text, x + beside, y - 4 - lift);
   }
 }
 

@@ -16,11 +16,13 @@ from tests.orchestrator.wall_runs import STAYING, Program, lines, stages
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 RECORD = "operator.jsonl"
 PATIENCE_S = 100.0
-IS_DRAWN = (
-    "(() => { const one = document.getElementById('image-{name}');"
-    " const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;"
-    " return one.width === 160 && data.some((value, at) => at % 4 !== 3 && value > 0); })()"
-)
+IS_DRAWN = """(() => {
+  const of = new OffscreenCanvas(160, 120).getContext('2d');
+  const one = document.getElementById('image-{name}');
+  of.drawImage(one, 0, 0);
+  const data = of.getImageData(0, 0, 160, 120).data;
+  return one.width === 160 && data.some((value, at) => at % 4 !== 3 && value > 0);
+})()"""
 CEILING = (
     "document.getElementById('fence-ceiling').value = '2.9';"
     "document.getElementById('fence-form').requestSubmit()"
@@ -71,6 +73,10 @@ async def look_and_abort(program: Program, link: str) -> None:
             assert name in page.value(text_of("vehicles"))
         assert "passes setpoints on" in await until(page, text_of("guards"))
         assert "collision of real" in page.value(text_of("margins"))
+        # Who sees it for the first time reads at the top what flies, and how near it is to failing.
+        assert "simulated: embedded" in page.value(text_of("vehicles"))
+        assert await until(page, text_of("air"), lambda one: "and" in one) == "real and twin"
+        assert " of real: " in page.value(text_of("nearest"))
         page.value("document.getElementById('hold').click()")
         await until(page, text_of("state"), lambda one: one.startswith("HELD"))
         page.value("document.getElementById('fence-edit').click()")
@@ -86,6 +92,7 @@ async def look_and_abort(program: Program, link: str) -> None:
         landed = await program.end()
         assert landed.code == 4, landed.why
         await until(page, "!document.getElementById('lost').hidden")
+        assert page.value(text_of("air")) == "nothing"
 
 
 async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:

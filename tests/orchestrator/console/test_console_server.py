@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from typing import Any
 
 import pytest
 from aiohttp import WSServerHandshakeError
@@ -253,6 +254,11 @@ async def test_a_page_gets_what_is_known_and_then_what_is_new(console: Console) 
     assert json.loads((await page.receive()).data)["t_s"] is None
 
 
+def head_of(data: bytes) -> Any:
+    """Return what stands before an image."""
+    return json.loads(data[4 : 4 + int.from_bytes(data[:4], "big")])
+
+
 async def test_images_wait_for_a_page_and_only_the_newest_is_kept(console: Console) -> None:
     client = await console.client("viewer")
     page = await client.ws_connect("/live", headers={"Origin": console.origin})
@@ -271,9 +277,17 @@ async def test_images_wait_for_a_page_and_only_the_newest_is_kept(console: Conso
         elif json.loads(message.data)["type"] == "event":
             break
     assert len(seen) == 2
+    # Another camera's image does not wait for those.
+    other = ImageView("/r", "mixed", 7, 1.0, 0.0, 4, 4, rendered=True, jpeg=b"x")
+    await console.hub.take(other)
+    assert head_of((await page.receive(5.0)).data)["name"] == "mixed"
     await page.send_str('{"ack": 1}')
-    newest = (await page.receive(5.0)).data
-    assert json.loads(newest[4 : 4 + int.from_bytes(newest[:4], "big")])["seq"] == 49
+    assert head_of((await page.receive(5.0)).data)["seq"] == 49
+    # What never was on its way cannot be acknowledged.
+    await page.send_str('{"ack": 1}')
+    while not page.closed:
+        await page.receive(5.0)
+    assert page.close_code == 1008
 
 
 @pytest.mark.parametrize("text", ["0.0.0.0", "192.168.1.4:8000", "[::]:1", "hall.example"])  # noqa: S104
