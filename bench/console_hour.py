@@ -21,7 +21,6 @@ from bench.console import (
     FACTS,
     HZ,
     NAMES,
-    ROOT,
     Console,
     Memory,
     Scenery,
@@ -31,6 +30,7 @@ from bench.guard import tell
 from orchestrator.live_feed.feed_publisher import FeedPublisher
 from orchestrator.state.mixtures import PreviewImages
 from tests.orchestrator.report.browser import Page, browser
+from tests.orchestrator.wall_runs import ROOT
 
 LARGEST_GROWTH_PERCENT = 5.0
 MINUTE_S = 60.0
@@ -110,8 +110,9 @@ def measure(asked: argparse.Namespace) -> None:
                 while time.monotonic() < end_s:
                     number += 1
                     states = fly(number, asked.run_seconds, end_s, states, minutes)
-            except KeyboardInterrupt:
-                print("ended early")
+            except (KeyboardInterrupt, OSError, RuntimeError) as why:
+                # What there is of it is judged, also when the browser was ended by somebody.
+                print(f"ended early: {why!r}")
             minutes.judge()
             print(f"errors of the page: {page.errors}")
     finally:

@@ -88,7 +88,7 @@ export class Panels {
     by("campaign").textContent = campaign?.name ?? (model.mode === "recorded" ? "Recorded run" : "No campaign in flight");
     by("state").textContent = this.stateText(campaign);
     by("stage").textContent = view?.stage ?? "–";
-    by("time").textContent = view ? `${sinceStart(view.t_s, view).toFixed(1)} s, ${view.clock} clock` : "–";
+    by("time").textContent = view ? `${sinceStart(view.t_s, view).toFixed(1)} s, ${view.clock} clock${leftText(view)}` : "–";
     const verdict = by("verdict");
     verdict.textContent = view?.verdict_so_far || "–";
     verdict.className = `badge ${view?.verdict_so_far ?? ""}`;
@@ -271,6 +271,14 @@ export class Panels {
 /** Seconds since the run began. @param {number} t_s @param {any} view */
 function sinceStart(t_s, view) {
   return t_s - (view?.entered_s?.start ?? 0);
+}
+
+/** The time that the required limit leaves. @param {any} view */
+function leftText(view) {
+  const limit = view.margins.find((/** @type {any} */ one) => one.name === "time_limit" && one.required);
+  const [, high] = limit?.limits ?? [null, null];
+  if (high === null || limit.actual === null || view.stage !== "goal") return "";
+  return `, ${Math.max(0, high - limit.actual).toFixed(0)} s left`;
 }
 
 /** @param {any} event @param {Model} model */

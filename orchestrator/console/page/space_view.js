@@ -81,8 +81,8 @@ export class SpaceView {
     if (!fence) return this.pace.end(performance.now());
     this.context.flush();
     const look = () => {
-      const isLost = this.context.isContextLost();
-      if (!isLost && this.context.getSyncParameter(fence, this.context.SYNC_STATUS) !== this.context.SIGNALED) {
+      // Of a context that was lost meanwhile it is neither.
+      if (this.context.getSyncParameter(fence, this.context.SYNC_STATUS) === this.context.UNSIGNALED) {
         setTimeout(look, LOOK_MS);
         return;
       }

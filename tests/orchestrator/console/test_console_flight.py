@@ -77,6 +77,7 @@ async def look_and_abort(program: Program, link: str) -> None:
         assert "simulated: embedded" in page.value(text_of("vehicles"))
         assert await until(page, text_of("air"), lambda one: "and" in one) == "real and twin"
         assert " of real: " in page.value(text_of("nearest"))
+        assert "s left" in await until(page, text_of("time"), lambda one: "left" in one)
         page.value("document.getElementById('hold').click()")
         await until(page, text_of("state"), lambda one: one.startswith("HELD"))
         page.value("document.getElementById('fence-edit').click()")

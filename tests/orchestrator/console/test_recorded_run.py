@@ -1,6 +1,7 @@
 """A finished run as the console plays it, and the command that does."""
 
 import asyncio
+import json
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,22 @@ async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
     (gate,) = RunScene.of("/r", facts).document["objects"]
     assert (gate["name"], gate["is_virtual"], gate["moves"]) == ("gate", True, False)
     assert max(max(face) for face in gate["faces"]) < len(gate["vertices_m"])
+
+
+@pytest.mark.parametrize(
+    ("link", "kind"),
+    [
+        ("embedded", "simulated: embedded"),
+        ({"launch": "px4"}, "simulated: px4"),
+        ("udp:127.0.0.1:14550", "attached: may be hardware"),
+        ({"url": "serial:/dev/ttyACM0"}, "attached: may be hardware"),
+    ],
+)
+def test_the_page_is_told_what_a_vehicle_is(link: object, kind: str) -> None:
+    facts = {"campaign": json.dumps({"vehicles": {"real": {"link": link}}})}
+    assert RunScene.of("/r", facts).document["kinds"] == {"real": kind}
+    for broken in ("", "[]", "{", '{"vehicles": {"real": 1}}'):
+        assert RunScene.of("/r", {"campaign": broken}).document["kinds"] == {}
 
 
 async def test_a_run_without_positions_cannot_be_played(tmp_path: Path) -> None:
