@@ -63,7 +63,7 @@ async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
         ({"url": "serial:/dev/ttyACM0"}, "attached: may be hardware"),
     ],
 )
-def test_the_page_is_told_what_a_vehicle_is(link: object, kind: str) -> None:
+def test_the_scene_says_what_a_vehicle_is(link: object, kind: str) -> None:
     facts = {"campaign": json.dumps({"vehicles": {"real": {"link": link}}})}
     assert RunScene.of("/r", facts).document["kinds"] == {"real": kind}
     for broken in ("", "[]", "{", '{"vehicles": {"real": 1}}'):
