@@ -13,8 +13,11 @@ from campaigns.values.references import BadReferenceError
 from vehicles.process_memory import limited_allocation
 from worlds.files.documents import Document, Path, Problem
 
-LONGEST_BUILD_S = 10.0
-"""How long an autonomy may take to be imported and built where it is tried in a child process."""
+LONGEST_BUILD_S = 30.0
+"""How long an autonomy may take to be imported and built where it is tried in a child process; as
+long as a worker may take to load it."""
+_LONGEST_START_S = 120.0
+"""A child process that has not begun by then never will, however busy the machine is."""
 _GRACE_S = 1.0
 
 
@@ -94,6 +97,9 @@ def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     child.start()
     theirs.close()
     try:
+        # A child that is spawned imports all of ours first, which is not the autonomy's time.
+        if ours.poll(_LONGEST_START_S):
+            ours.recv()
         if not ours.poll(LONGEST_BUILD_S):
             said = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
             return _Refusal("use", f"'{under_test.use}' {said}")
@@ -110,7 +116,8 @@ def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
 
 
 def _report(connection: Connection, under_test: UnderTest) -> None:
-    """Send the outcome of the autonomy check from the child process to its parent."""
+    """Send that the autonomy check begins, and its outcome, from the child to its parent."""
+    connection.send(None)
     with limited_allocation(under_test.limits.memory_mb):
         refusal = _refusal(under_test)
     connection.send(refusal)

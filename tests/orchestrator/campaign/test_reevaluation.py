@@ -126,8 +126,9 @@ def test_what_was_not_flown_and_what_is_no_recording_are_reported(
     recorded: Path, tmp_path: Path, capsys: Any
 ) -> None:
     assert judge(recorded, repetitions=4) == 3
-    *_, missing, last = capsys.readouterr().out.splitlines()
+    *_, missing, short, last = capsys.readouterr().out.splitlines()
     assert missing == "never flown: large/sim/2, large/sim/3, large/sim/4"
+    assert short.endswith("large/sim is 1/1 (needs 4/4)")
     assert last.startswith("not accepted of what was flown; never flown: 3 of 5; required, and")
     assert "left out: large/wil" in last
     assert judge(tmp_path) == 3
