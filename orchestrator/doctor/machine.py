@@ -3,6 +3,8 @@
 import ctypes
 import os
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
@@ -63,6 +65,28 @@ def wakes_late_s() -> float:
         time.sleep(_NAP_S)
         late.append(time.monotonic() - asked_s)
     return sorted(late)[_NAPS * 9 // 10]
+
+
+def guard_scheduling(granted: str) -> Iterator[Finding]:
+    """Yield the finding how the guard's process is scheduled here (see `granted_scheduling`)."""
+    text = f"the guard's process runs with {granted} scheduling"
+    if granted == "real-time":
+        yield Finding(CLOCK, "good", text)
+    else:
+        said = (
+            "it comes before other programs once the user may: a line like `NAME - rtprio 1` in "
+            "/etc/security/limits.d, and log in again"
+        )
+        yield Finding(CLOCK, "note", text, said)
+
+
+def granted_scheduling() -> str:
+    """Return what a guard's process is granted, tried in a process that ends at once."""
+    program = "from vehicles.processes.linux import rise_above_load; print(rise_above_load())"
+    asked = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", program], capture_output=True, check=False, text=True
+    )
+    return asked.stdout.strip() or "normal"
 
 
 def clock_synchronised() -> bool | None:

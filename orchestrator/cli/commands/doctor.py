@@ -77,6 +77,7 @@ def _findings(results: Path) -> Iterable[Finding]:
     yield from machine.clock(
         machine.wakes_late_s(), synchronised=machine.clock_synchronised(), now=machine.utc()
     )
+    yield from machine.guard_scheduling(machine.granted_scheduling())
     yield from machine.disk(next(one for one in (results, *results.parents) if one.is_dir()))
     yield from _left_over(results)
 

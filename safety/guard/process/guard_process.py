@@ -77,6 +77,7 @@ from vehicles.poses.anchor import Anchor
 from vehicles.processes.child import ChildProcess, how_it_ended
 from vehicles.processes.clock_socket import clock_environment
 from vehicles.processes.identity import ProcessId
+from vehicles.processes.linux import rise_above_load
 from vehicles.tasks import FAULTS, TaskAccount, start
 from worlds.frames import Pose
 
@@ -89,7 +90,8 @@ JOURNAL = "guard.jsonl"
 class GuardProcess:
     """The guard process: runs one guard from its config to the end of its last child."""
 
-    def __init__(self, *, end: socket.socket, lifeline: int) -> None:
+    def __init__(self, *, end: socket.socket, lifeline: int, scheduling: str = "normal") -> None:
+        self._scheduling = scheduling
         self._channel = Channel(
             end, receives=to_guard, take=self._take, closed=self._on_parent_death
         )
@@ -244,7 +246,7 @@ class GuardProcess:
         stack.callback(remove_record, runtime, me)
 
     def _report_opened(self, raw: Mapping[str, Link]) -> None:
-        self._note("opened", pid=os.getpid())
+        self._note("opened", pid=os.getpid(), scheduling=self._scheduling)
         self._channel.send(Opened(os.getpid(), open_ports(raw, told=self._link_changed)))
         self._send_status()
         # What is loaded by now lives as long as the process: the collector need not look.
@@ -431,4 +433,5 @@ def main(arguments: list[str]) -> int:
     end = socket.socket(fileno=channel)
     end.set_inheritable(False)
     with asyncio.Runner(loop_factory=PacedLoop if SCALED in arguments[3:] else None) as runner:
-        return runner.run(GuardProcess(end=end, lifeline=lifeline).run())
+        guard = GuardProcess(end=end, lifeline=lifeline, scheduling=rise_above_load())
+        return runner.run(guard.run())

@@ -145,6 +145,10 @@ def test_clocks() -> None:
         "note",
     ]
     assert machine.wakes_late_s() >= 0.0
+    assert only(machine.guard_scheduling("real-time")).grade == "good"
+    busy = only(machine.guard_scheduling("normal"))
+    assert (busy.grade, "rtprio" in busy.remedy) == ("note", True)
+    assert machine.granted_scheduling() in {"real-time", "nice -10", "normal"}
     assert machine.clock_synchronised() in {True, False, None}
 
 

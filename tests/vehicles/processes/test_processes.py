@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -93,3 +94,43 @@ def test_what_only_linux_has_is_refused_elsewhere(monkeypatch: pytest.MonkeyPatc
     ):
         with pytest.raises(linux.UnsupportedSystemError, match=r"darwin lacks .*--clock virtual"):
             refused()
+
+
+@pytest.mark.parametrize("granted", ["real-time", "nice -10", "normal"])
+def test_a_process_rises_as_far_as_it_may(granted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    policies: list[int] = []
+
+    def schedule(_: int, policy: int, _parameters: os.sched_param) -> None:
+        policies.append(policy)
+        if granted != "real-time" and policy & os.SCHED_RR:
+            raise PermissionError
+
+    def nice(_which: int, _who: int, value: int) -> None:
+        if granted == "normal":
+            raise PermissionError
+        assert value == -10
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    monkeypatch.setattr(os, "setpriority", nice)
+    assert linux.rise_above_load() == granted
+    assert all(policy & os.SCHED_RESET_ON_FORK for policy in policies)
+
+
+def test_what_a_risen_process_starts_is_scheduled_normally() -> None:
+    show = "import os; print(os.sched_getscheduler(0) & 7, os.nice(0))"
+    program = (
+        "import os, subprocess, sys; from vehicles.processes.linux import rise_above_load\n"
+        "print(rise_above_load(), os.sched_getscheduler(0) & 7, os.nice(0), flush=True)\n"
+        f"subprocess.run([sys.executable, '-c', {show!r}])"
+    )
+    done = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    mine, its = done.stdout.splitlines()
+    ours = os.nice(0)
+    assert mine in {
+        f"real-time {os.SCHED_RR} {ours}",
+        f"nice -10 {os.SCHED_OTHER} -10",
+        f"normal {os.SCHED_OTHER} {ours}",
+    }
+    assert its == f"{os.SCHED_OTHER} {ours if mine.startswith('normal') else 0}"

@@ -28,6 +28,7 @@ from tests.safety.guard.remote_rigs import (
 from vehicles.links.link import LinkError
 from vehicles.processes.identity import ProcessId
 
+RR = os.SCHED_RR
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 
 
@@ -71,6 +72,8 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
         name, t_s, _ = flight.wire[-1]
         assert name in {"real", "twin"}
         assert abs(asyncio.get_running_loop().time() - t_s) < 1.0
+        granted = next(one["scheduling"] for one in log_lines(folder) if one["event"] == "opened")
+        assert (granted == "real-time") == (os.sched_getscheduler(flight.guard.pid) & 7 == RR)
         flight.guard.bring_down("done")
         assert await flight.guard.all_down(10.0)
         assert flight.guard.phases == {"real": Phase.DOWN, "twin": Phase.DOWN}
