@@ -3,11 +3,13 @@
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 from campaigns.values.external_setups import ReadingSourceSetup
 from campaigns.values.sensor_setups import LidarSetup, RangingSetup, SourcedSetup
 from orchestrator.external.external_sources import Deliver, ExternalSource
 from orchestrator.model.external_results import SourceResult
+from orchestrator.recording.topic_readings import TopicReadings
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.readings import Reading, Source
@@ -16,7 +18,9 @@ from vehicles.sources.readings.frozen_readings import FrozenReadings
 from vehicles.sources.readings.live_readings import LiveReadings
 from vehicles.sources.readings.mavlink_messages import Beams, StatedReach
 from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
+from vehicles.sources.readings.recorded_readings import RecordedReadings
 from vehicles.sources.readings.rest_check import rest_fault
+from vehicles.sources.readings.zmq_readings import ZmqReadings
 from worlds.frames import AT_ORIGIN
 from worlds.geodesy import LocalFrame
 
@@ -48,11 +52,8 @@ class ExternalReadings(ExternalSource):
         self._from = source
         self._context: VehicleContext | None = None
         self._frozen = FrozenReadings()
-        self._live = LiveReadings(
-            name=f"{side} {sensor.name} from {source.address}",
-            what=source.message or _ESTIMATE,
-            stall_s=source.stall_s,
-        )
+        self._is_frozen = False
+        self._live = self._make_live()
 
     def attach(self, context: VehicleContext) -> None:
         """Attach the vehicle whose sensor this is; before it is identified."""
@@ -73,7 +74,7 @@ class ExternalReadings(ExternalSource):
         since_s = loop.time()
         while self._live.newest is None or self._live.newest.arrived_s < since_s:
             if loop.time() > since_s + self._from.open_s:
-                raise SourceError(self._unheard_text())
+                raise SourceError(self._live.unheard_text(self._from.open_s))
             if self._from.kind == "mavlink":
                 self._context.driver.request_missing()
             await asyncio.sleep(_POLL_S)
@@ -93,12 +94,40 @@ class ExternalReadings(ExternalSource):
             if fault is None:
                 deliver(reading)
             else:
-                self._stall(fault)
+                self._stall(fault, again=self._is_frozen)
+            self._is_frozen = fault is not None
 
         await super().run(unless_frozen)
 
     def _make_source(self) -> ReadingSource[Reading]:
-        return self._live
+        source = self._from
+        if source.kind != "mcap":
+            return self._live
+        path, kind = Path(source.address), self._setup.kind
+        file = TopicReadings(path=path, kind=kind, topic=source.topic)
+        return RecordedReadings(file=file, side=self._side, latency_s=source.latency_s)
+
+    def _make_live(self) -> LiveReadings:
+        """Return what takes the readings of a live source."""
+        sensor, source = self._setup, self._from
+        if source.kind == "zmq":
+            return ZmqReadings(
+                address=source.address,
+                sensor=source.name,
+                kind_of=sensor.kind,
+                side=self._side,
+                mount=sensor.mount if isinstance(sensor, RangingSetup) else AT_ORIGIN,
+                topic=source.topic or "",
+                latency_s=source.latency_s,
+                open_s=source.open_s,
+                stall_s=source.stall_s,
+            )
+        return LiveReadings(
+            name=f"{self._side} {sensor.name} from {source.address}",
+            what=source.message or _ESTIMATE,
+            stall_s=source.stall_s,
+            remedy=_REMEDIES.get(source.message or "", _OTHERWISE),
+        )
 
     def _mavlink(self) -> MavlinkSensor:
         """Return the sensor as its messages are read."""
@@ -119,14 +148,6 @@ class ExternalReadings(ExternalSource):
             beams=beams,
             undulation_m=source.undulation_m,
         )
-
-    def _unheard_text(self) -> str:
-        """Return that no reading came before arming, with what came instead, and the remedy."""
-        live, within_s = self._live, self._from.open_s
-        said = f"{live.name}: no {live.what} that can be used came within {within_s:g} s"
-        if live.complaint:
-            return f"{said}: {live.complaint}"
-        return f"{said}: {_REMEDIES.get(live.what, _OTHERWISE)}"
 
 
 class ReadingSources:

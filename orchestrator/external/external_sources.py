@@ -87,9 +87,9 @@ class ExternalSource:
             trouble=self._trouble,
         )
 
-    def _stall(self, why: str) -> None:
-        """Note, and report, that the source delivers nothing that can be used."""
-        self._stalls += 1
+    def _stall(self, why: str, *, again: bool = False) -> None:
+        """Note, and report, that the source delivers nothing usable; again: that it still does."""
+        self._stalls += not again
         self._trouble = why
         self._stalled(f"{self._side} {self._sensor}: {why}")
 

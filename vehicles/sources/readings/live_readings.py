@@ -25,16 +25,18 @@ class LiveReadings:
     """A live source of readings that others feed; a ReadingSource.
 
     name: of the source in messages. what: what is waited for, in words. stall_s: how long each
-    reading is waited for. `offer` and `refuse` are called in the loop. A reading that is spoiled,
-    older than the one before it, or stamped by another clock is counted as damaged and never
-    handed on; so a source that sends nothing else stalls.
+    reading is waited for. remedy: what to do when nothing comes at all. `offer` and `refuse` are
+    called in the loop. A reading that is spoiled, older than the one before it, or stamped by
+    another clock is counted as damaged and never handed on; so a source that sends nothing else
+    stalls.
     """
 
     kind: Literal["live"] = "live"
 
-    def __init__(self, *, name: str, what: str, stall_s: float) -> None:
+    def __init__(self, *, name: str, what: str, stall_s: float, remedy: str = "") -> None:
         self.name = name
-        self.what = what
+        self._what = what
+        self._remedy = remedy
         self.newest: Reading | None = None
         """The last one that can be used."""
         self.complaint = ""
@@ -103,6 +105,15 @@ class LiveReadings:
         self._damaged += 1
         self.complaint = why
 
+    def unheard_text(self, within_s: float) -> str:
+        """Return that no usable reading came in a time, with what came instead, or what to do."""
+        why = self.complaint or self._why_nothing()
+        return f"{self.name}: no {self._what} that can be used came within {within_s:g} s: {why}"
+
+    def _why_nothing(self) -> str:
+        """Return why nothing came at all, or what to do, in words."""
+        return self._remedy
+
     def _fault(self, reading: Reading) -> str | None:
         """Return why a reading cannot be used, in words; None when it can."""
         early_s = reading.t_s - reading.arrived_s
@@ -124,6 +135,6 @@ class LiveReadings:
     def _stall_error(self) -> SourceStalledError:
         why = f" (the last one that came is of no use: {self.complaint})" if self.complaint else ""
         return SourceStalledError(
-            f"{self.name}: no {self.what} for {self._stall_s:g} s after {self._delivered} "
+            f"{self.name}: no {self._what} for {self._stall_s:g} s after {self._delivered} "
             f"readings{why}"
         )
