@@ -225,14 +225,11 @@ class SourcedPart(CarriedPart):
         kind = getattr(self, "type", "")
         there, wanted = MESSAGES.get(kind, ()), self.source.message
         if kind != "pose" and not there:
-            said = (
-                f"MAVLink has no message with readings of a {kind}: use tcp://HOST:PORT or a file"
-            )
+            said = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
             raise KeyFaultError(("source", "address"), said)
         if wanted is not None and wanted not in there:
-            said = (
-                f"'{wanted}' has no readings of type {kind}: {', '.join(there) or 'it needs none'}"
-            )
+            known = ", ".join(there) or "none, for it is the vehicle's estimate"
+            said = f"'{wanted}' has no readings of type {kind}; known are: {known}"
             raise KeyFaultError(("source", "message"), said)
         for key, owner in (("id", "rangefinder"), ("undulation_m", "gps")):
             if key in self.source.model_fields_set and kind != owner:
