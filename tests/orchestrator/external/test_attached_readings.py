@@ -42,9 +42,11 @@ async def test_an_attached_vehicle_s_own_sensors_and_a_program_s_are_flown_by(
     )
     arguments = ("--mode", "wil", "--json", "--arm-real", *SHORT, *sets)
     sending = asyncio.create_task(publishing(publisher, "microphone", hz=30.0))
-    async with outside(f"udpout://127.0.0.1:{port}", "px4"):
-        async with Program(tmp_path / "out", *arguments, has_cameras=False) as program:
-            landed = await program.end()
+    async with (
+        outside(f"udpout://127.0.0.1:{port}", "px4"),
+        Program(tmp_path / "out", *arguments, has_cameras=False) as program,
+    ):
+        landed = await program.end()
     sending.cancel()
     publisher.close()
     assert landed.code == 0, landed.why

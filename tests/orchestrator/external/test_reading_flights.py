@@ -10,9 +10,17 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.results import RunResult
 from orchestrator.recording.mcap_reader import RecordedReading, Recording
+from orchestrator.recording.topic_readings import TopicReadings
 from tests.orchestrator.flights import all_landed
 from vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from vehicles.readings import ImuReading, LidarScanReading, PoseReading, Reading
+from vehicles.readings import (
+    ImuReading,
+    LidarScanReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+)
+from vehicles.sources.camera_source import SourceError
 
 Fly = Callable[..., tuple[RunResult, Path]]
 Builder = Callable[[Any], Any]
@@ -199,3 +207,57 @@ def test_a_sensor_that_is_wrong_from_the_start_is_refused_before_arming(
     assert said in result.reason
     assert f"real {kind} from mavlink" in result.reason
     assert result.duration_s is None, "it never armed"
+
+
+def test_a_recording_is_flown_by_and_is_an_error_when_it_ends_in_flight(
+    fly_run: Fly, tmp_path: Path
+) -> None:
+    own = ("modes=[real]", "accept={large: {real: 1/1}}", *AHEAD)
+    below = "type: rangefinder, rate_hz: 20"
+    result, recorded = fly_run(
+        mode="real", sets=(*own, f"vehicles.real.sensors={{below: {{{below}}}}}"), has_cameras=False
+    )
+    assert result.verdict == "PASS", result.reason
+    file = recorded / "run.mcap"
+    given = f"vehicles.real.sensors={{below: {{{below}, source: {{address: {file}}}}}}}"
+    result, folder = fly_run(mode="real", sets=(*own, given), has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert result.outside is not None
+    (one,) = result.outside.sources
+    assert (one.source, one.stalls, one.damaged) == ("file", 0, 0)
+    assert one.delivered > 100
+    first, second = (readings(here)[:50] for here in (recorded, folder))
+    assert [ranges_of(one) for one in first] == [ranges_of(one) for one in second]
+    longer = "autonomy.with={speed_m_s: 0.1, for_s: 30}"
+    result, folder = fly_run(mode="real", sets=(*own, longer, given), has_cameras=False)
+    assert result.verdict == "ERROR"
+    assert "the recording is over" in result.reason
+    assert all_landed(folder)
+    for kind, topic, said in (
+        ("rangefinder", "/real/ahead", "no topic '/real/ahead' (there: /real/below)"),
+        ("gps", "/real/below", "has readings of type rangefinder, and a gps is wanted"),
+        ("gps", None, "name by `topic` the readings of type gps to use (there: none)"),
+    ):
+        with pytest.raises(SourceError) as caught:
+            opened(TopicReadings(path=file, kind=kind, topic=topic))
+        assert said in str(caught.value)
+
+
+def opened(file: TopicReadings) -> Reading | None:
+    """The first reading of a recording."""
+    file.open()
+    return file.next()
+
+
+def ranges_of(reading: Reading) -> float:
+    assert isinstance(reading, RangefinderReading)
+    return reading.range_m
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_text("nothing of the kind")
+    with pytest.raises(SourceError, match="not an MCAP file"):
+        opened(TopicReadings(path=path, kind="gps", topic=None))
+    with pytest.raises(SourceError, match="check the path"):
+        opened(TopicReadings(path=tmp_path / "none.mcap", kind="gps", topic="/real/gps"))
