@@ -9,6 +9,18 @@ import pytest
 from tests.orchestrator.campaign.test_attached_run import free_port, outside, words
 from tests.orchestrator.wall_runs import SHORT, Program
 from tests.vehicles.sources.readings.publisher import Publisher, publishing
+from vehicles.autopilots.autopilot import MessageRate, TelemetryRates
+from vehicles.driver import Driver
+from vehicles.links.link_factory import open_link
+from vehicles.links.link_strings import parse_link
+from vehicles.mavlink.names import message_number
+from vehicles.readings import SENSOR_TYPES, GpsReading
+from vehicles.sensors.lidar import LOOKING_DOWN
+from vehicles.sources.readings.live_readings import LiveReadings
+from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
+from vehicles.sources.readings.rest_check import rest_fault
+from worlds.frames import AT_ORIGIN
+from worlds.geodesy import LocalFrame
 
 RECIPE = """\
 schema: wil/recipe/1
@@ -22,6 +34,41 @@ combine:
 @pytest.fixture(autouse=True)
 def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "message"),
+    [
+        ("px4", "rangefinder", "DISTANCE_SENSOR"),
+        ("px4", "imu", "HIGHRES_IMU"),
+        ("ardupilot", "imu", "RAW_IMU"),
+        ("ardupilot", "gps", "GPS_RAW_INT"),
+    ],
+)
+async def test_what_a_vehicle_is_asked_for_comes_over_its_socket(
+    autopilot: str, kind: str, message: str
+) -> None:
+    """No flight: however slow the machine is, what comes is read, stamped and plausible."""
+    port = free_port()
+    live = LiveReadings(name=kind, what=message, stall_s=60.0)
+    feed = MavlinkReadings(
+        sensor=MavlinkSensor(message=message, mount=LOOKING_DOWN), side="real", into=live
+    )
+    line = MessageRate(message_number(message), 20.0, required=False)
+    rates = TelemetryRates(position_hz=10.0, attitude_hz=10.0, sensors=(line,))
+    async with outside(f"udpout://127.0.0.1:{port}", autopilot):
+        link = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
+        async with Driver(name="real", link=link, rates=rates) as driver:
+            feed.attach(driver)
+            await driver.identify(60.0)
+            found = [await anext(live) for _ in range(20)]
+    assert {type(one) for one in found} == {SENSOR_TYPES[kind]}
+    assert [one.t_s for one in found] == sorted({one.t_s for one in found})
+    assert all(one.t_s <= one.arrived_s for one in found)
+    newest, frame = found[-1], LocalFrame(47.4, 8.5, 488.0)
+    if isinstance(newest, GpsReading):
+        frame = LocalFrame(newest.latitude_deg, newest.longitude_deg, newest.altitude_m)
+    assert rest_fault(newest, pose=AT_ORIGIN, frame=frame) is None
 
 
 async def test_an_attached_vehicle_s_own_sensors_and_a_program_s_are_flown_by(
