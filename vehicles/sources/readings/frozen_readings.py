@@ -51,6 +51,8 @@ class FrozenReadings:
         self._since = since = since._replace(times=since.times + 1)
         moved = subtract(place, since.place)
         far, limit_m = norm(moved), _MOVED_M
+        if isinstance(reading, LidarScanReading):
+            far = math.hypot(moved[0], moved[1])  # Walls are equally far from any height.
         if isinstance(reading, RangefinderReading):
             # Flat ground is equally far wherever the vehicle goes: the way along the beam counts.
             beam = rotate(pose.q_wxyz, rotate(reading.mount.q_wxyz, (1.0, 0.0, 0.0)))

@@ -12,6 +12,7 @@ from orchestrator.model.clock import run_virtual
 from vehicles.readings import (
     GpsReading,
     ImuReading,
+    LidarScanReading,
     MicrophoneReading,
     PoseReading,
     RangefinderReading,
@@ -141,6 +142,13 @@ def test_a_floor_is_equally_far_and_a_wall_is_not() -> None:
     assert any(into.take(replace(ahead, t_s=0.1 * k), at(0.1 * k)) for k in range(50))
     climbing = FrozenReadings()
     assert any(climbing.take(replace(down, t_s=0.1 * k), at(0.0, 0.1 * k)) for k in range(50))
+
+
+def test_walls_are_equally_far_from_any_height() -> None:
+    scan = LidarScanReading(0.0, 0.0, 0, "real", np.full(8, 2.0, np.float32), -3.0, 0.75, 0.1, 12.0)
+    climbing, going = FrozenReadings(), FrozenReadings()
+    assert not any(climbing.take(replace(scan, t_s=0.1 * k), at(0.0, 0.1 * k)) for k in range(50))
+    assert any(going.take(replace(scan, t_s=0.1 * k), at(0.1 * k)) for k in range(50))
 
 
 def test_at_rest_a_wrong_unit_or_axis_shows() -> None:
