@@ -154,23 +154,23 @@ def test_walls_are_equally_far_from_any_height() -> None:
 def test_at_rest_a_wrong_unit_or_axis_shows() -> None:
     here = at(0.0, 0.0)
 
-    def said(reading: Any, pose: Pose = here) -> str:
+    def fault_text(reading: Any, pose: Pose = here) -> str:
         return rest_fault(reading, pose=pose, frame=ZURICH) or ""
 
-    assert said(imu(0.0)) == ""
+    assert fault_text(imu(0.0)) == ""
     for down in (-1.0, -980.0, -32.2):
-        assert "unit is wrong" in said(imu(0.0, down=down))
-    assert "not forward, right, down" in said(imu(0.0, down=9.8))
+        assert "unit is wrong" in fault_text(imu(0.0, down=down))
+    assert "not forward, right, down" in fault_text(imu(0.0, down=9.8))
     turning = replace(imu(0.0), rates_frd_rad_s=(0.0, 0.0, 2.0))
-    assert "rad/s at rest" in said(turning)
-    assert said(gps(0.0)) == ""
-    assert "latitude, longitude" in said(replace(gps(0.0), latitude_deg=4.73977))
-    assert "m above or" in said(replace(gps(0.0), altitude_m=488_000.0))
+    assert "rad/s at rest" in fault_text(turning)
+    assert fault_text(gps(0.0)) == ""
+    assert "latitude, longitude" in fault_text(replace(gps(0.0), latitude_deg=4.73977))
+    assert "m above or" in fault_text(replace(gps(0.0), altitude_m=488_000.0))
     pose = PoseReading(0.0, 0.0, "real", here)
-    assert said(pose) == ""
-    assert "unit or frame" in said(replace(pose, pose=Pose((1000.0, 0.0, 0.0))))
+    assert fault_text(pose) == ""
+    assert "unit or frame" in fault_text(replace(pose, pose=Pose((1000.0, 0.0, 0.0))))
     turned = Pose((0.0, 0.0, 0.0), quat_from_euler(math.pi, 0.0, 0.0))
-    assert "axes are wrong" in said(replace(pose, pose=turned))
+    assert "axes are wrong" in fault_text(replace(pose, pose=turned))
 
 
 def test_a_microphone_that_says_the_same_block_is_frozen_and_silence_is_not() -> None:

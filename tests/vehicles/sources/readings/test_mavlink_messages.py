@@ -172,7 +172,7 @@ def test_a_fix_that_leaves_something_out_is_refused(changes: dict[str, int], sai
         gps_reading(fix(**changes), WHEN, before=None, undulation_m=None)
 
 
-def test_a_fix_that_stands_still_needs_no_course() -> None:
+def test_a_fix_that_stands_still_needs_no_direction() -> None:
     found = gps_reading(fix(vel=0, cog=65535), WHEN, before=None, undulation_m=None)
     assert found.velocity_ned_m_s[:2] == (0.0, 0.0)
 
