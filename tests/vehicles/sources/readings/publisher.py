@@ -52,6 +52,8 @@ async def publishing(publisher: Publisher, kind: str, hz: float = 50.0, **change
     """Publish readings until cancelled, on a clock of their own."""
     seq, loop = 0, asyncio.get_running_loop()
     while True:
+        if kind == "microphone":
+            changes["samples"] = [seq % 1000, 1, 2]  # The same sound again would be a frozen one.
         publisher.send(message(kind, seq, loop.time() - 1000.0, **changes))
         seq += 1
         await asyncio.sleep(1.0 / hz)
