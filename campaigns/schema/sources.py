@@ -231,6 +231,10 @@ class SourcedPart(CarriedPart):
             known = ", ".join(there) or "none, for it is the vehicle's estimate"
             said = f"'{wanted}' has no readings of type {kind}; known are: {known}"
             raise KeyFaultError(("source", "message"), said)
+        mount: Any = getattr(self, "mount", None)
+        if kind == "lidar" and (mount.roll_deg or mount.pitch_deg or mount.yaw_deg):
+            said = "cannot be turned: OBSTACLE_DISTANCE has angles from the vehicle's own heading"
+            raise KeyFaultError("mount", said)
         for key, owner in (("id", "rangefinder"), ("undulation_m", "gps")):
             if key in self.source.model_fields_set and kind != owner:
                 raise KeyFaultError(("source", key), f"applies to a {owner} only")
