@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Self
 
-from orchestrator.console.flight_scope import FlightScope
 from orchestrator.operator.campaign_records import Place
+from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from worlds.files.limited_json import read_json
 

@@ -20,11 +20,11 @@ from orchestrator.console.console_address import ConsoleAddress, RequestRules, r
 from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.console_server import ConsoleServer
 from orchestrator.console.errors import ConsoleError
-from orchestrator.console.flight_scope import FlightScope
 from orchestrator.console.page_commands import CommandSender
 from orchestrator.console.recorded_run import RecordedRun
 from orchestrator.live_feed.feed_messages import feed_codec
 from orchestrator.live_feed.feed_sockets import feed_receiver
+from orchestrator.operator.flight_scope import FlightScope
 from vehicles.processes.codec import MessageError
 from vehicles.tasks import stop, together
 

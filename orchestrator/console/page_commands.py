@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, cast, get_args
 
 from orchestrator.console.console_access import AccessError
-from orchestrator.console.flight_scope import FlightScope
 from orchestrator.operator.campaign_records import Places
+from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.local_commands import CommandReply, send_command
 from orchestrator.operator.operator_log import OperatorLog
 from orchestrator.operator.socket_client import NoAnswerError, ask

@@ -15,9 +15,9 @@ from orchestrator.console.console_access import ConsoleAccess, Role
 from orchestrator.console.console_address import ConsoleAddress, RequestRules
 from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.console_server import ConsoleServer
-from orchestrator.console.flight_scope import FlightScope
 from orchestrator.console.page_commands import CommandSender
 from orchestrator.model.progress import Progress
+from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 

@@ -18,9 +18,9 @@ from orchestrator.console.console_access import ConsoleAccess
 from orchestrator.console.console_address import ConsoleAddress, RequestRules
 from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.console_server import ConsoleServer
-from orchestrator.console.flight_scope import FlightScope
 from orchestrator.console.page_commands import CommandSender
 from orchestrator.console.recorded_run import RecordedRun
+from orchestrator.operator.flight_scope import FlightScope
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 

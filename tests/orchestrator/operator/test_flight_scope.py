@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from orchestrator.console.campaign_poller import CampaignPoller
-from orchestrator.console.flight_scope import FlightScope
 from orchestrator.console.page_commands import CommandSender, PageCommand
 from orchestrator.operator.campaign_records import CampaignRecord
+from orchestrator.operator.flight_scope import FlightScope
 from safety.guard.process.orphaned_processes import GuardRecord, remove_record, write_record
 from safety.guard.process.runtime_folder import open_runtime_folder
 from vehicles.processes.identity import ProcessId

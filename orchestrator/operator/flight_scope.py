@@ -1,4 +1,4 @@
-"""Which flights of this machine a console is for: what it shows, and whom it commands."""
+"""Which flights of this machine a console or a bridge is for: what it shows and commands."""
 
 from pathlib import Path
 
