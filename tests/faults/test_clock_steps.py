@@ -71,12 +71,23 @@ async def clock_of(program: SteppedProgram) -> AsyncIterator[Callable[[], Awaita
 
 
 @pytest.mark.skipif(not LIBRARIES, reason="libfaketime is not installed")
-@pytest.mark.parametrize("mode", ["sim", "wil"])
-async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(tmp_path: Path, mode: str) -> None:
-    arguments = ("--mode", mode, "--json", *SHORT)
+@pytest.mark.parametrize(
+    ("mode", "clock"),
+    [
+        pytest.param("sim", "scaled", marks=pytest.mark.no_turn("lockstep"), id="sim"),
+        pytest.param("wil", "wall", id="wil"),
+    ],
+)
+async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(
+    tmp_path: Path, mode: str, clock: str
+) -> None:
+    pace = ("--set", "clock.speed=1") if clock == "scaled" else ()
+    arguments = ("--mode", mode, "--json", *SHORT, *pace)
     async with truth_receiver() as (truth, port):
         step = tmp_path / "clock-step"
-        program = SteppedProgram(tmp_path / "out", *arguments, step=step, truth_port=port)
+        program = SteppedProgram(
+            tmp_path / "out", *arguments, step=step, truth_port=port, clock=clock
+        )
         program.step_to("+0")
         async with program, clock_of(program) as clock, socket_ledger(program.runtime) as ledger:
             off_s = [await clock()]

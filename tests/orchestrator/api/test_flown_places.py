@@ -38,15 +38,16 @@ def test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone(tmp_path:
     out = tmp_path / "out"
     said, code = refusal(lambda: wil_campaign.run(path, out=out, bench_files=[str(file)]))
     assert ("--arm-real" in said, code) == (True, 2)
-    with held_benches((bench,)), vehicle_at(port):
-        said, code = refusal(lambda: wil_campaign.run(campaign, out=out, arm_real=True))
-        assert ("bench hall-a is in use" in said, code) == (True, 3)
     with vehicle_at(port):
+        with held_benches((bench,)):
+            said, code = refusal(lambda: wil_campaign.run(campaign, out=out, arm_real=True))
+        assert ("bench hall-a is in use" in said, code) == (True, 3)
         flown = wil_campaign.run(campaign, out=out, arm_real=True)
     (run,) = flown.runs
     assert (run.mode, run.verdict, flown.summary.real_kind) == ("real", "PASS", "sitl"), run.reason
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(tmp_path: Path) -> None:
     path, file = write_campaign(tmp_path), tmp_path / "hall-a.yaml"
     file.write_text(BENCH % 14540 + "arming: {users: [nobody-of-here]}\n")
@@ -55,6 +56,7 @@ def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(tmp_path: Path)
     assert ("may not arm there, only nobody-of-here" in said, code) == (True, 2)
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_a_program_names_an_engine(tmp_path: Path) -> None:
     asking, hover = write_campaign(tmp_path), tmp_path / "plain"
     hover.mkdir()
@@ -75,6 +77,7 @@ def inner(pytester: pytest.Pytester) -> pytest.Pytester:
     return pytester
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_pytest_takes_benches_and_an_engine(
     inner: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,9 @@
-"""The console beside a flight on the wall clock, in a browser: what it shows, and an abort."""
+"""The console beside a flight of processes, in a browser: what it shows, and an abort.
+
+Vehicles, guard and orchestrator wait for each other (docs/decisions/0028), and none for the
+browser, which is what a machine is busy with. The wall clock's flight with an operator is in
+run/flight/test_wall_run.py.
+"""
 
 import asyncio
 import json
@@ -13,7 +18,10 @@ import pytest
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.wall_runs import STAYING, Program, lines, stages
 
-pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
+pytestmark = [
+    pytest.mark.skipif(chromium() is None, reason="chromium is not installed"),
+    pytest.mark.no_turn("lockstep"),
+]
 RECORD = "operator.jsonl"
 PATIENCE_S = 100.0
 IS_DRAWN = """(() => {
@@ -97,8 +105,8 @@ async def look_and_abort(program: Program, link: str) -> None:
 
 
 async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:
-    given = ("--mode", "wil", "--console", "auto", *STAYING)
-    async with Program(tmp_path / "out", *given) as program:
+    given = ("--mode", "wil", "--console", "auto", "--set", "clock.speed=1", *STAYING)
+    async with Program(tmp_path / "out", *given, clock="scaled") as program:
         assert program.process.stdout is not None
         line = (await program.process.stdout.readline()).decode()
         link = line.removeprefix("operator: ").strip()
