@@ -4,7 +4,8 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -78,7 +79,9 @@ FLIGHTS = (
 )
 """What flies on the wall clock: vehicles, guard and orchestrator are processes that must all be in
 time. One such flight is in the air at a time. A test among them that is marked `no_turn`, with the
-reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or nothing flies."""
+reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or nothing flies. One
+that is marked `own_turn` has its turn by the fixture `turn`, and gives it back once what it waits
+for is no matter of the processor."""
 
 FLIGHT_TIMEOUT_S = 400
 """A hang is found by it; how long a flight takes is the machine's matter."""
@@ -132,7 +135,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
         if _is_among(path, FLIGHTS):
             item.add_marker(pytest.mark.timeout(FLIGHT_TIMEOUT_S))
-            (flights if _needs_turn(item) else long).append(item)
+            if item.get_closest_marker("own_turn"):
+                waiting.insert(0, item)
+            else:
+                (flights if _needs_turn(item) else long).append(item)
         else:
             (waiting if _is_among(path, WALL) else others).append(item)
     if (workers := _workers()) > 1:
@@ -149,17 +155,37 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     that searches and flights in virtual time fill what flights on the wall clock leave idle.
     """
     path = item.path.relative_to(ROOT) if item.path.is_relative_to(ROOT) else item.path
+    if item.get_closest_marker("own_turn"):
+        return (yield)
     if not (_is_among(path, FLIGHTS) and _needs_turn(item)):
         if _workers() > 1 and not _is_among(path, WALL) and os.nice(0) < YIELDING:
             os.nice(YIELDING - os.nice(0))
         return (yield)
+    with _in_turn():
+        return (yield)
+
+
+@contextmanager
+def _in_turn() -> Iterator[Callable[[], None]]:
+    """Wait for the turn of a flight on the wall clock; gives what gives it back sooner."""
     with Path(__file__).open(encoding="utf-8") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)
-        try:
-            return (yield)
-        finally:
+
+        def give_back() -> None:
             # What was forked meanwhile and lives on has this file open, too.
             fcntl.flock(turn, fcntl.LOCK_UN)
+
+        try:
+            yield give_back
+        finally:
+            give_back()
+
+
+@pytest.fixture
+def turn() -> Iterator[Callable[[], None]]:
+    """The turn of a test that is marked `own_turn`; call it to give it back before the end."""
+    with _in_turn() as give_back:
+        yield give_back
 
 
 def _workers() -> int:

@@ -89,15 +89,15 @@ async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(
             tmp_path / "out", *arguments, step=step, truth_port=port, clock=clock
         )
         program.step_to("+0")
-        async with program, clock_of(program) as clock, socket_ledger(program.runtime) as ledger:
-            off_s = [await clock()]
+        async with program, clock_of(program) as seen, socket_ledger(program.runtime) as ledger:
+            off_s = [await seen()]
             await program.stage("takeoff", mode, END_WITHIN_S)
             program.step_to("+1h")
             await program.stage("at_height", mode, END_WITHIN_S)
-            off_s.append(await clock())
+            off_s.append(await seen())
             program.step_to("-1h")
             landed = await program.end()
-            off_s.append(await clock())
+            off_s.append(await seen())
             left = await all_gone(program.runtime, 60.0)
             also_left = [*ledger.left(), *files_left(program.runtime)]
         folder = program.run_folder(mode)

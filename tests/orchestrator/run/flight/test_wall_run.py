@@ -1,4 +1,4 @@
-"""A whole flight under the wall clock: the guard and each vehicle are processes of their own."""
+"""Whole flights, most under the wall clock: guard and vehicles are processes of their own."""
 
 import asyncio
 import json
@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import pytest
 from pymavlink import mavutil
 
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
@@ -92,8 +93,11 @@ async def test_the_operator_holds_and_gives_another_fence_and_then_aborts(tmp_pa
     ]
 
 
+@pytest.mark.no_turn("lockstep")
 async def test_ctrl_c_lands_first(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil", "--json") as program:
+    pace = ("--set", "clock.speed=1")
+    given = ("--mode", "wil", "--json", *pace)
+    async with Program(tmp_path / "out", *given, clock="scaled") as program:
         await program.stage("takeoff")
         program.process.send_signal(signal.SIGINT)
         landed = await program.end()
