@@ -80,8 +80,8 @@ FLIGHTS = (
 """What flies on the wall clock: vehicles, guard and orchestrator are processes that must all be in
 time. One such flight is in the air at a time. A test among them that is marked `no_turn`, with the
 reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or nothing flies. One
-that is marked `own_turn` has its turn by the fixture `turn`, and gives it back once what it waits
-for is no matter of the processor."""
+that has its turn by the fixture `turn` gives it back itself, once what it waits for is no matter of
+the processor."""
 
 FLIGHT_TIMEOUT_S = 400
 """A hang is found by it; how long a flight takes is the machine's matter."""
@@ -135,7 +135,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
         if _is_among(path, FLIGHTS):
             item.add_marker(pytest.mark.timeout(FLIGHT_TIMEOUT_S))
-            if item.get_closest_marker("own_turn"):
+            if _takes_own_turn(item):
                 waiting.insert(0, item)
             else:
                 (flights if _needs_turn(item) else long).append(item)
@@ -155,7 +155,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     that searches and flights in virtual time fill what flights on the wall clock leave idle.
     """
     path = item.path.relative_to(ROOT) if item.path.is_relative_to(ROOT) else item.path
-    if item.get_closest_marker("own_turn"):
+    if _takes_own_turn(item):
         return (yield)
     if not (_is_among(path, FLIGHTS) and _needs_turn(item)):
         if _workers() > 1 and not _is_among(path, WALL) and os.nice(0) < YIELDING:
@@ -183,7 +183,7 @@ def _in_turn() -> Iterator[Callable[[], None]]:
 
 @pytest.fixture
 def turn() -> Iterator[Callable[[], None]]:
-    """The turn of a test that is marked `own_turn`; call it to give it back before the end."""
+    """The turn of a flight on the wall clock; call it to give it back before the test's end."""
     with _in_turn() as give_back:
         yield give_back
 
@@ -194,6 +194,10 @@ def _workers() -> int:
 
 def _needs_turn(item: pytest.Item) -> bool:
     return item.get_closest_marker("no_turn") is None
+
+
+def _takes_own_turn(item: pytest.Item) -> bool:
+    return "turn" in getattr(item, "fixturenames", ())
 
 
 @cache

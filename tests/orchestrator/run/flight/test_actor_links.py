@@ -238,7 +238,6 @@ async def test_an_abort_lands_both(tmp_path: Path) -> None:
         await asyncio.gather(there.stands("real"), there.stands("intruder"))
 
 
-@pytest.mark.own_turn
 async def test_a_silent_actor_proves_nothing_and_is_landed_when_it_is_received_again(
     tmp_path: Path, turn: Callable[[], None]
 ) -> None:
