@@ -146,7 +146,7 @@ class SubprocessBackend:
         await self._guard.start(vehicle.name, program)
         self._begun[vehicle.name] = feed
 
-    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
+    async def start(self, _: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Wait for the process that was begun, or launch a simulator; what is attached is there."""
         if vehicle.name in self._begun:
             return await self._heard(vehicle.name)
