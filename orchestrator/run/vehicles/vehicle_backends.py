@@ -149,7 +149,7 @@ class SubprocessBackend:
     async def start(self, _: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Wait for the process that was begun, or launch a simulator; what is attached is there."""
         if vehicle.name in self._begun:
-            return await self._heard(vehicle.name)
+            return await self._first_word(vehicle.name)
         if vehicle.name in self._prepared:
             await start_simulators(vehicle.name, self._prepared[vehicle.name], self._guard)
         return NoFeed()
@@ -158,7 +158,7 @@ class SubprocessBackend:
         """Have the guard lead the scaled clock from now on."""
         self._guard.follow()
 
-    async def _heard(self, name: str) -> Feed:
+    async def _first_word(self, name: str) -> Feed:
         """Wait for the first word of an embedded vehicle's process."""
         feed = self._begun[name]
         heard = start(feed.heard.wait(), name=f"first word of {name}")
