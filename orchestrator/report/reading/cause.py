@@ -9,14 +9,28 @@ from orchestrator.report.model import Cause, LogEvent, Moment
 from orchestrator.report.words import NOTHING, limit_text, number_text, time_text
 from safety.model.oracle_results import OracleResult
 from safety.oracles import registry
+from safety.oracles.contact import CLEAR_AGAIN_M
 
 _CONTACT = "contact/"
 _COLLISION = "collision"
 _MOST_EVENTS = 8
-_SAME_MOMENT_S = 0.05
+SAME_MOMENT_S = 0.05
 
-SpeedAt = Callable[[str, float], float | None]
-"""The speed of a vehicle at a time, m/s."""
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A contact: the vehicle's speed then, and when it was over; None where not known.
+
+    recorded_s: the last time of which anything is known of it; None where nothing is.
+    """
+
+    speed_m_s: float | None = None
+    until_s: float | None = None
+    recorded_s: float | None = None
+
+
+ContactAt = Callable[[str, float], Contact]
+"""What is known of the contact of a vehicle that began at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +49,7 @@ def cause_of(
     passed: NearestPass | None,
     formulas: Mapping[str, str] = MappingProxyType({}),
     outcome: tuple[tuple[float, str], ...] = (),
-    speed_at: SpeedAt | None = None,
+    contact_at: ContactAt | None = None,
 ) -> Cause | None:
     """Return what was violated, when and by how much; None for a PASS.
 
@@ -49,8 +63,8 @@ def cause_of(
     facts = [] if oracle is None else _oracle_facts(oracle, formulas.get(oracle.name, ""))
     is_formula = oracle is not None and oracle.name in formulas
     facts += _time_facts(oracle, at_s, goal_s, first="crossed" if is_formula else "when")
-    if oracle is not None and _is_contact(oracle) and at_s is not None and speed_at is not None:
-        facts.append(("speed then", number_text(speed_at(oracle.vehicle, at_s), "m/s", digits=2)))
+    if oracle is not None and _is_contact(oracle) and at_s is not None and contact_at is not None:
+        facts += _contact_facts(contact_at(oracle.vehicle, at_s), at_s)
     if at_s is None and passed is not None:
         facts.append(("nearest", _nearest_text(passed, goal_s)))
     if result.note:
@@ -64,6 +78,20 @@ def cause_of(
         vehicle="" if oracle is None else oracle.vehicle,
         sequence=_sequence(result, at_s, outcome),
     )
+
+
+def _contact_facts(contact: Contact, at_s: float) -> list[tuple[str, str]]:
+    """Return how hard a contact was and how long it lasted, as far as the record has it."""
+    found = []
+    if contact.speed_m_s is not None:
+        found.append(("speed at contact", number_text(contact.speed_m_s, "m/s", digits=2)))
+    if contact.until_s is not None:
+        lasted = number_text(contact.until_s - at_s, "s", digits=2)
+        found.append(("lasted", f"{lasted}, until it was {CLEAR_AGAIN_M * 100:g} cm clear again"))
+    elif contact.recorded_s is not None:
+        lasted = number_text(contact.recorded_s - at_s, "s", digits=2)
+        found.append(("lasted", f"to the end of the record, {lasted} later"))
+    return found
 
 
 def _sequence(
@@ -87,7 +115,7 @@ def _time_facts(
     if at_s is None:
         return [("when", "at the end of the run")]
     worst_s = None if oracle is None else oracle.at_s
-    if worst_s is not None and worst_s - at_s > _SAME_MOMENT_S:
+    if worst_s is not None and worst_s - at_s > SAME_MOMENT_S:
         return [("crossed", time_text(at_s, goal_s)), ("worst", time_text(worst_s, goal_s))]
     return [(first, time_text(at_s, goal_s))]
 

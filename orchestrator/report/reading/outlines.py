@@ -57,7 +57,7 @@ def _outline(
 ) -> Outline:
     # A room is seen from inside: one line round it, not its walls.
     parts = [part for part in thing.shape.parts if not part.is_floor]
-    clouds = [(_moved(pose, _vertices(part)), _faces(part)) for part in parts]
+    clouds = [(_moved(pose, vertices_of(part)), _faces(part)) for part in parts]
     if thing.is_room:
         clouds = [(_moved(pose, thing.shape.mesh.vertices_m), None)]
     materials = thing.shape.mesh.materials
@@ -86,7 +86,7 @@ def _moved(pose: Pose, points: Points) -> Points:
     return moved
 
 
-def _vertices(part: Part) -> Points:
+def vertices_of(part: Part) -> Points:
     """Return corners of a part in its thing's frame."""
     match part.shape:
         case BoxShape(half_m):
