@@ -50,7 +50,7 @@ def conclusions(study: Study) -> list[Conclusion]:
     """
     found = list(_of_pass_rates(study))
     found += _of_gap("By the mean distance between flights", _widest(study.gap.figures))
-    found += _of_gap("With the spread of each mode taken out", _widest(study.gap.energies))
+    found += _of_gap("With the spread of each mode taken into account", _widest(study.gap.energies))
     found += _on_disagreement(_widest(study.gap.figures), _widest(study.gap.energies))
     found += _needed_for_gap(_widest(study.gap.energies) or _widest(study.gap.figures), study)
     found += _of_published(study)
@@ -63,20 +63,25 @@ def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
     if len(modes) < 2:
         return
     counts = ", ".join(f"{MODE_NAMES[mode]} {_count_text(study, mode)}" for mode in modes)
+    yield Conclusion("beside", f"Passed flights: {counts}.")
     tests = list(_widest_tests(study.rates.tests))
     apart = [one for one in tests if one.p is not None and one.p < _LEVEL]
     alike = [one for one in tests if one.p is not None and one.p >= _LEVEL]
     untested = [one for one in tests if one.p is None]
     if apart:
-        pairs = _pairs_text(apart)
-        yield Conclusion("shown", f"Passes: {counts}. Not equally often do pass: {pairs}.")
+        yield Conclusion("shown", f"The modes do not pass equally often: {_pairs_text(apart)}.")
     if alike:
-        text = f"a difference between {_pairs_text(alike)}; that they are equal is not shown either"
-        yield Conclusion("not shown", f"Passes: {counts}. Not shown is {text}.")
+        known = "of the others " if apart else ""
+        yield Conclusion(
+            "not shown",
+            f"That the modes differ in how often they pass is not shown {known}"
+            f"({_pairs_text(alike)}: chance makes such differences). It is not shown either that "
+            "they pass equally often.",
+        )
         yield from _needed_for_passes(study, alike)
     if untested:
         text = "; ".join(f"{_pair_text(one)}: {one.why}" for one in untested)
-        yield Conclusion("not shown", f"Passes: {counts}. Not tested: {text}.")
+        yield Conclusion("not shown", f"How often the modes pass cannot be tested. {text}.")
 
 
 def _count_text(study: Study, mode: str) -> str:
@@ -104,10 +109,12 @@ def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conc
     for test in tests:
         times = _times_for_difference(study.rates.rates, test)
         if times is not None:
-            texts.append(f"{_pair_text(test)} {times} times as many flights")
+            texts.append(f"{times} times for {_pair_text(test)}")
     if texts:
-        said = "; ".join(texts)
-        yield Conclusion("needed", f"For a difference of passes, at equal shares: {said}.")
+        said = ", ".join(texts)
+        yield Conclusion(
+            "needed", f"As many flights as would show it, if the shares stay as they are: {said}."
+        )
 
 
 def _times_for_difference(rates: Sequence[PassRate], test: ModeTest) -> int | None:
@@ -147,21 +154,20 @@ def _of_gap(title: str, figures: Sequence[Figure]) -> Iterator[Conclusion]:
     """Yield whether the claim holds that WIL is nearer to reality than simulation is."""
     where = f"{title}, {_case_text(figures)}"
     nearer, farther, undecided, unknown = _by_answer(figures)
+    claim = "WIL is nearer to reality than simulation"
     if nearer:
-        yield Conclusion(
-            "shown", f"{where}: WIL is nearer to reality than simulation, by {_names(nearer)}."
-        )
+        yield Conclusion("shown", f"{where}: {claim}, by {_names(nearer)}.")
     if farther:
-        yield Conclusion(
-            "contradicted",
-            f"{where}: WIL is not nearer to reality: simulation is, by {_names(farther)}.",
-        )
+        text = "WIL is not nearer to reality than simulation, it is farther away"
+        yield Conclusion("contradicted", f"{where}: {text}, by {_names(farther)}.")
     if undecided:
-        text = f"WIL is nearer to reality than simulation, by {_names(undecided)}: either may be"
-        yield Conclusion("not shown", f"{where}: that {text}.")
+        text = f"it is open whether {claim}, by {_names(undecided)}"
+        yield Conclusion("not shown", f"{where}: {text} (the interval has 0 in it).")
     if unknown:
-        text = f"no interval for {_names(unknown)}: the flights have no spread, or are too few"
-        yield Conclusion("not shown", f"{where}: {text}.")
+        text = f"whether {claim} cannot be said by {_names(unknown)}"
+        yield Conclusion(
+            "not shown", f"{where}: {text}: the flights have no spread, or are too few."
+        )
 
 
 def _case_text(figures: Sequence[Figure]) -> str:
@@ -196,14 +202,15 @@ def _on_disagreement(
         return
     first = both[0]
     spreads = [first.within_sim, first.within_wil, first.within_real]
-    if any(value is None for value in spreads):
+    known = [value for value in spreads if value is not None]
+    if len(known) < len(spreads) or min(known) != first.within_sim:
         return
-    sim, wil, real = (f"{value:.3f}" for value in spreads)
+    sim, wil, real = (f"{value:.3f}" for value in known)
     yield Conclusion(
         "beside",
-        "Why both differ: a mean distance is small for a mode whose flights lie close together. "
-        f"Mean distance of two flights of one mode ({first.measure}): simulation {sim}, WIL {wil}, "
-        f"reality {real}. The second figure takes that out; the first does not.",
+        "Why these two disagree: a mean distance is small for a mode whose flights lie close "
+        f"together, and those of simulation do ({first.measure} between two flights of one mode: "
+        f"simulation {sim}, WIL {wil}, reality {real}). The second way takes that out.",
     )
 
 
@@ -220,8 +227,8 @@ def _needed_for_gap(figures: Sequence[Figure], study: Study) -> Iterator[Conclus
     if texts:
         yield Conclusion(
             "needed",
-            f"To decide, if differences and spread stay as they are, about so many flights of each "
-            f"case and mode ({flown} now): {', '.join(texts)}.",
+            f"Flights of each case and mode that would decide it ({flown} now), if differences and "
+            f"spread stay as they are: about {', '.join(texts)}.",
         )
 
 

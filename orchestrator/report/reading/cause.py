@@ -9,7 +9,6 @@ from orchestrator.report.model import Cause, LogEvent, Moment
 from orchestrator.report.words import NOTHING, limit_text, number_text, time_text
 from safety.model.oracle_results import OracleResult
 from safety.oracles import registry
-from safety.oracles.contact import CLEAR_AGAIN_M
 
 _CONTACT = "contact/"
 _COLLISION = "collision"
@@ -60,11 +59,14 @@ def cause_of(
         return None
     oracle = deciding_oracle(result)
     at_s = _decided_s(result, oracle, events)
-    facts = [] if oracle is None else _oracle_facts(oracle, formulas.get(oracle.name, ""))
+    contact = Contact()
+    if oracle is not None and _is_contact(oracle) and at_s is not None and contact_at is not None:
+        contact = contact_at(oracle.vehicle, at_s)
+    facts = []
+    if oracle is not None:
+        facts = _oracle_facts(oracle, formulas.get(oracle.name, ""), _contact_text(contact, at_s))
     is_formula = oracle is not None and oracle.name in formulas
     facts += _time_facts(oracle, at_s, goal_s, first="crossed" if is_formula else "when")
-    if oracle is not None and _is_contact(oracle) and at_s is not None and contact_at is not None:
-        facts += _contact_facts(contact_at(oracle.vehicle, at_s), at_s)
     if at_s is None and passed is not None:
         facts.append(("nearest", _nearest_text(passed, goal_s)))
     if result.note:
@@ -80,18 +82,18 @@ def cause_of(
     )
 
 
-def _contact_facts(contact: Contact, at_s: float) -> list[tuple[str, str]]:
+def _contact_text(contact: Contact, at_s: float | None) -> str:
     """Return how hard a contact was and how long it lasted, as far as the record has it."""
-    found = []
+    text = "contact"
     if contact.speed_m_s is not None:
-        found.append(("speed at contact", number_text(contact.speed_m_s, "m/s", digits=2)))
-    if contact.until_s is not None:
-        lasted = number_text(contact.until_s - at_s, "s", digits=2)
-        found.append(("lasted", f"{lasted}, until it was {CLEAR_AGAIN_M * 100:g} cm clear again"))
-    elif contact.recorded_s is not None:
-        lasted = number_text(contact.recorded_s - at_s, "s", digits=2)
-        found.append(("lasted", f"to the end of the record, {lasted} later"))
-    return found
+        text += f" at {number_text(contact.speed_m_s, 'm/s', digits=2)}"
+    if contact.until_s is not None and at_s is not None:
+        text += f" for {number_text(contact.until_s - at_s, 's', digits=2)}"
+    elif contact.recorded_s is not None and at_s is not None:
+        text += (
+            f" to the end of the record, {number_text(contact.recorded_s - at_s, 's', digits=2)}"
+        )
+    return f"{text}: any touch is a violation"
 
 
 def _sequence(
@@ -182,7 +184,7 @@ def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
     return f"{distance} from the goal's first gate or place, {time_text(passed.t_s, goal_s)}"
 
 
-def _oracle_facts(oracle: OracleResult, formula: str) -> list[tuple[str, str]]:
+def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tuple[str, str]]:
     kind = registry.get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
     rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
@@ -190,7 +192,7 @@ def _oracle_facts(oracle: OracleResult, formula: str) -> list[tuple[str, str]]:
         worst = "not measured"
     found = [("rule", f"{formula} (seconds since its window opened)" if formula else rule)]
     if _is_contact(oracle) and oracle.margin == 0.0:
-        found.append(("by how much", "contact: any touch is a violation"))
+        found.append(("by how much", contact))
     elif oracle.margin == 0.0:
         # A worst value, a limit and a distance of 0 m each would say it three times.
         found.append(("by how much", f"{worst}: reaching the limit is a violation already"))

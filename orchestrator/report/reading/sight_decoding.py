@@ -39,6 +39,10 @@ class ImageSize:
             return cls(640, 320, 80)
         return cls(480, 240, 72) if count <= 100 else cls(320, 160, 60)
 
+    def for_failure(self) -> "ImageSize":
+        """Return the size for one of a few runs that went wrong: its strip is looked at closely."""
+        return replace(self, strip_px=self.main_px)
+
 
 def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
     """Return what was perceived by the sensor that shows most: a camera, else a lidar.

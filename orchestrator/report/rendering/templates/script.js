@@ -174,18 +174,27 @@
     }
     const row = run.querySelector(".events tr.decisive");
     if (row) {
-      const box = row.closest(".events");
-      const top = row.getBoundingClientRect().top - box.getBoundingClientRect().top;
-      box.scrollTop += top - box.clientHeight / 2;
+      const list = row.closest(".events");
+      const top = row.getBoundingClientRect().top - list.getBoundingClientRect().top;
+      list.scrollTop += top - list.clientHeight / 2;
     }
   }
+
+  // A table that is cut at the right says so.
+  function hintAtWidth() {
+    for (const one of document.querySelectorAll(".scroll")) {
+      if (one.clientWidth) one.classList.toggle("wide", one.scrollWidth > one.clientWidth + 1);
+    }
+  }
+  window.addEventListener("resize", hintAtWidth);
 
   function opened() {
     const run = current();
     if (run || location.hash === "#overview") window.scrollTo(0, 0);
+    hintAtWidth();
     if (!run) return;
     run.focus({ preventScroll: true });
-    if (run.wilTime === undefined) centre(run);
+    centre(run);
     if (run.wilTime === undefined && run.dataset.moment) setTime(run, Number(run.dataset.moment));
   }
   window.addEventListener("hashchange", opened);
