@@ -181,7 +181,8 @@ class Reached(Oracle):
         detector = self._detectors.get(self._next)
         if detector is not None and (depth_m := detector.unfinished_m) > 0.0:
             far_m = self._body.radius_m
-            yield f"ended {depth_m:.2f} m past its plane: through is {far_m:.2f} m, the body's radius"
+            ended = f"ended {depth_m:.2f} m past its plane"
+            yield f"{ended}: through is {far_m:.2f} m, the radius of its body"
 
 
 _MOST_TURNS = 3

@@ -45,7 +45,7 @@ from orchestrator.report.reading.recorded_sights import read_facts, read_sights
 from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
 from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
-from orchestrator.report.words import place_text, time_text, velocity_text
+from orchestrator.report.words import place_text, short_time, time_text, velocity_text
 from safety.model.oracle_results import OracleResult
 from worlds.frames import Pose, norm, quat_from_euler
 
@@ -132,7 +132,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         cause=cause,
         notes=_notes(result, cause, parts.goal_s),
         moment=moment,
-        at_moment=() if moment is None else tuple(_at_moment(parts.commands, moment.t_s)),
+        at_moment=() if moment is None else tuple(_at_moment(parts, moment.t_s)),
         goal_s=parts.goal_s,
         span_s=parts.span_s,
         stages=tuple(stages.items()),
@@ -319,23 +319,31 @@ def _drawn_world(
     return DrawnWorld(outlines, {**world.fences, **parts.motion.fences}, side_axis)
 
 
-def _at_moment(commands: Sequence[Row], t_s: float) -> list[VehicleAtMoment]:
+def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:
     """Return what each vehicle was and was asked for at a time."""
     newest: dict[str, Row] = {}
-    for row in commands:
-        if row.t_s <= t_s or row.vehicle not in newest:
+    noted_s: dict[str, float] = {}
+    for row in parts.commands:
+        last = newest.get(row.vehicle)
+        if last is None or row.t_s <= t_s:
+            if last is None or row.note != last.note:
+                noted_s[row.vehicle] = row.t_s
             newest[row.vehicle] = row
-    return [VehicleAtMoment(name, tuple(_facts(row.decoded()))) for name, row in newest.items()]
+    return [
+        VehicleAtMoment(name, tuple(_facts(row.decoded(), noted_s[name], parts.goal_s)))
+        for name, row in newest.items()
+    ]
 
 
-def _facts(row: Commanded) -> list[tuple[str, str]]:
+def _facts(row: Commanded, noted_s: float, goal_s: float | None) -> list[tuple[str, str]]:
     commanded = "nothing"
     if row.setpoint is not None:
         told = velocity_text if row.setpoint_kind == "velocity" else place_text
         commanded = f"{row.setpoint_kind}: {told(row.setpoint)}"
         if row.setpoint_yaw_rad is not None:
             commanded += f", heading {round(math.degrees(row.setpoint_yaw_rad))}°"
-    facts = [("commanded", commanded), ("noted", row.note)]
+    noted = f"{row.note}, since {short_time(noted_s, goal_s)}" if row.note else ""
+    facts = [("commanded", commanded), ("noted", noted)]
     facts.append(("was at", place_text(row.truth_ned_m or row.position_ned_m)))
     facts.append(("flew", velocity_text(row.velocity_ned_m_s)))
     armed = "armed" if row.is_armed else "disarmed"

@@ -52,6 +52,7 @@ WORLD = {
 CAMPAIGN = {
     "goal": {"altitude_m": 1.2, "gates": ["gate"]},
     "cases": {"large": {"goal.altitude_m": 1.2}},
+    "oracles": {"collision": {}, "waits": {"stl": "always[0,1.5] (up_m <= 1.0)"}},
     "repetitions": 1,
     "accept": {"large": {"wil": "1/1"}},
 }
@@ -94,6 +95,18 @@ def touched() -> RunResult:
         evidence=(evidence,),
         decided_by="collision/real",
         note=HOSTILE,
+    )
+
+
+def too_high() -> RunResult:
+    """The run of mode wil, had it been higher than `waits` allows from the goal on."""
+    said = "up_m <= 1 is violated: 1.200 m against 1 m"
+    oracle = OracleResult("waits", "real", True, "FAIL", 1.2, 1.0, "m", -0.2, GOAL_S, said)
+    return replace(
+        touched(),
+        reason=f"waits of real failed: {said}",
+        oracles=(oracle,),
+        decided_by="waits/real",
     )
 
 
