@@ -49,10 +49,11 @@ def conclusions(study: Study) -> list[Conclusion]:
     Empty where there is one mode alone: nothing is compared then.
     """
     found = list(_of_pass_rates(study))
-    found += _of_gap("By the mean distance between flights", _widest(study.gap.figures))
-    found += _of_gap("With the spread of each mode taken into account", _widest(study.gap.energies))
-    found += _on_disagreement(_widest(study.gap.figures), _widest(study.gap.energies))
-    found += _needed_for_gap(_widest(study.gap.energies) or _widest(study.gap.figures), study)
+    means, energies = _widest(study.gap.figures), _widest(study.gap.energies)
+    flown = max((study.gap.flights or {}).values(), default=0)
+    found += _of_gap("By the mean distance between flights", means, flown)
+    found += _of_gap("With the spread of each mode taken into account", energies, flown)
+    found += _on_disagreement(means, energies)
     found += _of_published(study)
     return found
 
@@ -101,7 +102,7 @@ def _pair_text(test: ModeTest) -> str:
 
 
 def _pairs_text(tests: Iterable[ModeTest]) -> str:
-    return ", ".join(f"{_pair_text(one)} (p {one.p:.2g})" for one in tests)
+    return "; ".join(f"{_pair_text(one)}, p {one.p:.2g}" for one in tests)
 
 
 def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conclusion]:
@@ -150,8 +151,11 @@ def _widest(figures: Sequence[AnyFigure]) -> list[AnyFigure]:
     return [one for one in figures if len(cases) == 1 and one.nearer_by is not None]
 
 
-def _of_gap(title: str, figures: Sequence[Figure]) -> Iterator[Conclusion]:
-    """Yield whether the claim holds that WIL is nearer to reality than simulation is."""
+def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Conclusion]:
+    """Yield whether the claim holds that WIL is nearer to reality than simulation is.
+
+    flown: how many flights of a case and mode there are.
+    """
     where = f"{title}, {_case_text(figures)}"
     nearer, farther, undecided, unknown = _by_answer(figures)
     claim = "WIL is nearer to reality than simulation"
@@ -163,6 +167,7 @@ def _of_gap(title: str, figures: Sequence[Figure]) -> Iterator[Conclusion]:
     if undecided:
         text = f"it is open whether {claim}, by {_names(undecided)}"
         yield Conclusion("not shown", f"{where}: {text} (the interval has 0 in it).")
+        yield from _needed_for_gap(undecided, flown)
     if unknown:
         text = f"whether {claim} cannot be said by {_names(unknown)}"
         yield Conclusion(
@@ -214,16 +219,13 @@ def _on_disagreement(
     )
 
 
-def _needed_for_gap(figures: Sequence[Figure], study: Study) -> Iterator[Conclusion]:
+def _needed_for_gap(figures: Sequence[Figure], flown: int) -> Iterator[Conclusion]:
     """Yield how many flights would decide what is undecided: intervals go by their root."""
-    flown = max((study.gap.flights or {}).values(), default=0)
     texts = []
     for one in figures:
         times = _times_for_decision(one.nearer_by, one.nearer_interval)
-        if one.holds is None and times is not None and flown:
-            texts.append(
-                f"{_MEASURE_NAMES.get(one.measure, one.measure)} {math.ceil(flown * times)}"
-            )
+        if times is not None and flown:
+            texts.append(f"{math.ceil(flown * times)} for {_names([one])}")
     if texts:
         yield Conclusion(
             "needed",

@@ -22,7 +22,10 @@ def campaign(wil_m: float, wil: str = "PPPPP", spread: tuple[float, ...] = SPREA
         for case in ("large", "small")
         for mode, shift in shifts.items()
         for flight in flights(
-            case, mode, wil if mode == "wil" else "PPPPP", [shift + each for each in spread]
+            case,
+            mode,
+            wil if mode == "wil" else "PPPPP",
+            [shift + each for each in (spread[::-1] if mode == "wil" else spread)],
         )
     ]
 

@@ -50,12 +50,14 @@ WORLD = {
     },
 }
 CAMPAIGN = {
+    "vehicles": {"real": {"sensors": {"camera": {"type": "camera", "mount": {"forward_m": 0.0}}}}},
     "goal": {"altitude_m": 1.2, "gates": ["gate"]},
     "cases": {"large": {"goal.altitude_m": 1.2}},
     "oracles": {"collision": {}, "waits": {"stl": "always[0,1.5] (up_m <= 1.0)"}},
     "repetitions": 1,
     "accept": {"large": {"wil": "1/1"}},
 }
+RECIPE = {"combine": [{"sensor": "camera", "transform": [{"register": {"pose": "real"}}]}]}
 FENCE = Fence.box(north_m=(-1.0, 4.0), east_m=(-2.0, 2.0), up_m=(-0.5, 2.0))
 INTRINSICS = Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5)
 
@@ -203,6 +205,7 @@ def _record_readings(place: Path, mode: str) -> None:
         "world": json.dumps(WORLD),
         "world_file": "world.yaml",
         "campaign": json.dumps(CAMPAIGN),
+        "recipe": json.dumps(RECIPE),
         "fences": json.dumps({"real": plain_fence(FENCE), "twin": plain_fence(FENCE)}),
     }
     with McapRecorder(

@@ -155,7 +155,7 @@ def test_marks_lie_on_the_image_at_every_width(page: Page) -> None:
     page.resize(1280, 900)
     said = page.value("document.querySelector('#run-large-wil-1 .marks-said').innerText")
     assert "gate" in said
-    assert "gate.left, touched" in said
+    assert "from the body" in said
 
 
 def test_a_frame_is_enlarged_by_click_and_by_keyboard(page: Page) -> None:
