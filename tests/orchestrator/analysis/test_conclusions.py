@@ -30,7 +30,7 @@ def campaign(wil_m: float, wil: str = "PPPPP", spread: tuple[float, ...] = SPREA
     ]
 
 
-def said(folder: Path, given: list[Flight], **more: object) -> list[Conclusion]:
+def conclusions_of(folder: Path, given: list[Flight], **more: object) -> list[Conclusion]:
     written = write_flown(folder, given, **more)  # type: ignore[arg-type]
     return conclusions(read_study(written, read_campaign(written)))
 
@@ -40,7 +40,7 @@ def texts(found: list[Conclusion], kind: str) -> str:
 
 
 def test_a_claim_that_holds_is_shown_and_equal_passes_are_no_proof(tmp_path: Path) -> None:
-    found = said(tmp_path / "a", campaign(0.1))
+    found = conclusions_of(tmp_path / "a", campaign(0.1))
     shown = texts(found, "shown")
     assert "By the mean distance between flights, over all cases: WIL is nearer" in shown
     assert "With the spread of each mode taken into account" in shown
@@ -50,8 +50,8 @@ def test_a_claim_that_holds_is_shown_and_equal_passes_are_no_proof(tmp_path: Pat
     assert "It is not shown either that they pass equally often" in alike
 
 
-def test_a_claim_that_fails_is_said_plainly(tmp_path: Path) -> None:
-    found = said(tmp_path / "a", campaign(0.9))
+def test_a_claim_that_fails_is_reported_plainly(tmp_path: Path) -> None:
+    found = conclusions_of(tmp_path / "a", campaign(0.9))
     contradicted = texts(found, "contradicted")
     assert "WIL is not nearer to reality than simulation, it is farther away" in contradicted
     assert "the paths (dtw)" in contradicted
@@ -59,30 +59,30 @@ def test_a_claim_that_fails_is_said_plainly(tmp_path: Path) -> None:
 
 
 def test_a_difference_of_passes_says_what_would_show_it(tmp_path: Path) -> None:
-    found = said(tmp_path / "a", campaign(0.1, wil="PPPPF"))
+    found = conclusions_of(tmp_path / "a", campaign(0.1, wil="PPPPF"))
     needed = texts(found, "needed")
     assert "simulation and WIL" in needed
     assert "times for" in needed
-    apart = said(tmp_path / "b", campaign(0.1, wil="FFFFF"))
+    apart = conclusions_of(tmp_path / "b", campaign(0.1, wil="FFFFF"))
     assert "The modes do not pass equally often: simulation and WIL" in texts(apart, "shown")
 
 
 def test_what_is_open_says_how_many_flights_would_decide_it(tmp_path: Path) -> None:
     wide = (0.0, 0.3, -0.3, 0.15, -0.1)
-    found = said(tmp_path / "a", campaign(0.3, spread=wide))
+    found = conclusions_of(tmp_path / "a", campaign(0.3, spread=wide))
     assert "it is open whether WIL is nearer" in texts(found, "not shown")
     assert "(5 now)" in texts(found, "needed")
 
 
 def test_one_mode_alone_concludes_nothing(tmp_path: Path) -> None:
-    assert said(tmp_path / "a", flights("a", "sim", "PPPPP", SPREAD)) == []
+    assert conclusions_of(tmp_path / "a", flights("a", "sim", "PPPPP", SPREAD)) == []
 
 
 @pytest.mark.parametrize("source", ["Table I", ""])
-def test_published_counts_are_said_to_be_of_others(tmp_path: Path, source: str) -> None:
+def test_published_counts_are_named_as_those_of_others(tmp_path: Path, source: str) -> None:
     passed = {"large": {"sim": "5/5", "wil": "1/5", "real": "too costly"}, "small": {"wil": "2/5"}}
     document = {"published": {"source": source, "passed": passed}}
-    beside = texts(said(tmp_path / "a", campaign(0.1), document=document), "beside")
+    beside = texts(conclusions_of(tmp_path / "a", campaign(0.1), document=document), "beside")
     assert "passes simulation 5 of 5, WIL 3 of 10" in beside
     assert "judge nothing" in beside
     assert source in beside
