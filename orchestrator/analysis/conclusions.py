@@ -18,7 +18,7 @@ from orchestrator.analysis.study import Study
 MODE_NAMES = {"sim": "simulation", "wil": "WIL", "real": "reality"}
 """What the tables and sentences call the modes."""
 
-Kind = Literal["shown", "not shown", "contradicted", "needed", "beside"]
+Kind = Literal["shown", "not shown", "contradicted", "needed", "note"]
 
 _LEVEL = 0.05
 _MOST_TIMES = 40
@@ -64,7 +64,7 @@ def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
     if len(modes) < 2:
         return
     counts = ", ".join(f"{MODE_NAMES[mode]} {_count_text(study, mode)}" for mode in modes)
-    yield Conclusion("beside", f"Passed flights: {counts}.")
+    yield Conclusion("note", f"Passed flights: {counts}.")
     tests = list(_widest_tests(study.rates.tests))
     apart = [one for one in tests if one.p is not None and one.p < _LEVEL]
     alike = [one for one in tests if one.p is not None and one.p >= _LEVEL]
@@ -110,11 +110,11 @@ def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conc
     for test in tests:
         times = _times_for_difference(study.rates.rates, test)
         if times is not None:
-            texts.append(f"{times} times for {_pair_text(test)}")
+            texts.append(f"{times} times the flights for {_pair_text(test)}")
     if texts:
         said = ", ".join(texts)
         yield Conclusion(
-            "needed", f"As many flights as would show it, if the shares stay as they are: {said}."
+            "needed", f"To show a difference, if the shares of passes stay as they are: {said}."
         )
 
 
@@ -212,7 +212,7 @@ def _on_disagreement(
         return
     sim, wil, real = (f"{value:.3f}" for value in known)
     yield Conclusion(
-        "beside",
+        "note",
         "Why these two disagree: a mean distance is small for a mode whose flights lie close "
         f"together, and those of simulation do ({first.measure} between two flights of one mode: "
         f"simulation {sim}, WIL {wil}, reality {real}). The second way takes that out.",
@@ -260,7 +260,7 @@ def _of_published(study: Study) -> Iterator[Conclusion]:
     said = f": passes {', '.join(counts)}" if counts else ""
     source = study.published.source or "a source that the campaign file does not name"
     yield Conclusion(
-        "beside",
+        "note",
         f"Columns called published are not of this campaign: they are the counts of {source}{said}."
         " They are shown for comparison and judge nothing.",
     )

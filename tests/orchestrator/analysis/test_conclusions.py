@@ -62,7 +62,7 @@ def test_a_difference_of_passes_says_what_would_show_it(tmp_path: Path) -> None:
     found = conclusions_of(tmp_path / "a", campaign(0.1, wil="PPPPF"))
     needed = texts(found, "needed")
     assert "simulation and WIL" in needed
-    assert "times for" in needed
+    assert "times the flights for" in needed
     apart = conclusions_of(tmp_path / "b", campaign(0.1, wil="FFFFF"))
     assert "The modes do not pass equally often: simulation and WIL" in texts(apart, "shown")
 
@@ -82,7 +82,7 @@ def test_one_mode_alone_concludes_nothing(tmp_path: Path) -> None:
 def test_published_counts_are_named_as_those_of_others(tmp_path: Path, source: str) -> None:
     passed = {"large": {"sim": "5/5", "wil": "1/5", "real": "too costly"}, "small": {"wil": "2/5"}}
     document = {"published": {"source": source, "passed": passed}}
-    beside = texts(conclusions_of(tmp_path / "a", campaign(0.1), document=document), "beside")
+    beside = texts(conclusions_of(tmp_path / "a", campaign(0.1), document=document), "note")
     assert "passes simulation 5 of 5, WIL 3 of 10" in beside
     assert "judge nothing" in beside
     assert source in beside

@@ -122,7 +122,9 @@ def seen(vehicle: str = "real", source: str = "mixed") -> Frame:
 
 def world(north_m: float, recipe: str = "", **sensor: Any) -> SeenWorld:
     poses = [(t_s, Pose.of(north_m, 0.0, 1.2)) for t_s in (0.9, 1.1)]
-    campaign = {"vehicles": {"real": {"sensors": {"camera": {"type": "camera", **sensor}}}}}
+    campaign: dict[str, Any] = {
+        "vehicles": {"real": {"sensors": {"camera": {"type": "camera", **sensor}}}}
+    }
     return SeenWorld(scene(), frozenset({"gate"}), {"real": poses}, {}, campaign, recipe)
 
 
