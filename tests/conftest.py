@@ -4,7 +4,8 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -76,10 +77,12 @@ FLIGHTS = (
     "orchestrator/run/flight/test_scaled_run.py",
     "orchestrator/run/flight/test_wall_run.py",
     "vehicles/clients",
-    "vehicles/links/test_flapping.py",
 )
 """What flies on the wall clock: vehicles, guard and orchestrator are processes that must all be in
-time. One such flight is in the air at a time."""
+time. One such flight is in the air at a time. A test among them that is marked `no_turn`, with the
+reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or nothing flies. One
+that has its turn by the fixture `turn` gives it back itself, once what it waits for is no matter of
+the processor."""
 
 FLIGHT_TIMEOUT_S = 400
 """A hang is found by it; how long a flight takes is the machine's matter."""
@@ -93,6 +96,7 @@ WALL = (
     "safety/guard/process",
     "vehicles/driver/test_conformance.py",
     "vehicles/embedded/process",
+    "vehicles/links/test_flapping.py",
     "vehicles/mavsdk",
     "vehicles/sources/readings/test_zmq_readings.py",
     "vehicles/sources/test_streams.py",
@@ -120,10 +124,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
-    one begins with all flights on the wall clock, and the others with what else waits on it.
+    one begins with all flights on the wall clock, and the others with what else waits on it and
+    then with the flights that need no turn: they are long.
     """
     flights: list[pytest.Item] = []
     waiting: list[pytest.Item] = []
+    long: list[pytest.Item] = []
     others: list[pytest.Item] = []
     for item in items:
         path = item.path.relative_to(ROOT)
@@ -131,11 +137,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
         if _is_among(path, FLIGHTS):
             item.add_marker(pytest.mark.timeout(FLIGHT_TIMEOUT_S))
-            flights.append(item)
+            if _takes_own_turn(item):
+                waiting.insert(0, item)
+            else:
+                (flights if _needs_turn(item) else long).append(item)
         else:
             (waiting if _is_among(path, WALL) else others).append(item)
     if (workers := _workers()) > 1:
-        begun = [flights, *(waiting[k :: workers - 1] for k in range(workers - 1))]
+        then = range(workers - 1)
+        begun = [flights, *(waiting[k :: len(then)] + long[k :: len(then)] for k in then)]
         items[:] = _shares(begun, others)
 
 
@@ -147,21 +157,49 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     that searches and flights in virtual time fill what flights on the wall clock leave idle.
     """
     path = item.path.relative_to(ROOT) if item.path.is_relative_to(ROOT) else item.path
-    if not _is_among(path, FLIGHTS):
+    if _takes_own_turn(item):
+        return (yield)
+    if not (_is_among(path, FLIGHTS) and _needs_turn(item)):
         if _workers() > 1 and not _is_among(path, WALL) and os.nice(0) < YIELDING:
             os.nice(YIELDING - os.nice(0))
         return (yield)
+    with _in_turn():
+        return (yield)
+
+
+@contextmanager
+def _in_turn() -> Iterator[Callable[[], None]]:
+    """Wait for the turn of a flight on the wall clock; gives what gives it back sooner."""
     with Path(__file__).open(encoding="utf-8") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)
-        try:
-            return (yield)
-        finally:
+
+        def give_back() -> None:
             # What was forked meanwhile and lives on has this file open, too.
             fcntl.flock(turn, fcntl.LOCK_UN)
+
+        try:
+            yield give_back
+        finally:
+            give_back()
+
+
+@pytest.fixture
+def turn() -> Iterator[Callable[[], None]]:
+    """The turn of a flight on the wall clock; call it to give it back before the test's end."""
+    with _in_turn() as give_back:
+        yield give_back
 
 
 def _workers() -> int:
     return int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+
+
+def _needs_turn(item: pytest.Item) -> bool:
+    return item.get_closest_marker("no_turn") is None
+
+
+def _takes_own_turn(item: pytest.Item) -> bool:
+    return "turn" in getattr(item, "fixturenames", ())
 
 
 @cache

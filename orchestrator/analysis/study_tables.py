@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from campaigns.statistics.proportions import Interval
+from orchestrator.analysis.conclusions import MODE_NAMES
 from orchestrator.analysis.gap.energy import EnergyFigure
 from orchestrator.analysis.gap.gap import GapFigure
 from orchestrator.analysis.pass_rates import MODES, ModeTest, PassRate
 from orchestrator.analysis.study import Study
 
 NONE = "-"
-_MODE_NAMES = {"sim": "simulation", "wil": "WIL", "real": "reality"}
 
 _GAP_HEAD = (
     "case",
@@ -57,7 +57,7 @@ def result_rows(study: Study) -> Rows:
     modes = [one for one in MODES if any(mode == one for _, mode in (*rates, *published))]
     head = ["case"]
     for mode in modes:
-        head += [_MODE_NAMES[mode], *(["published"] if published else [])]
+        head += [MODE_NAMES[mode], *(["published"] if published else [])]
     rows = []
     for case in cases:
         row = [case]
@@ -88,7 +88,7 @@ def statements(study: Study) -> list[str]:
     """Return in sentences what tests and agreement say, and what was left out."""
     found = [_test_text(test) for test in study.rates.tests]
     found += [
-        f"{_MODE_NAMES[one.mode]} agrees with reality on whether there are failures in "
+        f"{MODE_NAMES[one.mode]} agrees with reality on whether there are failures in "
         f"{one.cases_agree} of {one.cases} cases; a flight of each ends alike with "
         f"probability {one.verdicts_agree:.2f}"
         for one in study.rates.agreement
@@ -132,7 +132,7 @@ def _published_text(text: str) -> str:
 def _test_text(test: ModeTest) -> str:
     where = test.case or "all cases"
     kind = "Fisher's exact test" if test.case else "exact test stratified by case"
-    names = f"{_MODE_NAMES[test.one]} and {_MODE_NAMES[test.other]}"
+    names = f"{MODE_NAMES[test.one]} and {MODE_NAMES[test.other]}"
     if test.p is None:
         return f"{names}, {where}: no test, {test.why}"
     return f"{names}, {where}: p {test.p:.2g} ({kind}{f'; {test.why}' if test.why else ''})"

@@ -1,5 +1,6 @@
 """The statistics of a campaign as text: tables, and the sentences beneath them."""
 
+from orchestrator.analysis.conclusions import conclusions
 from orchestrator.analysis.study import Study
 from orchestrator.analysis.study_tables import (
     Rows,
@@ -13,8 +14,9 @@ from worlds.files.problems import printable
 
 
 def study_text(study: Study) -> str:
-    """Return the tables of results, of the gap and of the energy distances, and what they say."""
-    parts = [_text(result_rows(study))]
+    """Return what the statistics say, then the tables of results and of the gap, and the tests."""
+    said = [printable(f"{one.kind}: {one.text}") for one in conclusions(study)]
+    parts = ["\n".join(said), _text(result_rows(study))]
     if study.gap.figures:
         parts.append(_text(gap_rows(study)))
     if (energies := energy_rows(study)).rows:

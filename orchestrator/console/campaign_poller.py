@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Self
 
-from orchestrator.operator.campaign_records import Place, places
+from orchestrator.operator.campaign_records import Place
+from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from worlds.files.limited_json import read_json
 
@@ -16,14 +17,13 @@ _WHO = "console"
 
 
 class CampaignPoller:
-    """Polls what flies; a context manager. folder: only what writes its results there."""
+    """Polls the flights of a scope; a context manager."""
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self._folder = folder
+    def __init__(self, scope: FlightScope) -> None:
+        self._scope = scope
         self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="poll")
         self._planned: dict[Path, list[str]] = {}
         self._last: dict[Path, dict[str, Any]] = {}
-        self._owned: set[Path] = set()
 
     def __enter__(self) -> Self:
         return self
@@ -34,7 +34,7 @@ class CampaignPoller:
     def poll(self) -> dict[str, Any]:
         """Return the status of all campaigns and guards now; ended ones as they were last."""
         try:
-            found = places().beneath(self._folder)
+            found = self._scope.places()
         except OSError as error:
             return {"campaigns": list(self._last.values()), "guards": [], "problem": str(error)}
         campaigns = list(self._threads.map(_status, found.campaigns))
@@ -54,18 +54,12 @@ class CampaignPoller:
             del self._last[folder]
         return {"campaigns": list(self._last.values()), "guards": guards, "problem": ""}
 
-    def is_landing(self, pid: int) -> bool:
-        """Return whether a guard still flies for the campaign of a process."""
+    def is_landing(self) -> bool:
+        """Return whether a guard of the scope still flies."""
         try:
-            found = places()
+            return bool(self._scope.places().guards)
         except OSError:
             return False
-        self._owned.update(
-            one.folder for one in found.campaigns if one.process and one.process.pid == pid
-        )
-        return any(
-            guard.folder.is_relative_to(one) for guard in found.guards for one in self._owned
-        )
 
     def _plan(self, folder: Path) -> list[str]:
         """Return the names of a campaign's runs, as campaign.json has them."""

@@ -24,6 +24,7 @@ from orchestrator.console.page_commands import CommandSender
 from orchestrator.console.recorded_run import RecordedRun
 from orchestrator.live_feed.feed_messages import feed_codec
 from orchestrator.live_feed.feed_sockets import feed_receiver
+from orchestrator.operator.flight_scope import FlightScope
 from vehicles.processes.codec import MessageError
 from vehicles.tasks import stop, together
 
@@ -61,46 +62,62 @@ async def serve_console(
     """Serve a console until it is cancelled. Raises ConsoleError, RecordingError.
 
     announce: is given the links, one for an operator and one for viewers. beside: the process of a
-    campaign, with which the console ends: when standard input is closed, and its guards are gone.
+    campaign, which alone the console is for, and with which it ends: when standard input is closed,
+    and its guards are gone.
     """
     require_safe(settings.address, tls=settings.tls is not None)
     with contextlib.suppress(OSError):
         os.nice(_NICE)
     access = ConsoleAccess()
-    with _listening(settings.address) as end, CampaignPoller(settings.folder) as poller:
+    scope = FlightScope(folder=settings.folder, program=beside)
+    with _listening(settings.address) as end, CampaignPoller(scope) as poller:
         address = replace(settings.address, port=end.getsockname()[1])
         rules = RequestRules.of(address, tls=settings.tls is not None)
         mode = "live" if settings.recorded is None else "recorded"
-        hub = ConsoleHub(about={"mode": mode, "poll_s": POLL_S}, access=access)
-        async with _site(settings, access, rules, hub, end):
+        about = {"mode": mode, "poll_s": POLL_S, "whole_machine": scope.is_whole_machine}
+        hub = ConsoleHub(about=about, access=access)
+        server = ConsoleServer(
+            access=access,
+            rules=rules,
+            hub=hub,
+            sender=CommandSender(scope),
+            cookie=f"wil_console_{address.port}",
+            time=asyncio.get_running_loop().time,
+        )
+        async with _site(server, end, _tls(settings)):
             for role in get_args(Role):
                 token = access.invite(role)
                 announce(f"{role}: {rules.scheme}://{address.shown}/#{token}")
-            await _feed_hub(settings, hub, poller, beside)
+            await _feed_hub(settings, scope, hub, poller, ends=beside is not None)
 
 
 async def _feed_hub(
-    settings: ConsoleSettings, hub: ConsoleHub, poller: CampaignPoller, beside: int | None
+    settings: ConsoleSettings,
+    scope: FlightScope,
+    hub: ConsoleHub,
+    poller: CampaignPoller,
+    *,
+    ends: bool,
 ) -> None:
     """Feed the hub from what flies, or from a recording, until the console is to end."""
     async with together() as group:
         if settings.recorded is None:
-            source = group.create_task(_receive(hub), name="live feeds")
+            source = group.create_task(_receive(hub, scope), name="live feeds")
         else:
             recorded = RecordedRun(settings.recorded, speed=settings.speed)
             source = group.create_task(recorded.play(hub.take), name="recorded run")
         polling = group.create_task(_poll(hub, poller), name="status")
-        await _end_of(poller, beside)
+        await _end_of(poller, ends=ends)
         await asyncio.sleep(_LEAVE_S)
         hub.say_goodbye()
         await asyncio.sleep(_GOODBYE_S)
         await stop(source, polling)
 
 
-async def _end_of(poller: CampaignPoller, beside: int | None) -> None:
-    """Wait until the campaign of a process has ended and landed; for ever for None."""
+async def _end_of(poller: CampaignPoller, *, ends: bool) -> None:
+    """Wait until the campaign of the scope's program has ended and landed, or for ever."""
     closed = asyncio.Event()
-    if beside is None:
+    if not ends:
         await closed.wait()
         return
     loop, end = asyncio.get_running_loop(), sys.stdin.fileno()
@@ -117,19 +134,21 @@ async def _end_of(poller: CampaignPoller, beside: int | None) -> None:
             async with asyncio.timeout(POLL_S):
                 await closed.wait()
                 await asyncio.sleep(POLL_S)
-        is_landing = await asyncio.to_thread(poller.is_landing, beside)
+        is_landing = await asyncio.to_thread(poller.is_landing)
         is_there = is_landing or not closed.is_set()
 
 
-async def _receive(hub: ConsoleHub) -> None:
-    """Take live feeds until cancelled; what is none is let go."""
+async def _receive(hub: ConsoleHub, scope: FlightScope) -> None:
+    """Take a scope's live feeds until cancelled; what is none is let go."""
     loop = asyncio.get_running_loop()
     try:
         with feed_receiver() as end:
             while True:
                 datagram = await loop.sock_recv(end, _LONGEST_BYTES)
                 with contextlib.suppress(MessageError):
-                    await hub.take(feed_codec.decode(datagram))
+                    message = feed_codec.decode(datagram)
+                    if scope.covers(message.run):
+                        await hub.take(message)
     except OSError as error:
         raise ConsoleError(f"live feeds cannot be received: {error}") from error
 
@@ -143,30 +162,17 @@ async def _poll(hub: ConsoleHub, poller: CampaignPoller) -> None:
 
 @asynccontextmanager
 async def _site(
-    settings: ConsoleSettings,
-    access: ConsoleAccess,
-    rules: RequestRules,
-    hub: ConsoleHub,
-    end: socket.socket,
+    server: ConsoleServer, end: socket.socket, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
     """Serve the console's application on a socket."""
-    sender = CommandSender(settings.folder)
-    server = ConsoleServer(
-        access=access,
-        rules=rules,
-        hub=hub,
-        sender=sender,
-        cookie=f"wil_console_{end.getsockname()[1]}",
-        time=asyncio.get_running_loop().time,
-    )
     runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=_CLOSE_S)
     await runner.setup()
     try:
-        await web.SockSite(runner, end, ssl_context=_tls(settings), backlog=_BACKLOG).start()
+        await web.SockSite(runner, end, ssl_context=tls, backlog=_BACKLOG).start()
         yield
     finally:
         await runner.cleanup()
-        sender.close()
+        server.close()
 
 
 @contextmanager

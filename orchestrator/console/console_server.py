@@ -70,6 +70,10 @@ class ConsoleServer:
         self._pages: set[web.WebSocketResponse] = set()
         self._files = dict(_page_files(files("orchestrator.console") / "page"))
 
+    def close(self) -> None:
+        """End what sends its commands; those on their way are sent still."""
+        self._sender.close()
+
     def application(self) -> web.Application:
         """Return the application to serve."""
         application = web.Application(

@@ -5,11 +5,11 @@ import json
 import secrets
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, cast, get_args
 
 from orchestrator.console.console_access import AccessError
-from orchestrator.operator.campaign_records import Places, places
+from orchestrator.operator.campaign_records import Places
+from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.local_commands import CommandReply, send_command
 from orchestrator.operator.operator_log import OperatorLog
 from orchestrator.operator.socket_client import NoAnswerError, ask
@@ -43,13 +43,10 @@ class PageCommand:
 
 
 class CommandSender:
-    """Sends commands to what flies here, by threads of its own: an abort waits for nothing.
+    """Sends commands to a scope's flights, by threads of its own: an abort waits for nothing."""
 
-    folder: only what writes its results there.
-    """
-
-    def __init__(self, folder: Path | None = None) -> None:
-        self._folder = folder
+    def __init__(self, scope: FlightScope) -> None:
+        self._scope = scope
         self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="command")
 
     async def send(self, command: PageCommand, who: str) -> list[CommandReply]:
@@ -67,18 +64,19 @@ class CommandSender:
 
     def _send(self, command: PageCommand, who: str) -> list[CommandReply]:
         try:
-            flying = places().beneath(self._folder)
+            flying = self._scope.places()
         except OSError as error:
             return [CommandReply(ok=False, text=str(error))]
         if not flying.campaigns and not flying.guards:
-            return [CommandReply(ok=False, text="no campaign is in flight on this machine")]
+            where = "on this machine" if self._scope.is_whole_machine else "for this console"
+            return [CommandReply(ok=False, text=f"no campaign is in flight {where}")]
         if command.kind == "geofence":
             return [_change_fences(flying, command.document, who)]
         return list(send_command(flying, command.kind, who))
 
     def _record(self, text: str) -> None:
         try:
-            flying = places().beneath(self._folder).campaigns
+            flying = self._scope.places().campaigns
         except OSError:
             return
         for campaign in flying:

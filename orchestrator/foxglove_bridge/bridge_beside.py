@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from orchestrator.foxglove_bridge.bridge_address import bridge_address
 from orchestrator.foxglove_bridge.bridge_process import REFUSED
@@ -12,14 +13,22 @@ _END_S = 4.0
 
 
 @contextmanager
-def foxglove_beside(address: str, say: Callable[[str], None]) -> Iterator[None]:
+def foxglove_beside(
+    address: str,
+    say: Callable[[str], None],
+    *,
+    folder: Path | None = None,
+    program: int | None = None,
+) -> Iterator[None]:
     """Have what flies served for Foxglove until the context is left. say: is given where.
 
-    Raises BridgeError before the context is entered.
+    folder: only what writes its results there; program: only the campaign of a process. Raises
+    BridgeError before the context is entered.
     """
     bridge_address(address)
     arguments = ("-m", "orchestrator.foxglove_bridge.bridge_process", address)
-    with process_beside(arguments, lines=1, end_s=_END_S) as lines:
+    only = (str(folder.absolute()) if folder else "", str(program) if program else "")
+    with process_beside((*arguments, *only), lines=1, end_s=_END_S) as lines:
         line = lines[0].strip() if lines else ""
         if not line or line.startswith(REFUSED):
             raise BridgeError(line.removeprefix(REFUSED) or "the Foxglove bridge was not opened")

@@ -35,6 +35,8 @@ from orchestrator.report.rendering.page import (
 FILE_NAME = "report.html"
 _ALONE = 8
 """Up to so many runs one process is as fast as several."""
+_FEW = 12
+"""Up to so many runs that went wrong have large frames: 7 of each, some 30 kB a frame."""
 _VIDEO_BYTES = 6_000_000
 """Of the videos that stand in the page itself, all together: of runs that did not pass."""
 
@@ -76,8 +78,17 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
     size = ImageSize.for_runs(len(campaign.entries))
     names = anchors(entry.name for entry in campaign.entries)
     embedded = set(_embedded(folder, campaign.entries))
+    bad = {entry.name for entry in campaign.entries if went_wrong(entry.result)}
+    large = bad if len(bad) <= _FEW else set()
     orders = [
-        _Order(folder, entry, anchor, size, entry.name in embedded, stand_in(campaign))
+        _Order(
+            folder,
+            entry,
+            anchor,
+            size.for_failure() if entry.name in large else size,
+            entry.name in embedded,
+            stand_in(campaign),
+        )
         for entry, anchor in zip(campaign.entries, names, strict=True)
     ]
     pages, study = _pages_and_study(orders, folder, campaign)

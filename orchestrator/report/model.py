@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from orchestrator.analysis.model import Commanded
 from orchestrator.model.results import RunResult
 from safety.fence.geofence import Fence
-from worlds.frames import Vec3
+from worlds.camera import Intrinsics
+from worlds.frames import Pose, Vec3
 
 Point = tuple[float, float]
 
@@ -59,14 +60,43 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
+class PlotLimit:
+    """What values are held against. is_upper: whether they are to stay beneath; None: not known.
+
+    span_s: when it holds; None for as long as the plot goes.
+    """
+
+    value: float
+    is_upper: bool | None = None
+    span_s: Point | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Plot:
-    """Values over time. limits: what they are held against; note: how they were found."""
+    """Values over time. limits: what they are held against; note: how they were found.
+
+    judged: the subject of the curve that the limits judge.
+    """
 
     title: str
     unit: str
     curves: tuple[Curve, ...]
-    limits: tuple[float, ...] = ()
+    limits: tuple[PlotLimit, ...] = ()
     note: str = ""
+    judged: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Closeup:
+    """The value that violated its limit, about the time when it did.
+
+    span_s: the time that is shown. crossed_s: when the limit was crossed; worst: when and what.
+    """
+
+    plot: Plot
+    span_s: Point
+    crossed_s: float
+    worst: Point
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +127,10 @@ class DrawnWorld:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image for the page. jpeg: base64. t_s: exposure; delivered_s: when it was perceived."""
+    """An image for the page. jpeg: base64. t_s: exposure; delivered_s: when it was perceived.
+
+    view: whose camera it is of, and with which optics; None where that was not recorded.
+    """
 
     source: str
     t_s: float
@@ -105,6 +138,34 @@ class Frame:
     width_px: int
     height_px: int
     jpeg: str
+    view: "CameraView | None" = None
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """The camera of an image as recorded. vehicle: on which it sits.
+
+    camera_pose: where it was, NED; None where only the vehicle's pose is known.
+    """
+
+    vehicle: str
+    intrinsics: Intrinsics
+    camera_pose: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Where a thing of the world is in an image, by the recorded world and poses; pixels.
+
+    box_px: left, top, right, bottom of what is in view; None where nothing of it is. outline_px: of
+    the part that was touched. distance_m: from the vehicle's body when the image was exposed.
+    """
+
+    name: str
+    distance_m: float | None
+    box_px: tuple[float, float, float, float] | None
+    part: str = ""
+    outline_px: tuple[Point, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +186,15 @@ class Sight:
     """What the autonomy perceived last before a time, and what that was mixed of.
 
     figures: of the mixture: skew, latency, registration error, what was left out; in words.
+    sensor: its name. marks: the things that matter, in the image.
     """
 
     wanted_s: float
     perceived: Frame | Scan
     beside: tuple[Frame | Scan, ...] = ()
     figures: tuple[tuple[str, str], ...] = ()
+    sensor: str = ""
+    marks: tuple[Mark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +254,7 @@ class RunReport:
     tracks: tuple[Track, ...] = ()
     commands: tuple[Commanded, ...] = ()
     world: DrawnWorld = field(default_factory=DrawnWorld)
+    closeup: Closeup | None = None
     sight: Sight | None = None
     strip: tuple[Sight, ...] = ()
     plots: tuple[Plot, ...] = ()

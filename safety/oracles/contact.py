@@ -21,7 +21,7 @@ from safety.oracles.oracle import (
     oracle,
 )
 
-_CLEAR_AGAIN_M = 0.02
+CLEAR_AGAIN_M = 0.02
 """A contact is over when the clearance exceeds this: noise of a pose must not count twice."""
 
 
@@ -116,7 +116,7 @@ class Clearance(Oracle):
         self._seen = True
         # What is neither nearer than ever nor near an episode costs nothing to leave out.
         known_m = math.inf if self._worst is None else self._worst.clearance_m
-        self._limits.below_m = max(known_m, self._min_m + _CLEAR_AGAIN_M)
+        self._limits.below_m = max(known_m, self._min_m + CLEAR_AGAIN_M)
         swept = self._probe.sweep(
             last.pose, last.t_s, sample.pose, sample.t_s, self._events, below_m=self._limits
         )
@@ -163,7 +163,7 @@ class Clearance(Oracle):
                 if key not in self._near:
                     flags += self.flag(separation.at_s, self._text(separation))
                 still_near.add(key)
-            elif key in self._near and separation.clearance_m <= self._min_m + _CLEAR_AGAIN_M:
+            elif key in self._near and separation.clearance_m <= self._min_m + CLEAR_AGAIN_M:
                 still_near.add(key)
         self._near = still_near
         return flags

@@ -180,11 +180,9 @@ class Reached(Oracle):
     def _unfinished_texts(self) -> Iterator[str]:
         detector = self._detectors.get(self._next)
         if detector is not None and (depth_m := detector.unfinished_m) > 0.0:
-            yield f"ended {depth_m:.2f} m behind its plane, with a body of {self._radius}"
-
-    @property
-    def _radius(self) -> str:
-        return f"{self._body.radius_m:.2f} m round its centre"
+            far_m = self._body.radius_m
+            ended = f"ended {depth_m:.2f} m past its plane"
+            yield f"{ended}: through is {far_m:.2f} m, the radius of its body"
 
 
 _MOST_TURNS = 3

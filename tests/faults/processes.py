@@ -64,8 +64,10 @@ class RealAftermath:
 class FaultyProgram(Program):
     """The program with the harness's own eyes in its processes."""
 
-    def __init__(self, out: Path, *arguments: str, step: Path, truth_port: int) -> None:
-        super().__init__(out, *arguments)
+    def __init__(
+        self, out: Path, *arguments: str, step: Path, truth_port: int, clock: str = "wall"
+    ) -> None:
+        super().__init__(out, *arguments, clock=clock)
         self.step = step
         self._truth_port = truth_port
         self._temporary = self.runtime / "tmp"

@@ -71,22 +71,33 @@ async def clock_of(program: SteppedProgram) -> AsyncIterator[Callable[[], Awaita
 
 
 @pytest.mark.skipif(not LIBRARIES, reason="libfaketime is not installed")
-@pytest.mark.parametrize("mode", ["sim", "wil"])
-async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(tmp_path: Path, mode: str) -> None:
-    arguments = ("--mode", mode, "--json", *SHORT)
+@pytest.mark.parametrize(
+    ("mode", "clock"),
+    [
+        pytest.param("sim", "scaled", marks=pytest.mark.no_turn("lockstep"), id="sim"),
+        pytest.param("wil", "wall", id="wil"),
+    ],
+)
+async def test_a_clock_that_steps_on_and_back_disturbs_no_flight(
+    tmp_path: Path, mode: str, clock: str
+) -> None:
+    pace = ("--set", "clock.speed=1") if clock == "scaled" else ()
+    arguments = ("--mode", mode, "--json", *SHORT, *pace)
     async with truth_receiver() as (truth, port):
         step = tmp_path / "clock-step"
-        program = SteppedProgram(tmp_path / "out", *arguments, step=step, truth_port=port)
+        program = SteppedProgram(
+            tmp_path / "out", *arguments, step=step, truth_port=port, clock=clock
+        )
         program.step_to("+0")
-        async with program, clock_of(program) as clock, socket_ledger(program.runtime) as ledger:
-            off_s = [await clock()]
+        async with program, clock_of(program) as seen, socket_ledger(program.runtime) as ledger:
+            off_s = [await seen()]
             await program.stage("takeoff", mode, END_WITHIN_S)
             program.step_to("+1h")
             await program.stage("at_height", mode, END_WITHIN_S)
-            off_s.append(await clock())
+            off_s.append(await seen())
             program.step_to("-1h")
             landed = await program.end()
-            off_s.append(await clock())
+            off_s.append(await seen())
             left = await all_gone(program.runtime, 60.0)
             also_left = [*ledger.left(), *files_left(program.runtime)]
         folder = program.run_folder(mode)

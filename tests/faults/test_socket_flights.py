@@ -38,6 +38,7 @@ async def test_motion_capture_that_repeats_itself_before_a_wall_proves_nothing(
     assert outcome.reason.startswith("pose of twin from mocap: ")
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_the_sixty_alter_mavlink_motion_capture_and_pictures() -> None:
     drawn = [draw_on_sockets(seed) for seed in range(60)]
     assert draw_on_sockets(7) == drawn[7]

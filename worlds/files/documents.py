@@ -16,6 +16,7 @@ from worlds.files.model_keys import Path
 from worlds.files.problems import BadInput, Problem, closest, closest_file
 from worlds.files.validation import KeyFaultError, Part, describe, faults_of
 from worlds.files.yaml_nodes import (
+    MAX_DEPTH,
     Data,
     Entry,
     Node,
@@ -104,9 +105,14 @@ class Document:
 
         Places beneath are those of the entry, in the file (or option) where it stands. Raises
         BadInput when the way there leads through what is no mapping or list, or through a key
-        that is missing but like one that is not.
+        that is missing but like one that is not, for an empty part, and beyond MAX_DEPTH.
         """
         steps = tuple(dotted_key.split("."))
+        if not all(steps):
+            raise _no_way(entry, dotted_key, "a part between its dots is empty")
+        if len(steps) > MAX_DEPTH:
+            said = f"has {len(steps)} parts, at most {MAX_DEPTH} are possible"
+            raise _no_way(entry, dotted_key, said)
         return Document(self.path, _replace_value(self.root, steps, entry, dotted_key))
 
     def _spot(self, path: Path, *, key: bool) -> Place:

@@ -6,19 +6,20 @@ from pathlib import Path
 from safety.evaluation.judge_log import ActorPose, JudgeLogError, WorldEvent, read_judge_log
 from safety.fence.geofence import Fence
 from safety.model.samples import FenceSample, PoseSample, StageSample
-from worlds.frames import Pose
+from worlds.frames import Pose, Vec3
 from worlds.scene.track import RunHistory
 
 
 @dataclass(slots=True)
 class JudgedMotion:
-    """By vehicle the judged poses with their times.
+    """By vehicle the judged poses with their times, and the velocities (NED, m/s) of each.
 
     world_events: when each happened, and where actors flew. fences: in force at the end,
     where they were changed in flight.
     """
 
     poses: dict[str, list[tuple[float, Pose]]] = field(default_factory=dict)
+    velocities: dict[str, list[Vec3]] = field(default_factory=dict)
     world_events: RunHistory = field(default_factory=RunHistory)
     stages: dict[str, float] = field(default_factory=dict)
     fences: dict[str, Fence] = field(default_factory=dict)
@@ -32,8 +33,9 @@ def read_judged_motion(path: Path) -> JudgedMotion:
         with path.open("rb") as stream:
             for sample in read_judge_log(stream):
                 match sample:
-                    case PoseSample(t_s, vehicle, pose, _):
+                    case PoseSample(t_s, vehicle, pose, velocity):
                         found.poses.setdefault(vehicle, []).append((t_s, pose))
+                        found.velocities.setdefault(vehicle, []).append(velocity)
                     case StageSample(t_s, stage, None):
                         found.stages.setdefault(stage, t_s)
                     case WorldEvent(t_s, name):

@@ -43,6 +43,11 @@ class Row:
             note=cells.get("note") or "",
         )
 
+    @property
+    def note(self) -> str:
+        """Return what the autonomy noted, without the rest of the row."""
+        return _Cells(self.columns, self.line).get("note") or ""
+
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryRows:
@@ -94,9 +99,11 @@ class _Cells:
 
 
 def _row(columns: Mapping[str, int], line: list[str]) -> Row | None:
-    cells = _Cells(columns, line)
-    t_s, vehicle = _number(cells, "t_s"), cells.get("vehicle")
-    return None if t_s is None or not vehicle else Row(t_s, vehicle, columns, tuple(line))
+    try:
+        t_s, vehicle = float(line[columns["t_s"]]), line[columns["vehicle"]]
+    except (ValueError, IndexError):
+        return None
+    return Row(t_s, vehicle, columns, tuple(line)) if vehicle and math.isfinite(t_s) else None
 
 
 def _number(cells: _Cells, name: str) -> float | None:

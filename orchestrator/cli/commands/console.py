@@ -71,7 +71,11 @@ def console(
             speed=speed,
             tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
         )
-        with nullcontext() if foxglove is None else foxglove_beside(foxglove, _announce):
+        with (
+            nullcontext()
+            if foxglove is None
+            else foxglove_beside(foxglove, _announce, folder=folder)
+        ):
             asyncio.run(serve_console(settings, _announce, beside=beside))
     except BridgeError as error:
         err(error)

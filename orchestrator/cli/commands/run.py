@@ -1,5 +1,6 @@
 """`wil-campaign run`: fly a campaign."""
 
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -195,7 +196,7 @@ def _beside(flights: Flights, display: Display, *, json: bool) -> Iterator[None]
     say = err if json else display.say
     with ExitStack() as stack:
         if flights.foxglove is not None:
-            stack.enter_context(foxglove_beside(flights.foxglove, say))
+            stack.enter_context(foxglove_beside(flights.foxglove, say, program=os.getpid()))
         if (address := flights.console) is not None:
             stack.enter_context(console_beside("127.0.0.1" if address == AUTO else address, say))
         yield

@@ -13,6 +13,8 @@ export class Model {
   constructor() {
     /** @type {any} */ this.you = null;
     this.mode = "live";
+    /** Whether commands go to all that flies on the machine, or to one program's or folder's. */
+    this.isOfMachine = true;
     /** @type {Map<string, Run>} */ this.runs = new Map();
     this.chosen = "";
     this.isChosenByHand = false;
@@ -49,6 +51,7 @@ export class Model {
       case "hello":
         this.you = message.you;
         this.mode = message.mode;
+        this.isOfMachine = message.whole_machine !== false;
         break;
       case "people":
         this.people = message;

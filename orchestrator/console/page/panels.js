@@ -123,7 +123,8 @@ export class Panels {
 
   /** @param {any} campaign */
   stateText(campaign) {
-    if (!campaign) return this.model.mode === "recorded" ? "nothing flies: this was flown" : "waiting for a flight on this machine";
+    if (!campaign && this.model.mode === "recorded") return "nothing flies: this was flown";
+    if (!campaign) return this.model.isOfMachine ? "waiting for a flight on this machine" : "waiting for its first flight";
     const done = Object.keys(campaign.finished ?? {}).length;
     const guards = this.model.status?.guards ?? [];
     const isGuarded = guards.some((/** @type {any} */ one) => one.folder.startsWith(`${campaign.folder}/`));

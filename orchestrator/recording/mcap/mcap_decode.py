@@ -52,6 +52,15 @@ def image_of(document: Json) -> NDArray[Any]:
     return image
 
 
+def camera_of(document: Json) -> tuple[Intrinsics, Pose | None]:
+    """Return optics and pose of an image's camera; the pose is None where it was not recorded.
+
+    Raises KeyError, ValueError or TypeError for a document that has none.
+    """
+    wil = document["wil"]
+    return _intrinsics(wil["intrinsics"]), _camera_pose(wil["camera_pose"])
+
+
 def _times(wil: Json) -> tuple[float, float, int, Source]:
     """Return decoded times, sequence number and source of a reading."""
     return number(wil["t_s"]), number(wil["arrived_s"]), wil["seq"], wil["source"]

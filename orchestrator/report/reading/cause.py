@@ -13,10 +13,23 @@ from safety.oracles import registry
 _CONTACT = "contact/"
 _COLLISION = "collision"
 _MOST_EVENTS = 8
-_SAME_MOMENT_S = 0.05
+SAME_MOMENT_S = 0.05
 
-SpeedAt = Callable[[str, float], float | None]
-"""The speed of a vehicle at a time, m/s."""
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A contact: the vehicle's speed then, and when it was over; None where not known.
+
+    recorded_s: the last time of which anything is known of it; None where nothing is.
+    """
+
+    speed_m_s: float | None = None
+    until_s: float | None = None
+    recorded_s: float | None = None
+
+
+ContactAt = Callable[[str, float], Contact]
+"""What is known of the contact of a vehicle that began at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +48,7 @@ def cause_of(
     passed: NearestPass | None,
     formulas: Mapping[str, str] = MappingProxyType({}),
     outcome: tuple[tuple[float, str], ...] = (),
-    speed_at: SpeedAt | None = None,
+    contact_at: ContactAt | None = None,
 ) -> Cause | None:
     """Return what was violated, when and by how much; None for a PASS.
 
@@ -46,11 +59,14 @@ def cause_of(
         return None
     oracle = deciding_oracle(result)
     at_s = _decided_s(result, oracle, events)
-    facts = [] if oracle is None else _oracle_facts(oracle, formulas.get(oracle.name, ""))
+    contact = Contact()
+    if oracle is not None and _is_contact(oracle) and at_s is not None and contact_at is not None:
+        contact = contact_at(oracle.vehicle, at_s)
+    facts = []
+    if oracle is not None:
+        facts = _oracle_facts(oracle, formulas.get(oracle.name, ""), _contact_text(contact, at_s))
     is_formula = oracle is not None and oracle.name in formulas
     facts += _time_facts(oracle, at_s, goal_s, first="crossed" if is_formula else "when")
-    if oracle is not None and _is_contact(oracle) and at_s is not None and speed_at is not None:
-        facts.append(("speed then", number_text(speed_at(oracle.vehicle, at_s), "m/s", digits=2)))
     if at_s is None and passed is not None:
         facts.append(("nearest", _nearest_text(passed, goal_s)))
     if result.note:
@@ -64,6 +80,20 @@ def cause_of(
         vehicle="" if oracle is None else oracle.vehicle,
         sequence=_sequence(result, at_s, outcome),
     )
+
+
+def _contact_text(contact: Contact, at_s: float | None) -> str:
+    """Return how hard a contact was and how long it lasted, as far as the record has it."""
+    text = "contact"
+    if contact.speed_m_s is not None:
+        text += f" at {number_text(contact.speed_m_s, 'm/s', digits=2)}"
+    if contact.until_s is not None and at_s is not None:
+        text += f" for {number_text(contact.until_s - at_s, 's', digits=2)}"
+    elif contact.recorded_s is not None and at_s is not None:
+        text += (
+            f" to the end of the record, {number_text(contact.recorded_s - at_s, 's', digits=2)}"
+        )
+    return f"{text}: any touch is a violation"
 
 
 def _sequence(
@@ -87,7 +117,7 @@ def _time_facts(
     if at_s is None:
         return [("when", "at the end of the run")]
     worst_s = None if oracle is None else oracle.at_s
-    if worst_s is not None and worst_s - at_s > _SAME_MOMENT_S:
+    if worst_s is not None and worst_s - at_s > SAME_MOMENT_S:
         return [("crossed", time_text(at_s, goal_s)), ("worst", time_text(worst_s, goal_s))]
     return [(first, time_text(at_s, goal_s))]
 
@@ -154,7 +184,7 @@ def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
     return f"{distance} from the goal's first gate or place, {time_text(passed.t_s, goal_s)}"
 
 
-def _oracle_facts(oracle: OracleResult, formula: str) -> list[tuple[str, str]]:
+def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tuple[str, str]]:
     kind = registry.get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
     rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
@@ -162,7 +192,7 @@ def _oracle_facts(oracle: OracleResult, formula: str) -> list[tuple[str, str]]:
         worst = "not measured"
     found = [("rule", f"{formula} (seconds since its window opened)" if formula else rule)]
     if _is_contact(oracle) and oracle.margin == 0.0:
-        found.append(("by how much", "contact: any touch is a violation"))
+        found.append(("by how much", contact))
     elif oracle.margin == 0.0:
         # A worst value, a limit and a distance of 0 m each would say it three times.
         found.append(("by how much", f"{worst}: reaching the limit is a violation already"))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from orchestrator.report.model import Point
 from safety.fence.geofence import Fence
+from safety.oracles.contact import CLEAR_AGAIN_M
 from vehicles.embedded.physics.contact_world import BODY
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose
@@ -56,3 +57,20 @@ def separations(real: Sequence[TimedPose], twin: Sequence[TimedPose]) -> tuple[P
         (t_s, math.dist(a.position_ned_m, b.position_ned_m))
         for (t_s, a), (_, b) in zip(real, twin, strict=False)
     )
+
+
+def contact_until_s(
+    poses: Sequence[TimedPose], scene: Scene, events: Mapping[str, float], touched_s: float
+) -> float | None:
+    """Return when a contact that began at a time was over; None where it never was.
+
+    As `collision` counts one contact: it is over when the clearance exceeds 2 cm. Floors are left
+    out.
+    """
+    probe = ClearanceProbe(scene, BODY, floors=False, within_m=2.0 * CLEAR_AGAIN_M)
+    after = [one for one in poses if one[0] >= touched_s]
+    for (begin_s, begin), (end_s, end) in itertools.pairwise(after):
+        near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)
+        if min((one.clearance_m for one in near), default=math.inf) > CLEAR_AGAIN_M:
+            return begin_s
+    return None

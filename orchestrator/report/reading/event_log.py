@@ -92,6 +92,9 @@ def _words(kind: str, fields: dict[str, Any]) -> Iterator[str]:
     bare = {"stage", "text", "reason", "message"} | ({"kind"} if kind != "decisive" else set())
     if kind == "preflight":
         bare |= {"check", "outcome"}
+    if kind == "fence" or fields.get("step") == "fence":
+        yield "the autopilot's own fence, wider than the campaign's by its margin"
+        fields = {name: value for name, value in fields.items() if name != "step"}
     if kind == "before_arming":
         bare |= {"step"}
         fields = {name: value for name, value in fields.items() if name != "ok" or value is False}

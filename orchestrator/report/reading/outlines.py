@@ -1,15 +1,17 @@
 """The things of a world as outlines from above and from the side; pure."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from orchestrator.report.model import Outline, Point
-from worlds.frames import Pose, matrix_from_quat
+from worlds.frames import Pose, Quat, matrix_from_quat
 from worlds.scene.parts import BoxShape, Part, SphereShape
 from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import Shape
 
 _MOST_FACES = 4000
 """Of a surface that is drawn by its triangles; a larger one by its hull."""
@@ -18,6 +20,10 @@ _ROUTE_STEPS = 60
 _PLAIN_RGB = (128, 128, 128)
 
 Points = NDArray[np.float64]
+_View = tuple[tuple[int, int], tuple[float, float]]
+"""Which axes of NED a view has to the right and up, and their signs."""
+_ABOVE: _View = ((1, 0), (1.0, 1.0))
+_BESIDE: tuple[_View, _View] = (((0, 2), (1.0, -1.0)), ((1, 2), (1.0, -1.0)))
 
 
 def outlines_of(
@@ -55,30 +61,60 @@ def _route(thing: SceneObject, events: Mapping[str, float], span_s: Point) -> Po
 def _outline(
     thing: SceneObject, *, is_virtual: bool, side: int, pose: Pose, route: Points
 ) -> Outline:
-    # A room is seen from inside: one line round it, not its walls.
-    parts = [part for part in thing.shape.parts if not part.is_floor]
-    clouds = [(_moved(pose, _vertices(part)), _faces(part)) for part in parts]
-    if thing.is_room:
-        clouds = [(_moved(pose, thing.shape.mesh.vertices_m), None)]
     materials = thing.shape.mesh.materials
     return Outline(
         name=thing.name,
         is_virtual=is_virtual,
         is_room=thing.is_room,
         rgb=materials[0].rgb if materials else _PLAIN_RGB,
-        above_m=_flat_outlines([(_above(points), faces) for points, faces in clouds]),
-        side_m=_flat_outlines([(_beside(points, side), faces) for points, faces in clouds]),
-        route_above_m=_as_points(_above(route)),
-        route_side_m=_as_points(_beside(route, side)),
+        above_m=_flat_outlines(thing, pose, _ABOVE),
+        side_m=_flat_outlines(thing, pose, _BESIDE[side]),
+        route_above_m=_as_points(_flat(route, _ABOVE)),
+        route_side_m=_as_points(_flat(route, _BESIDE[side])),
     )
 
 
-def _above(points: Points) -> Points:
-    return points[:, [1, 0]]
+def _flat_outlines(thing: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
+    """Return what the parts of a thing cover, as polygons without their holes' fill.
+
+    A hole would need a rule of filling: bars round an opening stay parts of their own, so that an
+    opening stays open.
+    """
+    ((right_m, up_m),) = _flat(np.array([pose.position_ned_m]), view).tolist()
+    found = _turned_outlines(thing.shape, thing.is_room, pose.q_wxyz, view)
+    return tuple(tuple((x + right_m, y + up_m) for x, y in points) for points in found)
 
 
-def _beside(points: Points, side: int) -> Points:
-    return np.stack([points[:, side], -points[:, 2]], axis=1)
+@lru_cache(maxsize=512)
+def _turned_outlines(
+    shape: Shape,
+    is_room: bool,
+    q_wxyz: Quat,
+    view: _View,
+) -> tuple[tuple[Point, ...], ...]:
+    """Return the outlines of a shape about its origin; the runs of a campaign share a few."""
+    parts = [part for part in shape.parts if not part.is_floor]
+    clouds = [(vertices_of(part), _faces(part)) for part in parts]
+    if is_room:
+        # A room is seen from inside: one line round it, not its walls.
+        clouds = [(shape.mesh.vertices_m, None)]
+    turned = Pose((0.0, 0.0, 0.0), q_wxyz)
+    found: list[tuple[Point, ...]] = []
+    for corners, faces in clouds:
+        points = _flat(_moved(turned, corners), view)
+        flat = shapely.multipoints(points).convex_hull
+        if faces is not None:
+            triangles = shapely.polygons(points[faces])
+            flat = shapely.union_all(triangles[shapely.area(triangles) > 0.0])
+        flat = shapely.simplify(flat, _FINE_M / 4)
+        found += [_as_points(shapely.get_coordinates(one)) for one in shapely.get_parts(flat)]
+    return tuple(points for points in found if len(points) >= 2)
+
+
+def _flat(points: Points, view: _View) -> Points:
+    """Return the points to the right and up of a view."""
+    (right, up), (sign_right, sign_up) = view
+    return np.stack([sign_right * points[:, right], sign_up * points[:, up]], axis=1)
 
 
 def _moved(pose: Pose, points: Points) -> Points:
@@ -86,7 +122,7 @@ def _moved(pose: Pose, points: Points) -> Points:
     return moved
 
 
-def _vertices(part: Part) -> Points:
+def vertices_of(part: Part) -> Points:
     """Return corners of a part in its thing's frame."""
     match part.shape:
         case BoxShape(half_m):
@@ -111,25 +147,6 @@ def _faces(part: Part) -> NDArray[np.int32] | None:
     if isinstance(shape, BoxShape | SphereShape) or len(shape.faces) > _MOST_FACES:
         return None
     return shape.faces
-
-
-def _flat_outlines(
-    clouds: Iterable[tuple[Points, NDArray[np.int32] | None]],
-) -> tuple[tuple[Point, ...], ...]:
-    """Return what parts cover together, as polygons without their holes' fill.
-
-    A hole would need a rule of filling: bars round an opening stay parts of their own, so that an
-    opening stays open.
-    """
-    found: list[tuple[Point, ...]] = []
-    for points, faces in clouds:
-        flat = shapely.multipoints(points).convex_hull
-        if faces is not None:
-            triangles = shapely.polygons(points[faces])
-            flat = shapely.union_all(triangles[shapely.area(triangles) > 0.0])
-        flat = shapely.simplify(flat, _FINE_M / 4)
-        found += [_as_points(shapely.get_coordinates(one)) for one in shapely.get_parts(flat)]
-    return tuple(points for points in found if len(points) >= 2)
 
 
 def _as_points(points: Points) -> tuple[Point, ...]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from orchestrator.analysis.model import Commanded, RunEntry
@@ -11,22 +11,42 @@ from orchestrator.analysis.reading.trajectory_file import Row, read_trajectory
 from orchestrator.model.results import RunResult
 from orchestrator.report.model import (
     Cause,
+    Closeup,
     DrawnWorld,
+    Frame,
     Point,
     RunReport,
     Sight,
     Track,
     VehicleAtMoment,
 )
-from orchestrator.report.reading.cause import NearestPass, cause_of, moment_of, notes_of
+from orchestrator.report.reading.cause import (
+    SAME_MOMENT_S,
+    Contact,
+    NearestPass,
+    cause_of,
+    deciding_oracle,
+    moment_of,
+    notes_of,
+)
+from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
+from orchestrator.report.reading.distances import contact_until_s
 from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
+from orchestrator.report.reading.held_limits import held_limits
+from orchestrator.report.reading.object_marks import (
+    SeenWorld,
+    marks_of,
+    named_things,
+    touched_part,
+)
 from orchestrator.report.reading.outlines import outlines_of
 from orchestrator.report.reading.recorded_sights import read_facts, read_sights
 from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
 from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
-from orchestrator.report.words import place_text, velocity_text
+from orchestrator.report.words import place_text, short_time, time_text, velocity_text
+from safety.model.oracle_results import OracleResult
 from worlds.frames import Pose, norm, quat_from_euler
 
 STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
@@ -83,8 +103,14 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
             passed=passed,
             formulas=parts.world.formulas,
             outcome=tuple(_outcome(parts, poses.get(subject, []))),
-            speed_at=lambda vehicle, t_s: _speed_m_s(parts.commands, vehicle, t_s),
+            contact_at=lambda vehicle, t_s: _contact(parts, vehicle, t_s),
         )
+    limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1])
+    fences = {**parts.world.fences, **parts.motion.fences}
+    flight = JudgedFlight(parts.motion, parts.world.judged, fences)
+    oracle = None if result is None else deciding_oracle(result)
+    closeup = closeup_of(cause, oracle, limits, flight)
+    cause = _with_worst(cause, closeup, parts.goal_s)
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
     moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
@@ -106,18 +132,19 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         cause=cause,
         notes=_notes(result, cause, parts.goal_s),
         moment=moment,
-        at_moment=() if moment is None else tuple(_at_moment(parts.commands, moment.t_s)),
+        at_moment=() if moment is None else tuple(_at_moment(parts, moment.t_s)),
         goal_s=parts.goal_s,
         span_s=parts.span_s,
         stages=tuple(stages.items()),
         tracks=tuple(_tracks(parts, poses, times)),
         commands=_thinned(parts.commands, parts.span_s),
         world=_drawn_world(parts, poses, None if moment is None else moment.t_s),
-        sight=_nearest(shown, None if moment is None else moment.t_s),
+        closeup=closeup,
+        sight=_marked(_nearest(shown, None if moment is None else moment.t_s), parts, oracle),
         strip=tuple(shown),
         plots=(
-            *motion_plots(poses, parts.world, parts.motion, subject),
-            *mixture_plots(sights.provenances),
+            *motion_plots(poses, parts.world, parts.motion, subject, limits),
+            *mixture_plots(sights.provenances, None if moment is None else moment.t_s),
         ),
         events=parts.log.events,
         preflight=parts.log.preflight,
@@ -166,12 +193,51 @@ def _outcome(parts: _Parts, poses: Sequence[TimedPose]) -> Iterator[tuple[float,
         yield t_s, f"the last pose: {up_m:.2f} m above the world's origin"
 
 
-def _speed_m_s(commands: Sequence[Row], vehicle: str, t_s: float) -> float | None:
-    """Return the recorded speed of a vehicle at a time; None without one."""
-    before = (row for row in reversed(commands) if row.vehicle == vehicle and row.t_s <= t_s)
+def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
+    """Return how fast a vehicle was when it touched something, and when that was over."""
+    before = (row for row in reversed(parts.commands) if row.vehicle == vehicle and row.t_s <= t_s)
     row = next(before, None)
     velocity = None if row is None else row.decoded().velocity_ned_m_s
-    return None if velocity is None else norm(velocity)
+    poses = parts.motion.poses.get(vehicle, [])
+    until_s = contact_until_s(poses, parts.world.judged, parts.motion.world_events, t_s)
+    recorded_s = poses[-1][0] if poses and parts.world.judged.objects else None
+    return Contact(None if velocity is None else norm(velocity), until_s, recorded_s)
+
+
+def _with_worst(cause: Cause | None, closeup: Closeup | None, goal_s: float | None) -> Cause | None:
+    """Return a cause that says when the worst was, where its oracle did not."""
+    if cause is None or closeup is None or any(name == "worst" for name, _ in cause.facts):
+        return cause
+    if closeup.worst[0] - closeup.crossed_s <= SAME_MOMENT_S:
+        return cause
+    facts = [("crossed" if name == "when" else name, text) for name, text in cause.facts]
+    place = next((i + 1 for i, (name, _) in enumerate(facts) if name == "crossed"), len(facts))
+    facts.insert(place, ("worst", time_text(closeup.worst[0], goal_s)))
+    return replace(cause, facts=tuple(facts))
+
+
+def _marked(sight: Sight | None, parts: _Parts, oracle: OracleResult | None) -> Sight | None:
+    """Return what was perceived with the things marked that the run is about."""
+    if sight is None or not isinstance(sight.perceived, Frame):
+        return sight
+    world, motion = parts.world, parts.motion
+    detail = "" if oracle is None else oracle.detail
+    given = None if oracle is None else world.oracles.get(oracle.name)
+    named = str(given.get("object", "")) if isinstance(given, dict) else ""
+    moving = [thing.name for thing in world.judged.objects if thing.motion is not None]
+    wanted = [*named_things(world.judged, [detail, named]), *world.gates, *moving]
+    seen = SeenWorld(
+        world.judged,
+        world.physical,
+        motion.poses,
+        motion.world_events,
+        world.campaign,
+        world.recipe,
+    )
+    marks = marks_of(
+        sight.perceived, sight.sensor, seen, of_interest=wanted, touched=touched_part(detail)
+    )
+    return replace(sight, marks=marks)
 
 
 def _read_parts(place: Path, entry: RunEntry) -> _Parts:
@@ -253,23 +319,31 @@ def _drawn_world(
     return DrawnWorld(outlines, {**world.fences, **parts.motion.fences}, side_axis)
 
 
-def _at_moment(commands: Sequence[Row], t_s: float) -> list[VehicleAtMoment]:
+def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:
     """Return what each vehicle was and was asked for at a time."""
     newest: dict[str, Row] = {}
-    for row in commands:
-        if row.t_s <= t_s or row.vehicle not in newest:
+    noted_s: dict[str, float] = {}
+    for row in parts.commands:
+        last = newest.get(row.vehicle)
+        if last is None or row.t_s <= t_s:
+            if last is None or row.note != last.note:
+                noted_s[row.vehicle] = row.t_s
             newest[row.vehicle] = row
-    return [VehicleAtMoment(name, tuple(_facts(row.decoded()))) for name, row in newest.items()]
+    return [
+        VehicleAtMoment(name, tuple(_facts(row.decoded(), noted_s[name], parts.goal_s)))
+        for name, row in newest.items()
+    ]
 
 
-def _facts(row: Commanded) -> list[tuple[str, str]]:
+def _facts(row: Commanded, noted_s: float, goal_s: float | None) -> list[tuple[str, str]]:
     commanded = "nothing"
     if row.setpoint is not None:
         told = velocity_text if row.setpoint_kind == "velocity" else place_text
         commanded = f"{row.setpoint_kind}: {told(row.setpoint)}"
         if row.setpoint_yaw_rad is not None:
             commanded += f", heading {round(math.degrees(row.setpoint_yaw_rad))}°"
-    facts = [("commanded", commanded), ("noted", row.note)]
+    noted = f"{row.note}, since {short_time(noted_s, goal_s)}" if row.note else ""
+    facts = [("commanded", commanded), ("noted", noted)]
     facts.append(("was at", place_text(row.truth_ned_m or row.position_ned_m)))
     facts.append(("flew", velocity_text(row.velocity_ned_m_s)))
     armed = "armed" if row.is_armed else "disarmed"

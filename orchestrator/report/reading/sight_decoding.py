@@ -4,7 +4,7 @@ import base64
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from mcap.records import Message
 
-from orchestrator.recording.mcap.mcap_decode import image_of
-from orchestrator.report.model import Frame, Scan, Sight
+from orchestrator.recording.mcap.mcap_decode import camera_of, image_of
+from orchestrator.report.model import CameraView, Frame, Scan, Sight
 from orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
 from orchestrator.report.words import number_text
 from vehicles.readings import BgrImage
@@ -39,6 +39,10 @@ class ImageSize:
             return cls(640, 320, 80)
         return cls(480, 240, 72) if count <= 100 else cls(320, 160, 60)
 
+    def for_failure(self) -> "ImageSize":
+        """Return the size for one of a few runs that went wrong: its strip is looked at closely."""
+        return replace(self, strip_px=self.main_px)
+
 
 def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
     """Return what was perceived by the sensor that shows most: a camera, else a lidar.
@@ -46,7 +50,8 @@ def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None)
     at_s: the moment; its sight is larger, and has what it was mixed of.
     """
     decoded = (
-        _decode_sensor(sights, size, found.epoch_ns, at_s) for sights in found.sights.values()
+        _decode_sensor(sensor, sights, size, found.epoch_ns, at_s)
+        for sensor, sights in found.sights.items()
     )
     best: list[Sight] = []
     for sights in decoded:
@@ -60,7 +65,7 @@ def _is_image(sights: Sequence[Sight]) -> bool:
 
 
 def _decode_sensor(
-    sights: Iterable[RecordedSight], size: ImageSize, epoch_ns: int, at_s: float | None
+    sensor: str, sights: Iterable[RecordedSight], size: ImageSize, epoch_ns: int, at_s: float | None
 ) -> list[Sight]:
     found: list[Sight] = []
     for sight in sights:
@@ -79,7 +84,8 @@ def _decode_sensor(
                 continue
             found.pop()  # a slow sensor: the moment shows the same reading
         shown = tuple(one for one in beside if one is not None)
-        found.append(Sight(sight.wanted_s, perceived, shown, tuple(_figures(sight.provenance))))
+        figures = tuple(_figures(sight.provenance))
+        found.append(Sight(sight.wanted_s, perceived, shown, figures, sensor))
     return found
 
 
@@ -91,7 +97,7 @@ def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Fra
     if wil["type"] in {"camera", "depth"}:
         image = image_of(document)
         bgr = _depth_image(image) if wil["type"] == "depth" else image
-        return frame_of(
+        frame = frame_of(
             bgr,
             source=str(wil["source"]),
             t_s=float(wil["t_s"]),
@@ -99,9 +105,19 @@ def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Fra
             width_px=width_px,
             quality=quality,
         )
+        return replace(frame, view=_view(document))
     if wil["type"] == "lidar":
         return _scan(document, delivered_s)
     return None
+
+
+def _view(document: Mapping[str, Any]) -> CameraView | None:
+    """Return the camera of an image; None where it was not recorded."""
+    try:
+        intrinsics, pose = camera_of(document)
+        return CameraView(str(document["frame_id"]), intrinsics, pose)
+    except (KeyError, ValueError, TypeError):
+        return None
 
 
 def frame_of(
@@ -160,7 +176,7 @@ def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the figures of a mixture in words."""
     found = []
     for title, key, unit in (
-        ("skew", "skew_ms", "ms"),
+        ("exposure skew", "skew_ms", "ms"),
         ("latency", "latency_ms", "ms"),
         ("registration error", "registration_error_px", "px"),
         ("registration within", "registration_bound_px", "px"),

@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import chain
 from typing import Any
 
 from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.report.model import Curve, Plot, Point
+from orchestrator.report.model import Curve, Plot, PlotLimit, Point
 from orchestrator.report.reading.distances import (
     SHOWN_WITHIN_M,
     TimedPose,
@@ -15,6 +14,7 @@ from orchestrator.report.reading.distances import (
     heights,
     separations,
 )
+from orchestrator.report.reading.held_limits import HeldLimit
 from orchestrator.report.reading.world_facts import RecordedWorld
 
 _MOST_POINTS = 500
@@ -23,13 +23,20 @@ Poses = Mapping[str, Sequence[TimedPose]]
 
 
 def motion_plots(
-    poses: Poses, world: RecordedWorld, motion: JudgedMotion, subject: str
+    poses: Poses,
+    world: RecordedWorld,
+    motion: JudgedMotion,
+    subject: str,
+    limits: Sequence[HeldLimit],
 ) -> tuple[Plot, ...]:
-    """Return clearance, fence margin, height and the distance between the vehicles."""
+    """Return clearance, fence margin, height and the distance between the vehicles.
+
+    subject: the judged vehicle. limits: of the campaign's oracles.
+    """
     found = [
-        _clearance_plot(poses, world, motion),
+        _clearance_plot(poses, world, motion, subject, limits),
         _fence_plot(poses, world, motion),
-        _height_plot(poses, world, subject),
+        _height_plot(poses, subject, limits),
     ]
     if poses.get("real") and poses.get("twin"):
         apart = separations(poses["real"], poses["twin"])
@@ -37,13 +44,23 @@ def motion_plots(
     return tuple(plot for plot in found if any(curve.points for curve in plot.curves))
 
 
-def _clearance_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plot:
+def _lines(signal: str, limits: Sequence[HeldLimit]) -> tuple[PlotLimit, ...]:
+    return tuple(dict.fromkeys(one.line for one in limits if one.signal == signal))
+
+
+def _clearance_plot(
+    poses: Poses,
+    world: RecordedWorld,
+    motion: JudgedMotion,
+    subject: str,
+    limits: Sequence[HeldLimit],
+) -> Plot:
     if not world.judged.objects:
         return Plot("clearance", "m", ())
     curves = _curves(poses, lambda found: clearances(found, world.judged, motion.world_events))
-    least_m = world.parameter("clearance", "min_m")
+    lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
     note = f"least distance of the body to anything but floors; capped at {SHOWN_WITHIN_M:g} m"
-    return Plot("clearance", "m", curves, (0.0,) if least_m is None else (0.0, least_m), note)
+    return Plot("clearance", "m", curves, lines, note, subject)
 
 
 def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plot:
@@ -53,18 +70,14 @@ def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plo
         for name, fence in fences.items()
         if name in poses
     )
-    return Plot("margin to the fence", "m", curves, (0.0,), "negative is outside")
+    return Plot("margin to the fence", "m", curves, (PlotLimit(0.0),), "negative is outside")
 
 
-def _height_plot(poses: Poses, world: RecordedWorld, subject: str) -> Plot:
-    limits = [world.parameter("altitude", name) for name in ("min_m", "max_m")]
-    del subject
-    known = [x for x in limits if x is not None]
-    of_formulas = world.height_limits_m
-    names = [name for name, text in world.formulas.items() if "up_m" in text] if of_formulas else []
-    note = f"limits of {', '.join(names)} hold over its interval alone" if names else ""
-    levels = tuple(dict.fromkeys([*known, *of_formulas]))
-    return Plot("height", "m", _curves(poses, heights), levels, note)
+def _height_plot(poses: Poses, subject: str, limits: Sequence[HeldLimit]) -> Plot:
+    own = [one for one in limits if one.signal == "up_m"]
+    partial = dict.fromkeys(one.oracle for one in own if not one.is_whole)
+    note = f"the limit of {', '.join(partial)} holds over its interval alone" if partial else ""
+    return Plot("height", "m", _curves(poses, heights), _lines("up_m", own), note, subject)
 
 
 def _curves(
@@ -75,11 +88,15 @@ def _curves(
 
 def mixture_plots(
     provenances: Mapping[str, Sequence[tuple[float, Mapping[str, Any]]]],
+    at_s: float | None,
 ) -> tuple[Plot, ...]:
-    """Return skew, latency and registration error of each mixed sensor."""
+    """Return skew, latency and registration error of each mixed sensor.
+
+    at_s: the moment; the value of the mixture that was the newest then is among those shown.
+    """
     wanted = (
-        ("skew", "ms", "skew_ms", "between the two exposures that were mixed"),
-        ("latency", "ms", "latency_ms", "from exposure to delivery"),
+        ("exposure skew", "ms", "skew_ms", "between the two exposures that were mixed"),
+        ("latency", "ms", "latency_ms", "from exposure to delivery, of the newest mixture"),
         (
             "registration error",
             "px",
@@ -97,7 +114,7 @@ def mixture_plots(
     for sensor, rows in provenances.items():
         name = sensor if len(provenances) > 1 else ""
         for title, unit, key, note in wanted:
-            points = _shortened(tuple(_values(rows, key)))
+            points = _shortened(tuple(_values(rows, key)), keep_s=at_s)
             if points:
                 curves = (Curve("mixed", points),)
                 found.append(Plot(f"{title} {name}".rstrip(), unit, curves, note=note))
@@ -112,14 +129,19 @@ def _values(rows: Sequence[tuple[float, Mapping[str, Any]]], key: str) -> list[P
     ]
 
 
-def _shortened(points: tuple[Point, ...]) -> tuple[Point, ...]:
-    """Return a curve of few points that keeps the least and largest of each stretch."""
+def _shortened(points: tuple[Point, ...], *, keep_s: float | None = None) -> tuple[Point, ...]:
+    """Return a curve of few points that keeps the least and largest of each stretch.
+
+    keep_s: the last point by then stays too.
+    """
     if len(points) <= _MOST_POINTS:
         return points
     size = math.ceil(2 * len(points) / _MOST_POINTS)
     stretches = [points[i : i + size] for i in range(0, len(points), size)]
-    extremes = (sorted({_least(one), _largest(one)}) for one in stretches)
-    return tuple(chain.from_iterable(extremes))
+    kept = {point for one in stretches for point in (_least(one), _largest(one))}
+    if keep_s is not None:
+        kept |= set([one for one in points if one[0] <= keep_s][-1:])
+    return tuple(sorted(kept))
 
 
 def _least(points: Sequence[Point]) -> Point:

@@ -1,7 +1,6 @@
 """What a recording tells of its world, fences and campaign file, as far as it can be read."""
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -14,14 +13,13 @@ from worlds.scene.scene import Scene
 from worlds.world_file.world import Mode, Which, World
 
 _MOST_OVERRIDES = 60
-_HEIGHT_LIMIT = re.compile(r"\bup_m\s*(?:<=|>=|<|>)\s*(-?[0-9]{1,6}(?:\.[0-9]{1,9})?)")
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedWorld:
     """judged: what stands in the world that the run was judged by. physical: names of it in W.
 
-    goal: of the campaign file. limits: by oracle its parameters in the campaign file.
+    campaign, recipe: the files as flown; recipe is empty where nothing was mixed.
     """
 
     judged: Scene = field(default_factory=Scene)
@@ -30,15 +28,14 @@ class RecordedWorld:
     campaign: Mapping[str, Data] = field(default_factory=dict)
     overrides: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
+    recipe: str = ""
 
     def targets_ned_m(self, events: Mapping[str, float]) -> list[Vec3]:
         """Return where the gates of the goal stand, or the place that is to be reached."""
         goal = self.campaign.get("goal")
         if not isinstance(goal, dict):
             return []
-        gates = goal.get("gates")
-        names = [name for name in gates if isinstance(name, str)] if isinstance(gates, list) else []
-        found = [self.judged[name] for name in names if name in self.judged]
+        found = [self.judged[name] for name in self.gates if name in self.judged]
         places = [thing.pose_at(0.0, events).position_ned_m for thing in found]
         target = goal.get("position")
         if isinstance(target, dict):
@@ -50,24 +47,22 @@ class RecordedWorld:
     @property
     def formulas(self) -> dict[str, str]:
         """Return the formulas that the campaign file gives oracles, by their names."""
-        oracles = self.campaign.get("oracles")
-        given = oracles.items() if isinstance(oracles, dict) else ()
+        given = self.oracles.items()
         texts = {name: one.get("stl") for name, one in given if isinstance(one, dict)}
         return {name: text for name, text in texts.items() if isinstance(text, str)}
 
     @property
-    def height_limits_m(self) -> list[float]:
-        """Return what formulas hold heights against."""
-        found = [_HEIGHT_LIMIT.findall(text) for text in self.formulas.values()]
-        return [float(number) for numbers in found for number in numbers]
+    def oracles(self) -> Mapping[str, Data]:
+        """Return the oracles of the campaign file as they stand there, by their names."""
+        given = self.campaign.get("oracles")
+        return given if isinstance(given, dict) else {}
 
-    def parameter(self, oracle: str, name: str) -> float | None:
-        """Return a number that the campaign file gives an oracle."""
-        oracles = self.campaign.get("oracles")
-        given = oracles.get(oracle) if isinstance(oracles, dict) else None
-        value = given.get(name) if isinstance(given, dict) else None
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        return float(value) if is_number and isinstance(value, int | float) else None
+    @property
+    def gates(self) -> list[str]:
+        """Return the names of the goal's gates."""
+        goal = self.campaign.get("goal")
+        gates = goal.get("gates") if isinstance(goal, dict) else None
+        return [name for name in gates if isinstance(name, str)] if isinstance(gates, list) else []
 
 
 def recorded_world(facts: Mapping[str, str], case: str, mode: str) -> RecordedWorld:
@@ -93,7 +88,9 @@ def recorded_world(facts: Mapping[str, str], case: str, mode: str) -> RecordedWo
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         problems.append(f"the fence or the campaign in run.mcap cannot be read: {error}")
     overrides = tuple(_overrides(campaign, case))
-    return RecordedWorld(judged, physical, fences, campaign, overrides, tuple(problems))
+    return RecordedWorld(
+        judged, physical, fences, campaign, overrides, tuple(problems), facts.get("recipe", "")
+    )
 
 
 @lru_cache(maxsize=8)

@@ -9,6 +9,7 @@ from urllib.parse import quote
 import yaml
 from markupsafe import Markup
 
+from orchestrator.analysis.conclusions import conclusions
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.study import Study
 from orchestrator.analysis.study_tables import energy_rows, gap_rows, result_rows, statements
@@ -16,9 +17,15 @@ from orchestrator.model.results import RunResult
 from orchestrator.report.model import Frame, RunReport, Sight
 from orchestrator.report.rendering import overview
 from orchestrator.report.rendering.map_svg import map_svg
+from orchestrator.report.rendering.marks_svg import marks_svg
 from orchestrator.report.rendering.markup import visible
 from orchestrator.report.rendering.page_parts import environment, policy, resource
-from orchestrator.report.rendering.plot_svg import plot_svg, stage_axis_svg, time_axis_svg
+from orchestrator.report.rendering.plot_svg import (
+    closeup_svg,
+    plot_svg,
+    stage_axis_svg,
+    time_axis_svg,
+)
 from orchestrator.report.rendering.scan_svg import scan_svg
 from orchestrator.report.words import MODES, number_text, short_time
 
@@ -65,6 +72,7 @@ def render_run(
             mode_text=MODES.get(run.mode, ""),
             stand_in="" if run.mode == "sim" else stand_in,
             virtual=[one.name for one in run.world.outlines if one.is_virtual and not one.is_room],
+            physical=[one.name for one in run.world.outlines if not one.is_virtual],
             flown=[track.vehicle for track in run.tracks],
             subject="twin" if run.mode == "sim" else "real",
             maps=[found for view in ("above", "side") if (found := map_svg(run, view))],
@@ -74,6 +82,8 @@ def render_run(
             scan=None if run.sight is None else scan_svg((*run.sight.beside, run.sight.perceived)),
             strip=[sight for sight in run.strip if isinstance(sight.perceived, Frame)],
             frames=_frames(run.sight),
+            marks=marks_svg(run.sight),
+            closeup=None if run.closeup is None else closeup_svg(run.closeup, run.goal_s),
             video=video or _link(run.name, run.video),
             files=[(name, _link(run.name, name)) for name in run.files],
             when=lambda t_s: short_time(t_s, run.goal_s),
@@ -116,6 +126,8 @@ def render_page(
             gap=gap_rows(study),
             energies=energy_rows(study),
             statements=statements(study),
+            conclusions=conclusions(study),
+            stand_in=overview.stand_in(campaign),
             pages=pages,
             limits=overview.limits(campaign),
             deciding=[page for page in pages if page.is_bad and page.decides],

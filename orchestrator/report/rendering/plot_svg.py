@@ -1,10 +1,12 @@
 """Plots over time as SVG. Curves stretch with the page, labels do not: places are in percent."""
 
-from collections.abc import Iterator
+import itertools
+import math
+from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
-from orchestrator.report.model import Curve, Plot, RunReport
+from orchestrator.report.model import Closeup, Curve, Plot, PlotLimit, Point, RunReport
 from orchestrator.report.rendering.markup import element, points_text
 from orchestrator.report.rendering.scales import Scale, ticks_within, value_scale
 
@@ -17,28 +19,59 @@ _ROOM = 0.1
 
 def time_scale(run: RunReport) -> Scale:
     """Return the axis of time, relative to the goal where it was given."""
-    zero_s = run.goal_s or 0.0
-    low, high = run.span_s[0] - zero_s, run.span_s[1] - zero_s
+    return _times(run.span_s, run.goal_s or 0.0, 8)
+
+
+def _times(span_s: Point, zero_s: float, about: int) -> Scale:
+    low, high = span_s[0] - zero_s, span_s[1] - zero_s
     high = max(high, low + 1.0)
-    return Scale(low, high, ticks_within(low, high, 8))
+    return Scale(low, high, ticks_within(low, high, about))
 
 
 def plot_svg(plot: Plot, run: RunReport) -> Markup:
     """Return a plot: its axis of values beside its curves."""
     times, zero_s = time_scale(run), run.goal_s or 0.0
-    values = value_scale(
-        [*(value for curve in plot.curves for _, value in curve.points), *plot.limits]
-    )
+    values = value_scale([*_values_of(plot), *(one.value for one in plot.limits)])
     children = [
         *_grid(times, values),
         *_stage_lines(run, times, zero_s),
-        *(_level(values, limit, "limit") for limit in plot.limits),
+        *(_limit_line(limit, times, values, zero_s) for limit in plot.limits),
         _curves(plot, times, values, zero_s),
     ]
     if run.moment is not None:
         children.append(_upright(times.share(run.moment.t_s - zero_s), "moment"))
     children.append(element("line", {"class": "cursor", "y1": "0", "y2": "100%", "x1": 0, "x2": 0}))
-    label = f"{plot.title} in {plot.unit} over time"
+    return _chart(f"{plot.title} in {plot.unit} over time", values, children)
+
+
+def closeup_svg(closeup: Closeup, goal_s: float | None) -> Markup:
+    """Return the violated value about its violation: limit, excess, crossing, and the worst."""
+    plot, zero_s = closeup.plot, goal_s or 0.0
+    times = _times(closeup.span_s, zero_s, 6)
+    values = value_scale([*_values_of(plot), *(one.value for one in plot.limits)], about=4)
+    worst_s, worst = closeup.worst
+    spot = {
+        "class": "worst",
+        "cx": _percent(times.share(worst_s - zero_s)),
+        "cy": _percent(1.0 - values.share(worst)),
+        "r": 4,
+    }
+    children = [
+        *_grid(times, values),
+        *(_limit_line(limit, times, values, zero_s) for limit in plot.limits),
+        _curves(plot, times, values, zero_s),
+        _upright(times.share(closeup.crossed_s - zero_s), "moment"),
+        element("circle", spot),
+    ]
+    chart = _chart(f"{plot.title} in {plot.unit} about the violation", values, children)
+    return chart + _time_axis(times)
+
+
+def _values_of(plot: Plot) -> Iterator[float]:
+    return (value for curve in plot.curves for _, value in curve.points)
+
+
+def _chart(label: str, values: Scale, children: list[Markup]) -> Markup:
     chart = {"class": "chart", "width": "100%", "height": "100%", "role": "img"}
     return Markup("").join(
         [
@@ -50,7 +83,10 @@ def plot_svg(plot: Plot, run: RunReport) -> Markup:
 
 def time_axis_svg(run: RunReport) -> Markup:
     """Return the axis of time beneath the plots, and the stages on it."""
-    times = time_scale(run)
+    return _time_axis(time_scale(run))
+
+
+def _time_axis(times: Scale) -> Markup:
     labels = [
         element(
             "text",
@@ -101,9 +137,19 @@ def _upright(share: float, kind: str) -> Markup:
     return element("line", {"class": kind, "x1": place, "x2": place, "y1": 0, "y2": "100%"})
 
 
-def _level(values: Scale, value: float, kind: str) -> Markup:
+def _level(values: Scale, value: float, kind: str, span: Point = (0.0, 1.0)) -> Markup:
     place = _percent(1.0 - values.share(value))
-    return element("line", {"class": kind, "x1": 0, "x2": "100%", "y1": place, "y2": place})
+    ends = {"x1": _percent(span[0]), "x2": _percent(span[1]), "y1": place, "y2": place}
+    return element("line", {"class": kind, **ends})
+
+
+def _limit_line(limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
+    """Return a limit's line, over the time in which it holds."""
+    span = (0.0, 1.0)
+    if limit.span_s is not None:
+        first, last = (times.share(t_s - zero_s) for t_s in limit.span_s)
+        span = (min(1.0, max(0.0, first)), min(1.0, max(0.0, last)))
+    return _level(values, limit.value, "limit", span)
 
 
 def _stage_lines(run: RunReport, times: Scale, zero_s: float) -> Iterator[Markup]:
@@ -114,7 +160,14 @@ def _stage_lines(run: RunReport, times: Scale, zero_s: float) -> Iterator[Markup
 
 
 def _curves(plot: Plot, times: Scale, values: Scale, zero_s: float) -> Markup:
-    curves = [_curve(curve, times, values, zero_s) for curve in plot.curves]
+    judged = [curve for curve in plot.curves if curve.subject == plot.judged]
+    curves = [
+        _excess(curve, limit, times, values, zero_s)
+        for curve in judged
+        for limit in plot.limits
+        if limit.is_upper is not None
+    ]
+    curves += [_curve(curve, times, values, zero_s) for curve in plot.curves]
     box = {
         "viewBox": f"0 0 {_GRID:g} {_GRID:g}",
         "preserveAspectRatio": "none",
@@ -139,6 +192,38 @@ def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
             "data-high": repr(values.high),
         },
     )
+
+
+def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
+    """Return the areas between a curve and a limit that it is beyond, while that holds."""
+    first_s, last_s = limit.span_s or (-math.inf, math.inf)
+    sign = 1.0 if limit.is_upper else -1.0
+    inside = [one for one in curve.points if first_s <= one[0] <= last_s]
+    base = 1.0 - values.share(limit.value)
+    areas = []
+    for points in _stretches_beyond(inside, limit.value, sign):
+        places = [(times.share(t_s - zero_s), 1.0 - values.share(value)) for t_s, value in points]
+        corners = [(places[0][0], base), *places, (places[-1][0], base)]
+        scaled = ((_GRID * x, _GRID * y) for x, y in corners)
+        areas.append(element("polygon", {"points": points_text(scaled)}))
+    return element("g", {"class": "excess"}, areas) if areas else Markup("")
+
+
+def _stretches_beyond(points: Sequence[Point], value: float, sign: float) -> Iterator[list[Point]]:
+    """Yield the stretches of a curve beyond a value, from where it crosses to where it does."""
+    stretch: list[Point] = []
+    for one, other in itertools.pairwise(points):
+        a, b = sign * (one[1] - value), sign * (other[1] - value)
+        if a > 0.0:
+            stretch.append(one)
+        if (a > 0.0) != (b > 0.0):
+            share = a / (a - b)
+            stretch.append((one[0] + share * (other[0] - one[0]), value))
+            if a > 0.0:
+                yield stretch
+                stretch = []
+    if points and sign * (points[-1][1] - value) > 0.0:
+        yield [*stretch, points[-1]]
 
 
 def _subject(name: str) -> str:

@@ -96,6 +96,8 @@ async def open_pair(
             _vehicle_context(setup, vehicle, links[vehicle.name]) for vehicle in setup.vehicles
         ]
         await stack.enter_async_context(guard)
+        for vehicle in setup.guarded:
+            await backend.begin(stack, vehicle)
         feeds: dict[str, Feed] = {}
         for vehicle, context in zip(setup.vehicles, contexts, strict=True):
             truth_hz = TRUTH_HZ if vehicle.name == setup.subject else _OTHERS_TRUTH_HZ

@@ -52,6 +52,9 @@ class Feed(Protocol):
 class VehicleBackend(Protocol):
     """Starts the vehicles of a run, once the guard holds their links (protocol)."""
 
+    async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
+        """Begin to start a vehicle beside others, where that takes time. Raises LinkError."""
+
     async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Start a vehicle whose link is open; the stack stops it. Raises LinkError."""
 
@@ -75,6 +78,9 @@ class InProcessBackend:
         far, near = memory_pair(latency_s=_LINK_LATENCY_S, name=vehicle.name)
         self._far[vehicle.name] = far
         return near
+
+    async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
+        """Do nothing: a vehicle in this loop is there at once."""
 
     async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> EmbeddedVehicle:
         """Start the vehicle in this loop."""
@@ -128,11 +134,22 @@ class SubprocessBackend:
         self._setup = setup
         self._guard = guard
         self._prepared = prepared
+        self._begun: dict[str, FeedClient] = {}
 
-    async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
-        """Have the guard start the vehicle's process, unless it is attached."""
-        if vehicle.embedded:
-            return await self._start_embedded(stack, vehicle)
+    async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
+        """Have the guard start an embedded vehicle's process; its feed comes to us."""
+        if not vehicle.embedded:
+            return
+        feed = await stack.enter_async_context(FeedClient(source=_source_of(vehicle)))
+        settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
+        program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
+        await self._guard.start(vehicle.name, program)
+        self._begun[vehicle.name] = feed
+
+    async def start(self, _: AsyncExitStack, vehicle: FlownSetup) -> Feed:
+        """Wait for the process that was begun, or launch a simulator; what is attached is there."""
+        if vehicle.name in self._begun:
+            return await self._first_word(vehicle.name)
         if vehicle.name in self._prepared:
             await start_simulators(vehicle.name, self._prepared[vehicle.name], self._guard)
         return NoFeed()
@@ -141,16 +158,12 @@ class SubprocessBackend:
         """Have the guard lead the scaled clock from now on."""
         self._guard.follow()
 
-    async def _start_embedded(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
-        """Start an embedded vehicle's process; its feed comes to us."""
-        feed = FeedClient(source=_source_of(vehicle))
-        await stack.enter_async_context(feed)
-        settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
-        program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
-        await self._guard.start(vehicle.name, program)
-        heard = start(feed.heard.wait(), name=f"first word of {vehicle.name}")
+    async def _first_word(self, name: str) -> Feed:
+        """Wait for the first word of an embedded vehicle's process."""
+        feed = self._begun[name]
+        heard = start(feed.heard.wait(), name=f"first word of {name}")
         try:
-            await self._guard.ended_or(vehicle.name, heard, _FIRST_WORD_S)
+            await self._guard.ended_or(name, heard, _FIRST_WORD_S)
         finally:
             await stop(heard)
         return feed

@@ -11,6 +11,7 @@ from orchestrator.api import pytest_items
 from orchestrator.campaign.folder.bench_lock import held_benches
 from tests.orchestrator.api.test_pytest_plugin import ARGUMENTS
 from tests.orchestrator.campaign.test_attached_run import free_port
+from tests.orchestrator.conftest import workers_forked
 from tests.orchestrator.engines.bench.test_bench_engine import BENCH, write_bench, write_campaign
 from tests.orchestrator.engines.bench.test_bench_flight import vehicle_at
 from tests.orchestrator.hover import write_hover
@@ -27,26 +28,39 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
-def test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone(tmp_path: Path) -> None:
+@pytest.mark.no_turn("flies nothing")
+def test_a_program_says_what_a_bench_of_this_machine_needs(
+    tmp_path: Path, fork_server: None
+) -> None:
     port = free_port()
     path, bench = write_campaign(tmp_path), write_bench(tmp_path, port)
-    file = bench.document.path
-    (problem,) = wil_campaign.validate(path)
-    assert "asks for a bench" in problem.message
-    assert wil_campaign.validate(path, bench_files=[file]) == ()
-    campaign = wil_campaign.load(path, repetitions=1, bench_files=[file])
-    out = tmp_path / "out"
+    file, out = bench.document.path, tmp_path / "out"
+    with workers_forked():
+        (problem,) = wil_campaign.validate(path)
+        assert "asks for a bench" in problem.message
+        assert wil_campaign.validate(path, bench_files=[file]) == ()
+    campaign = wil_campaign.load(path, bench_files=[file])
     said, code = refusal(lambda: wil_campaign.run(path, out=out, bench_files=[str(file)]))
     assert ("--arm-real" in said, code) == (True, 2)
     with held_benches((bench,)), vehicle_at(port):
         said, code = refusal(lambda: wil_campaign.run(campaign, out=out, arm_real=True))
-        assert ("bench hall-a is in use" in said, code) == (True, 3)
-    with vehicle_at(port):
-        flown = wil_campaign.run(campaign, out=out, arm_real=True)
+    assert ("bench hall-a is in use" in said, code) == (True, 3)
+    assert not out.exists()
+
+
+def test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone(
+    tmp_path: Path, fork_server: None
+) -> None:
+    port = free_port()
+    path, bench = write_campaign(tmp_path), write_bench(tmp_path, port)
+    with vehicle_at(port), workers_forked():
+        campaign = wil_campaign.load(path, repetitions=1, bench_files=[bench.document.path])
+        flown = wil_campaign.run(campaign, out=tmp_path / "out", arm_real=True)
     (run,) = flown.runs
     assert (run.mode, run.verdict, flown.summary.real_kind) == ("real", "PASS", "sitl"), run.reason
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(tmp_path: Path) -> None:
     path, file = write_campaign(tmp_path), tmp_path / "hall-a.yaml"
     file.write_text(BENCH % 14540 + "arming: {users: [nobody-of-here]}\n")
@@ -55,6 +69,7 @@ def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(tmp_path: Path)
     assert ("may not arm there, only nobody-of-here" in said, code) == (True, 2)
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_a_program_names_an_engine(tmp_path: Path) -> None:
     asking, hover = write_campaign(tmp_path), tmp_path / "plain"
     hover.mkdir()
@@ -75,6 +90,7 @@ def inner(pytester: pytest.Pytester) -> pytest.Pytester:
     return pytester
 
 
+@pytest.mark.no_turn("flies nothing")
 def test_pytest_takes_benches_and_an_engine(
     inner: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:

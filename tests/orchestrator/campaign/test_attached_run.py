@@ -129,6 +129,7 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
     assert {line["vehicle"] for line in events if line["event"] == "fence"} == {"real", "twin"}
 
 
+@pytest.mark.no_turn("flies nothing")
 async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
     tmp_path: Path,
 ) -> None:

@@ -17,6 +17,7 @@ from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.console_server import ConsoleServer
 from orchestrator.console.page_commands import CommandSender
 from orchestrator.model.progress import Progress
+from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
@@ -31,7 +32,7 @@ class Console:
         self.fleet = FakeFleet()
         self.access = ConsoleAccess()
         self.hub = ConsoleHub(about={"mode": "live"}, access=self.access)
-        self.sender = CommandSender()
+        self.sender = CommandSender(FlightScope())
         self.origin = f"http://127.0.0.1:{port}"
         server = ConsoleServer(
             access=self.access,

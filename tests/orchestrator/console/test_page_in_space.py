@@ -20,6 +20,7 @@ from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.console_server import ConsoleServer
 from orchestrator.console.page_commands import CommandSender
 from orchestrator.console.recorded_run import RecordedRun
+from orchestrator.operator.flight_scope import FlightScope
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 
@@ -58,7 +59,7 @@ async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as end:
         port = end.getsockname()[1]
     hub = ConsoleHub(about={"mode": "recorded"}, access=access)
-    sender = CommandSender()
+    sender = CommandSender(FlightScope())
     server = ConsoleServer(
         access=access,
         rules=RequestRules.of(ConsoleAddress("127.0.0.1", port), tls=False),

@@ -70,12 +70,20 @@ def test_what_is_live_is_what_run_mcap_has_and_no_client_changes_the_flight(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
     sets = (*BRIEF, *POSES, *CAPTURED)
     said: list[str] = []
-    with foxglove_beside("127.0.0.1:0", said.append):
-        url = said[0].removeprefix("foxglove: ")
+    with (
+        foxglove_beside("127.0.0.1:0", said.append),
+        foxglove_beside("127.0.0.1:0", said.append, folder=short_folder),
+    ):
+        url, of_others = (one.removeprefix("foxglove: ") for one in said)
         port = int(url.rpartition(":")[2])
-        with listening(url, (CLIENT_PUBLISHES,)) as seen, never_reading(port, channels=5):
+        with (
+            listening(url, (CLIENT_PUBLISHES,)) as seen,
+            listening(of_others, ()) as nothing,
+            never_reading(port, channels=5),
+        ):
             watched, folder = fly_run(sets=sets)
             seen.has("/log", name="stage", text="end")
+        assert nothing.of("/run") == nothing.of("/log") == []
     assert watched.verdict == "PASS"
     assert_live_as_recorded(seen, folder)
     assert {tuple(one["capabilities"]) for one in seen.greetings} == {("time",)}

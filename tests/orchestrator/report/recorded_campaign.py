@@ -50,11 +50,14 @@ WORLD = {
     },
 }
 CAMPAIGN = {
+    "vehicles": {"real": {"sensors": {"camera": {"type": "camera", "mount": {"forward_m": 0.0}}}}},
     "goal": {"altitude_m": 1.2, "gates": ["gate"]},
     "cases": {"large": {"goal.altitude_m": 1.2}},
+    "oracles": {"collision": {}, "waits": {"stl": "always[0,1.5] (up_m <= 1.0)"}},
     "repetitions": 1,
     "accept": {"large": {"wil": "1/1"}},
 }
+RECIPE = {"combine": [{"sensor": "camera", "transform": [{"register": {"pose": "real"}}]}]}
 FENCE = Fence.box(north_m=(-1.0, 4.0), east_m=(-2.0, 2.0), up_m=(-0.5, 2.0))
 INTRINSICS = Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5)
 
@@ -94,6 +97,18 @@ def touched() -> RunResult:
         evidence=(evidence,),
         decided_by="collision/real",
         note=HOSTILE,
+    )
+
+
+def too_high() -> RunResult:
+    """The run of mode wil, had it been higher than `waits` allows from the goal on."""
+    said = "up_m <= 1 is violated: 1.200 m against 1 m"
+    oracle = OracleResult("waits", "real", True, "FAIL", 1.2, 1.0, "m", -0.2, GOAL_S, said)
+    return replace(
+        touched(),
+        reason=f"waits of real failed: {said}",
+        oracles=(oracle,),
+        decided_by="waits/real",
     )
 
 
@@ -190,6 +205,7 @@ def _record_readings(place: Path, mode: str) -> None:
         "world": json.dumps(WORLD),
         "world_file": "world.yaml",
         "campaign": json.dumps(CAMPAIGN),
+        "recipe": json.dumps(RECIPE),
         "fences": json.dumps({"real": plain_fence(FENCE), "twin": plain_fence(FENCE)}),
     }
     with McapRecorder(

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from orchestrator.model.document_writer import to_json
 from orchestrator.report.campaign_report import write_report
 from tests.orchestrator.report.browser import Page, browser, chromium
-from tests.orchestrator.report.recorded_campaign import write_campaign
+from tests.orchestrator.report.recorded_campaign import too_high, write_campaign
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 
@@ -19,6 +20,19 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         opened.resize(1280, 900)
         opened.open(written.path.as_uri())
         opened.settle()
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def high(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """The page of a campaign whose run of mode wil was too high from the goal on."""
+    folder = write_campaign(tmp_path_factory.mktemp("high") / "gate")
+    (folder / "large/wil/1/result.json").write_text(to_json(too_high()))
+    with browser() as opened:
+        opened.resize(1280, 900)
+        opened.open(write_report(folder).path.as_uri())
+        opened.settle()
+        show(opened, "run-large-wil-1")
         yield opened
 
 
@@ -112,3 +126,86 @@ def test_nothing_is_wider_than_a_phone(page: Page, *, dark: bool) -> None:
     background = page.value("getComputedStyle(document.body).backgroundColor")
     assert (background == "rgb(18, 22, 27)") == dark
     page.resize(1280, 900)
+
+
+def test_the_violated_limit_is_drawn_over_its_interval_with_what_is_beyond(high: Page) -> None:
+    run = "document.querySelector('#run-large-wil-1 .closeup"
+    said = high.value(f"{run} figcaption').innerText")
+    assert "at most 1 m, +0.00 s to +1.50 s" in said
+    assert "worst 1.2 m" in said
+    # The interval of 1.5 s of what is shown, 1 s before it to 1.5 s after it.
+    line = f"{run} line.limit').getBoundingClientRect().width"
+    assert high.value(f"{line} / {run} svg.chart').clientWidth") == pytest.approx(0.375, abs=0.01)
+    area = f"{run} .excess polygon').getBoundingClientRect().height"
+    assert high.value(f"{area} / {run} svg.chart').clientHeight") > 0.2
+    assert high.value(f"{run}').getBoundingClientRect().bottom") < 900
+
+
+def test_marks_lie_on_the_image_at_every_width(page: Page) -> None:
+    frame = "document.querySelector('#run-large-wil-1 .saw .main"
+    for width_px in (1440, 390):
+        page.resize(width_px, 900)
+        show(page, "run-large-wil-1")
+        for side in ("left", "top", "right", "bottom"):
+            places = [
+                page.value(f"{frame} {part}').getBoundingClientRect().{side}")
+                for part in ("img", "svg.marks")
+            ]
+            assert places[0] == pytest.approx(places[1], abs=0.6)
+    page.resize(1280, 900)
+    said = page.value("document.querySelector('#run-large-wil-1 .marks-said').innerText")
+    assert "gate" in said
+    assert "from the body" in said
+
+
+def test_a_frame_is_enlarged_by_click_and_by_keyboard(page: Page) -> None:
+    show(page, "run-large-wil-1")
+    frames = "document.querySelectorAll('#run-large-wil-1 .strip button.enlarge')"
+    shown = "document.querySelector('dialog img').alt"
+    is_open = "document.querySelector('dialog').open"
+    page.value(f"{frames}[2].click()")
+    page.settle()
+    assert page.value(is_open)
+    small = page.value(f"{frames}[2].querySelector('img').getBoundingClientRect().width")
+    assert page.value("document.querySelector('dialog img').clientWidth") > 1.5 * small
+    before = page.value(shown)
+    page.press("ArrowRight")
+    assert page.value(shown) == page.value(f"{frames}[3].querySelector('img').alt") != before
+    page.press("ArrowLeft")
+    assert page.value(shown) == before
+    page.value("document.querySelector('dialog').close()")
+    page.settle()
+    assert page.value("location.hash") == "#run-large-wil-1"
+    page.value(f"{frames}[4].focus()")
+    page.value("document.activeElement.click()")
+    page.settle()
+    # Keys of the page do nothing behind an enlarged frame.
+    page.press("o")
+    assert page.value("location.hash") == "#run-large-wil-1"
+    page.value("document.querySelector('dialog').close()")
+    assert page.errors == []
+
+
+def test_a_table_that_is_cut_at_the_right_says_so(page: Page) -> None:
+    wide = "document.querySelector('#run-large-wil-1 .scroll').classList.contains('wide')"
+    page.resize(390, 844)
+    show(page, "overview")
+    show(page, "run-large-wil-1")
+    on_phone = page.value(wide)
+    page.resize(1280, 900)
+    page.settle()
+    assert (on_phone, page.value(wide)) == (True, False)
+
+
+def test_the_panel_and_the_cursor_say_one_latency(page: Page) -> None:
+    show(page, "overview")
+    show(page, "run-large-wil-1")
+    run = "document.querySelector('#run-large-wil-1"
+    page.value(f"{run} .timeline').focus()")
+    page.press("Home")
+    figures = page.value(f"{run} .saw > dl').innerText")
+    plots = f"[...{run}').querySelectorAll('.plot')]"
+    latency = f"{plots}.find((one) => one.innerText.startsWith('latency')).querySelector('output')"
+    assert float(page.value(f"{latency}.textContent")) == 50.0
+    assert "50 ms" in figures
+    assert "exposure skew" in figures

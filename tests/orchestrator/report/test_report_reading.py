@@ -14,7 +14,7 @@ from orchestrator.model.results import Also, RunResult, SyncResult, with_note
 from orchestrator.model.twin_results import DropOut, TwinResult
 from orchestrator.report.campaign_report import write_report
 from orchestrator.report.model import Frame, LogEvent, RunReport
-from orchestrator.report.reading.cause import NearestPass, cause_of, notes_of
+from orchestrator.report.reading.cause import Contact, NearestPass, cause_of, notes_of
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from orchestrator.report.words import limit_text, number_text, short_time
@@ -80,7 +80,7 @@ def test_what_was_seen_and_commanded_is_of_the_moment(recorded: Path) -> None:
     assert (seen.source, seen.t_s) == ("mixed", 3.9)
     assert seen.delivered_s == pytest.approx(3.95)
     assert [(one.source, one.t_s) for one in run.sight.beside] == [("real", 3.9), ("twin", 3.9)]
-    assert ("skew", "1.5 ms") in run.sight.figures
+    assert ("exposure skew", "1.5 ms") in run.sight.figures
     real = next(one for one in run.at_moment if one.vehicle == "real")
     facts = dict(real.facts)
     assert facts["commanded"].startswith("velocity: north +0.80 m/s".removesuffix(" m/s"))
@@ -293,12 +293,13 @@ def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time(
         goal_s=2.0,
         passed=None,
         outcome=((9.5, "the run counts as landed"),),
-        speed_at=lambda vehicle, t_s: 0.39 if (vehicle, t_s) == ("real", 8.0) else None,
+        contact_at=lambda vehicle, t_s: Contact(0.39, t_s + 0.25, 9.5),
     )
     assert cause is not None
     facts = dict(cause.facts)
     assert cause.violated == "collision of real"
-    assert (facts["where"], facts["speed then"]) == ("touched gate.left", "0.39 m/s")
+    assert facts["where"] == "touched gate.left"
+    assert facts["by how much"] == "contact at 0.39 m/s for 0.25 s: any touch is a violation"
     assert cause.sequence == (
         (8.0, "FAIL: real physically touched gate.left"),
         (8.0, "FAIL: real touched gate.left"),

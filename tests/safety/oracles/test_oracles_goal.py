@@ -196,7 +196,7 @@ def test_through_is_out_on_the_far_side_by_the_radius(beyond_m: float, through: 
     result = judge.result(9.0)
     assert (result.verdict == "PASS") == through
     if not through:
-        assert "ended 0.21 m behind its plane" in result.detail
+        assert "ended 0.21 m past its plane: through is 0.22 m" in result.detail
 
 
 @pytest.mark.parametrize(("offset_m", "through"), [(0.34, True), (0.36, False)])

@@ -379,6 +379,8 @@ def test_an_override_leaves_aliases_of_the_value_alone() -> None:
         ("objects.gaet.size", "there is no 'gaet'; did you mean 'gate'?"),
         ("objects.gate.size.x", "'x' would be inside 5"),
         ("list.2", "'2' is not an index of a list of 2, indices begin at 0"),
+        ("objects..size", "a part between its dots is empty"),
+        ("a." * 40 + "b", "has 41 parts, at most 40 are possible"),
         ("list.-1", "'-1' is not an index of a list of 2, indices begin at 0"),
     ],
 )

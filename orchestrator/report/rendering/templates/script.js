@@ -27,6 +27,13 @@
     return Math.abs(points[low][0] - x) <= Math.abs(points[high][0] - x) ? low : high;
   }
 
+  // A mixture counts until the next one has come; a pose is taken where it is nearest.
+  function newestOf(line, points, x) {
+    const index = nearest(points, x);
+    const isLater = line.classList.contains("mixed") && points[index][0] > x + 0.06;
+    return isLater && index > 0 ? index - 1 : index;
+  }
+
   function setTime(run, time) {
     const begin = Number(run.dataset.begin);
     const end = Math.max(Number(run.dataset.end), begin + 1);
@@ -46,7 +53,7 @@
         );
         const points = pointsOf(line);
         if (!output || !points.length) continue;
-        const point = points[nearest(points, 1000 * share)];
+        const point = points[newestOf(line, points, 1000 * share)];
         const low = Number(line.dataset.low);
         const high = Number(line.dataset.high);
         const value = high - (point[1] / 1000) * (high - low);
@@ -108,6 +115,55 @@
     });
   }
 
+  // A frame is enlarged by a click or by Enter; arrow keys go through those beside it.
+  const box = document.createElement("dialog");
+  box.className = "lightbox";
+  box.setAttribute("aria-label", "enlarged image");
+  const shown = document.createElement("div");
+  const foot = document.createElement("p");
+  const caption = document.createElement("span");
+  const buttons = document.createElement("span");
+  const button = (text, act) => {
+    const made = document.createElement("button");
+    made.type = "button";
+    made.textContent = text;
+    made.addEventListener("click", act);
+    buttons.append(made);
+  };
+  button("←", () => turn(-1));
+  button("→", () => turn(1));
+  button("close", () => box.close());
+  foot.append(caption, buttons);
+  box.append(shown, foot);
+  document.body.append(box);
+  let enlarged = null;
+
+  function enlarge(opener) {
+    enlarged = opener;
+    shown.replaceChildren(opener.querySelector(".marked").cloneNode(true));
+    const image = shown.querySelector("img");
+    image.loading = "eager";
+    caption.textContent = image.alt;
+    if (!box.open) box.showModal();
+  }
+
+  function turn(step) {
+    const group = enlarged.closest(".strip, .saw");
+    const all = [...group.querySelectorAll("button.enlarge")];
+    enlarge(all[clamp(all.indexOf(enlarged) + step, 0, all.length - 1)]);
+  }
+
+  box.addEventListener("close", () => {
+    if (enlarged) enlarged.focus();
+  });
+  box.addEventListener("click", (event) => {
+    if (event.target === box) box.close();
+  });
+  document.addEventListener("click", (event) => {
+    const opener = event.target.closest("button.enlarge");
+    if (opener && opener.closest("article")) enlarge(opener);
+  });
+
   // What a box that scrolls is about stands in its middle.
   function centre(run) {
     const frame = run.querySelector(".strip .now");
@@ -118,18 +174,27 @@
     }
     const row = run.querySelector(".events tr.decisive");
     if (row) {
-      const box = row.closest(".events");
-      const top = row.getBoundingClientRect().top - box.getBoundingClientRect().top;
-      box.scrollTop += top - box.clientHeight / 2;
+      const list = row.closest(".events");
+      const top = row.getBoundingClientRect().top - list.getBoundingClientRect().top;
+      list.scrollTop += top - list.clientHeight / 2;
     }
   }
+
+  // A table that is cut at the right says so.
+  function hintAtWidth() {
+    for (const one of document.querySelectorAll(".scroll")) {
+      if (one.clientWidth) one.classList.toggle("wide", one.scrollWidth > one.clientWidth + 1);
+    }
+  }
+  window.addEventListener("resize", hintAtWidth);
 
   function opened() {
     const run = current();
     if (run || location.hash === "#overview") window.scrollTo(0, 0);
+    hintAtWidth();
     if (!run) return;
     run.focus({ preventScroll: true });
-    if (run.wilTime === undefined) centre(run);
+    centre(run);
     if (run.wilTime === undefined && run.dataset.moment) setTime(run, Number(run.dataset.moment));
   }
   window.addEventListener("hashchange", opened);
@@ -148,6 +213,13 @@
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.target.closest("video, input, textarea")) return;
+    if (box.open) {
+      if (event.key === "ArrowLeft" || event.key === "ArrowRight") {
+        turn(event.key === "ArrowLeft" ? -1 : 1);
+        event.preventDefault();
+      }
+      return;
+    }
     const run = current();
     const step = (event.shiftKey ? 1 : 0.05) * (event.key === "ArrowLeft" ? -1 : 1);
     if (event.key === "j") go(1, false);

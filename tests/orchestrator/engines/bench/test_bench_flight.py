@@ -73,8 +73,9 @@ class DyingSecond(SilentDisplay):
 
 @contextmanager
 def vehicle_at(port: int) -> Iterator[None]:
-    """Have an embedded vehicle be the hardware of a bench, behind a socket."""
-    settings = ProcessSettings(autopilot="px4", link=f"udpout://127.0.0.1:{port}", seed=1)
+    """Have an embedded vehicle, which runs, be the hardware of a bench, behind a socket."""
+    link = f"udpout://127.0.0.1:{port}"
+    settings = ProcessSettings(autopilot="px4", link=link, seed=1, running_s=60.0)
     process = subprocess.Popen(  # noqa: S603  # our own interpreter
         [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 from asyncio.subprocess import Process
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -156,13 +156,14 @@ def run_of(landed: Landed) -> dict[str, Any]:
 
 
 async def test_a_launched_actor_moves_its_object_by_its_ground_truth(tmp_path: Path) -> None:
-    link = f"{{launch: ardupilot, binary: {make_arducopter(tmp_path)}}}"
+    link = f"{{launch: ardupilot, binary: {make_arducopter(tmp_path)}, speedup: 3}}"
     actor = f"actors={{intruder: {{link: {link}, autopilot: ardupilot, {PATIENT}, {FENCE}}}}}"
     sets = words(actor, "world.objects.intruder.motion.start.delay_s=6")
     arguments = ("--mode", "sim", "--json", *sets)
-    async with Program(tmp_path / "out", *arguments, flown=AVOID) as program:
+    async with Program(tmp_path / "out", *arguments, clock=None, flown=AVOID) as program:
         landed = await program.end()
         run, folder = run_of(landed), program.run_folder("sim")
+    assert json.loads(landed.out)["clock"] == "scaled"
     assert (run["verdict"], run["decided_by"]) == ("FAIL", "collision/twin"), landed.why
     (actor_result,) = run["actors"]
     assert (actor_result["flown_by"], actor_result["pose_source"]) == ("launched", "simulator")
@@ -198,20 +199,25 @@ async def test_elsewhere_an_attached_actor_flies_the_way_of_its_virtual_object(
     assert result["offset_m"] < 1.0
 
 
+@pytest.mark.no_turn("flies nothing")
+async def test_an_attached_actor_is_not_armed_by_the_word_for_the_vehicle(tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        given = ("--mode", "real", "--json", *Hall(stack).sets, "--arm-real")
+        # Nobody is there: it is refused before anything is asked of a vehicle.
+        async with Program(tmp_path / "no", *given, flown=AVOID) as program:
+            refused = await program.end()
+    assert refused.code == 2, refused.why
+    assert "armed only with --arm-actors" in refused.err
+
+
 async def test_an_attached_actor_flies_at_an_attached_vehicle_by_two_words(tmp_path: Path) -> None:
     async with hall() as there:
-        given = ("--mode", "real", "--json", *there.sets)
-        async with Program(tmp_path / "no", *given, "--arm-real", flown=AVOID) as program:
-            refused = await program.end()
-        assert refused.code == 2, refused.why
-        assert "armed only with --arm-actors" in refused.err
-        both = (*given, "--arm-real", "--arm-actors")
+        both = ("--mode", "real", "--json", *there.sets, "--arm-real", "--arm-actors")
         async with Program(tmp_path / "out", *both, flown=AVOID) as program:
             landed = await program.end()
         run = run_of(landed)
         assert (run["verdict"], run["decided_by"]) == ("FAIL", "collision/real"), landed.why
-        await there.stands("real")
-        await there.stands("intruder")
+        await asyncio.gather(there.stands("real"), there.stands("intruder"))
     (actor,) = run["actors"]
     assert (actor["flown_by"], actor["pose_source"]) == ("attached", "mavlink")
     items = {one["check"]: one for one in run["preflight"] if one["vehicle"] == "intruder"}
@@ -229,12 +235,11 @@ async def test_an_abort_lands_both(tmp_path: Path) -> None:
             await program.operate("abort")
             landed = await program.end()
         assert (landed.code, run_of(landed)["verdict"]) == (4, "ABORTED"), landed.why
-        await there.stands("real")
-        await there.stands("intruder")
+        await asyncio.gather(there.stands("real"), there.stands("intruder"))
 
 
 async def test_a_silent_actor_proves_nothing_and_is_landed_when_it_is_received_again(
-    tmp_path: Path,
+    tmp_path: Path, turn: Callable[[], None]
 ) -> None:
     async with hall() as there:
         given = ("--mode", "real", "--json", *there.sets, "--arm-real", "--arm-actors")
@@ -242,6 +247,11 @@ async def test_a_silent_actor_proves_nothing_and_is_landed_when_it_is_received_a
             await _airborne(program)
             intruder = there.processes["intruder"]
             intruder.send_signal(signal.SIGSTOP)
+            down = "real: down: it is disarmed"
+            guard = program.run_folder("real") / "guard.jsonl"
+            await until(lambda: down in [one.get("text") for one in lines(guard)])
+            # For the silent one all have patience for two minutes more, which nothing disturbs.
+            turn()
             landed = await program.end()
         run = run_of(landed)
         # Whether poses or all of it is missed first: never a verdict on the real vehicle.
@@ -262,8 +272,9 @@ async def test_the_guard_lands_both_when_the_program_is_killed(tmp_path: Path) -
         async with Program(tmp_path / "out", *given, flown=AVOID) as program:
             await _airborne(program)
             os.killpg(program.process.pid, signal.SIGKILL)
-            await there.stands("real", restored=False)
-            await there.stands("intruder", restored=False)
+            await asyncio.gather(
+                there.stands("real", restored=False), there.stands("intruder", restored=False)
+            )
             events = lines(program.run_folder("real") / "guard.jsonl")
         assert {"orphaned"} <= {one["event"] for one in events}
         assert {"silence"} <= {one.get("kind") for one in events}

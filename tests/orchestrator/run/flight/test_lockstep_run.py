@@ -38,6 +38,7 @@ from vehicles.clocks.sim_clock_controller import STALL_S
 from vehicles.mavlink.framing import FrameSplitter
 
 PACE = ("--set", "clock.speed=4", "--json")
+pytestmark = pytest.mark.no_turn("lockstep")
 LOCAL_POSITION_NED: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 
 

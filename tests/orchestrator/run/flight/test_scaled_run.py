@@ -48,6 +48,7 @@ async def test_a_launched_simulator_leads_at_the_pace_that_it_attains(tmp_path: 
     assert 1.0 < pace < 4.7  # it reaches nine tenths of what it is asked for, if the machine does
 
 
+@pytest.mark.no_turn("lockstep")
 async def test_a_simulation_that_stands_still_ends_the_run(tmp_path: Path) -> None:
     async with Program(tmp_path / "out", *PACE, *STAYING, clock="scaled") as program:
         await program.stage("goal", mode="sim")
@@ -65,6 +66,7 @@ async def test_a_simulation_that_stands_still_ends_the_run(tmp_path: Path) -> No
     assert ProcessId.of(pid) is None
 
 
+@pytest.mark.no_turn("lockstep")
 async def test_an_orchestrator_that_is_killed_leaves_vehicles_that_land(tmp_path: Path) -> None:
     async with Program(tmp_path / "out", *PACE, *STAYING, clock="scaled") as program:
         await program.stage("goal", mode="sim")
@@ -78,6 +80,7 @@ async def test_an_orchestrator_that_is_killed_leaves_vehicles_that_land(tmp_path
     assert "twin: down: it is disarmed" in told
 
 
+@pytest.mark.no_turn("flies nothing")
 @pytest.mark.parametrize(
     ("options", "said"),
     [

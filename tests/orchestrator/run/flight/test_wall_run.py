@@ -1,4 +1,4 @@
-"""A whole flight under the wall clock: the guard and each vehicle are processes of their own."""
+"""Whole flights, guard and vehicles processes of their own: by the wall clock, and in lockstep."""
 
 import asyncio
 import json
@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import pytest
 from pymavlink import mavutil
 
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
@@ -15,6 +16,9 @@ from vehicles.links.link_strings import LinkAddress
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.codec import Codec
 from vehicles.processes.identity import ProcessId
+
+LOCKSTEP = ("--set", "clock.speed=1")
+"""With `--clock scaled`: in real time where the machine allows it; time waits for who is late."""
 
 
 def kinds(log: Path) -> set[tuple[str, int]]:
@@ -46,10 +50,12 @@ async def test_the_pair_flies_through_the_guards_process(tmp_path: Path) -> None
         assert {("HEARTBEAT", system), ("COMMAND_LONG", 245)} <= kinds(folder / f"{name}.tlog")
 
 
+@pytest.mark.no_turn("lockstep")
 async def test_the_operator_holds_and_gives_another_fence_and_then_aborts(tmp_path: Path) -> None:
     path = tmp_path / "fence.yaml"
     path.write_text("box: {north_m: [-0.9, 6], east_m: [-4, 4], up_m: [-0.6, 3]}")
-    async with Program(tmp_path / "out", "--json", "--mode", "sim", *STAYING) as program:
+    given = ("--json", "--mode", "sim", *LOCKSTEP, *STAYING)
+    async with Program(tmp_path / "out", *given, clock="scaled") as program:
         await program.stage("goal", mode="sim")
         held = await program.operate("hold", "--who", "anna")
         assert (held.code, held.out) == (0, "gate: held: 1 run in flight; no run is started\n")
@@ -92,8 +98,10 @@ async def test_the_operator_holds_and_gives_another_fence_and_then_aborts(tmp_pa
     ]
 
 
+@pytest.mark.no_turn("lockstep")
 async def test_ctrl_c_lands_first(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil", "--json") as program:
+    given = ("--mode", "wil", "--json", *LOCKSTEP)
+    async with Program(tmp_path / "out", *given, clock="scaled") as program:
         await program.stage("takeoff")
         program.process.send_signal(signal.SIGINT)
         landed = await program.end()

@@ -1,0 +1,70 @@
+"""Which flights of this machine a console or a bridge is for: what it shows and commands."""
+
+from pathlib import Path
+
+from orchestrator.operator.campaign_records import Places, places
+
+_MOST_DECIDED = 1000
+
+
+class FlightScope:
+    """All that this user flies here, what writes to a results folder, or a program's campaign.
+
+    folder: only what writes its results there. program: the process whose campaign it is, once it
+    has one; its guards belong to it still when it has ended.
+    """
+
+    def __init__(self, *, folder: Path | None = None, program: int | None = None) -> None:
+        self._folder = None if folder is None else folder.absolute()
+        self._program = program
+        self._own: frozenset[Path] = frozenset()
+        self._decided: dict[str, bool] = {}
+
+    @property
+    def is_whole_machine(self) -> bool:
+        """Whether it has all flights of this machine."""
+        return self._folder is None and self._program is None
+
+    def places(self) -> Places:
+        """Return the records of what flies now and is in it. Raises OSError."""
+        found = places().beneath(self._folder)
+        if self._program is None:
+            return found
+        mine = {
+            one.folder
+            for one in found.campaigns
+            if one.process is not None and one.process.pid == self._program
+        }
+        self._own |= mine
+        return Places(
+            tuple(one for one in found.campaigns if one.folder in mine),
+            tuple(one for one in found.guards if self._is_own(one.folder)),
+        )
+
+    def covers(self, run: str) -> bool:
+        """Return whether the run of a folder is in it.
+
+        A campaign's record is there before its first run: one look decides for each run.
+        """
+        if run not in self._decided:
+            if len(self._decided) >= _MOST_DECIDED:
+                self._decided.clear()
+            self._decided[run] = self._decide(Path(run))
+        return self._decided[run]
+
+    def _decide(self, run: Path) -> bool:
+        if self._program is not None and not self._is_own(run):
+            try:
+                self.places()
+            except OSError:
+                return False
+            if not self._is_own(run):
+                return False
+        return self._folder is None or _related(run, self._folder)
+
+    def _is_own(self, folder: Path) -> bool:
+        return any(folder.is_relative_to(one) for one in self._own)
+
+
+def _related(one: Path, other: Path) -> bool:
+    return one.is_relative_to(other) or other.is_relative_to(one)

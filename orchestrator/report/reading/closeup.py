@@ -1,0 +1,136 @@
+"""The value that violated its limit, about the time when it did; pure."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from orchestrator.analysis.reading.judged_motion import JudgedMotion
+from orchestrator.report.model import Cause, Closeup, Curve, Plot, Point
+from orchestrator.report.reading.held_limits import HeldLimit
+from safety.fence.geofence import Fence
+from safety.model import signals
+from safety.model.oracle_results import OracleResult
+from safety.model.samples import PoseSample
+from safety.oracles.stl_signals import distance_name
+from vehicles.embedded.physics.contact_world import BODY
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.scene.scene import Scene
+
+_BEFORE_S, _AFTER_S = 1.0, 1.5
+_LONGEST_S = 20.0
+_MOST_POINTS = 300
+_NEAR = 0.02
+"""Of the value that was judged: what was found anew may be off by so much, else it is not shown."""
+_FAR_M = 1e4
+
+_OF_POSE: Mapping[str, Callable[[PoseSample], float]] = {
+    "north_m": signals.north_m,
+    "east_m": signals.east_m,
+    "up_m": signals.up_m,
+    "speed_m_s": signals.speed_m_s,
+    "ground_speed_m_s": signals.ground_speed_m_s,
+    "vertical_speed_m_s": signals.vertical_speed_m_s,
+    "climb_m_s": signals.climb_m_s,
+    "roll_deg": signals.roll_deg,
+    "pitch_deg": signals.pitch_deg,
+    "yaw_deg": signals.yaw_deg,
+    "tilt_deg": signals.tilt_deg,
+}
+_TITLES = {"up_m": "height", "clearance_m": "clearance", "fence_margin_m": "margin to the fence"}
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedFlight:
+    """What the values of a flight are found from. fences: by vehicle, in force at the end."""
+
+    motion: JudgedMotion
+    scene: Scene
+    fences: Mapping[str, Fence]
+
+
+def closeup_of(
+    cause: Cause | None,
+    oracle: OracleResult | None,
+    limits: Sequence[HeldLimit],
+    flight: JudgedFlight,
+) -> Closeup | None:
+    """Return the violated value over the time of its limit; None where the record has none.
+
+    It is found anew from the judged poses, and shown only where it comes to what was judged.
+    """
+    if cause is None or cause.at_s is None or oracle is None or oracle.actual is None:
+        return None
+    for limit in limits:
+        if limit.oracle == oracle.name and oracle.detail.startswith(limit.text):
+            found = _closeup(limit, cause.at_s, oracle, flight)
+            if found is not None:
+                return found
+    return None
+
+
+def _closeup(
+    limit: HeldLimit, crossed_s: float, oracle: OracleResult, flight: JudgedFlight
+) -> Closeup | None:
+    value_of = _values_of(limit.signal, oracle.vehicle, flight)
+    poses = flight.motion.poses.get(oracle.vehicle, [])
+    velocities = flight.motion.velocities.get(oracle.vehicle, [])
+    if value_of is None or not poses:
+        return None
+    begin_s, end_s = _shown_span(limit, crossed_s, oracle.at_s)
+    samples = [
+        PoseSample(t_s, oracle.vehicle, pose, velocity)
+        for (t_s, pose), velocity in zip(poses, velocities, strict=False)
+        if begin_s <= t_s <= end_s
+    ]
+    every = max(1, math.ceil(len(samples) / _MOST_POINTS))
+    points = tuple((one.t_s, value_of(one)) for one in samples[::every])
+    judged = [one for one in points if limit.span_s[0] <= one[0] <= limit.span_s[1]]
+    if not judged:
+        return None
+    worst = max(judged, key=lambda one: limit.excess(one[1]))
+    is_same = abs(worst[1] - (oracle.actual or 0.0)) <= _NEAR * max(1.0, abs(worst[1]))
+    if limit.excess(worst[1]) <= 0.0 or not is_same:
+        return None
+    title = _TITLES.get(limit.signal, limit.signal)
+    curves = (Curve(oracle.vehicle, points),)
+    plot = Plot(title, oracle.unit, curves, (limit.line,), judged=oracle.vehicle)
+    return Closeup(plot, (points[0][0], points[-1][0]), crossed_s, worst)
+
+
+def _shown_span(limit: HeldLimit, crossed_s: float, worst_s: float | None) -> Point:
+    """Return the whole interval where it is short, else the time about the violation."""
+    first_s, last_s = limit.span_s
+    if not limit.is_whole and last_s - first_s <= _LONGEST_S:
+        return first_s - _BEFORE_S, last_s + _AFTER_S
+    last_s = max(crossed_s, worst_s or crossed_s)
+    return crossed_s - 2.0 * _BEFORE_S, min(last_s, crossed_s + _LONGEST_S) + _AFTER_S
+
+
+def _values_of(
+    signal: str, vehicle: str, flight: JudgedFlight
+) -> Callable[[PoseSample], float] | None:
+    """Return how a pose gives a signal's value; None for what poses do not give."""
+    if signal in _OF_POSE:
+        return _OF_POSE[signal]
+    if signal == "fence_margin_m" and vehicle in flight.fences:
+        fence = flight.fences[vehicle]
+        return lambda sample: fence.margin_m(sample.pose.position_ned_m)
+    names = [
+        name
+        for name in flight.scene.names
+        if signal in {"clearance_m", distance_name(name), f"distance to {name}"}
+    ]
+    return _distance_to(names, flight) if names else None
+
+
+def _distance_to(names: Sequence[str], flight: JudgedFlight) -> Callable[[PoseSample], float]:
+    """Return the distance from the body to the nearest of some objects, floors left out."""
+    others = [name for name in flight.scene.names if name not in names]
+    probe = ClearanceProbe(flight.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
+    events = flight.motion.world_events
+
+    def distance(sample: PoseSample) -> float:
+        found = probe.sweep(sample.pose, sample.t_s, sample.pose, sample.t_s, events)
+        return max(0.0, min((one.clearance_m for one in found), default=_FAR_M))
+
+    return distance

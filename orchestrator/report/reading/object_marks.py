@@ -1,0 +1,221 @@
+"""Where the things that matter are in an image, by the recorded world, poses and optics; pure.
+
+Nothing is looked for in the picture: a thing that something else hides is marked where it stands.
+"""
+
+import bisect
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from campaigns.schema.sensors import MountPart
+from orchestrator.report.model import Frame, Mark
+from orchestrator.report.reading.distances import TimedPose
+from orchestrator.report.reading.outlines import vertices_of
+from vehicles.embedded.physics.contact_world import BODY
+from worlds.camera import CameraMount
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.files.documents import Data
+from worlds.frames import Pose, matrix_from_quat
+from worlds.scene.scene import Scene, SceneObject
+
+_MOST = 3
+_NEAR_M = 0.02
+"""What is nearer in front of the camera is not projected."""
+_BETWEEN = 6
+"""Points between each two corners, so that a part that begins behind the camera is seen."""
+_MOST_CORNERS = 24
+_FAR_M = 1e3
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SeenWorld:
+    """What marks are found from. poses: by vehicle, as judged. events: of the world.
+
+    campaign, recipe: as flown. physical: the names of what stands in the real world.
+    """
+
+    scene: Scene
+    physical: frozenset[str]
+    poses: Mapping[str, Sequence[TimedPose]]
+    events: Mapping[str, float]
+    campaign: Mapping[str, Data]
+    recipe: str = ""
+
+
+def marks_of(
+    frame: Frame, sensor: str, world: SeenWorld, *, of_interest: Iterable[str], touched: str = ""
+) -> tuple[Mark, ...]:
+    """Return where some things are in an image; without any where the record does not tell.
+
+    of_interest: names of things. touched: a part, as "gate.left".
+    """
+    view = frame.view
+    names = [name for name in dict.fromkeys(of_interest) if name in world.scene]
+    things = [world.scene[name] for name in names if not world.scene[name].is_room][:_MOST]
+    if view is None or not things:
+        return ()
+    distances = _distances(view.vehicle, frame.t_s, world, things)
+    found = []
+    for thing in things:
+        camera = _camera_pose(frame, sensor, thing, world)
+        if camera is not None:
+            part = touched.removeprefix(f"{thing.name}.") if touched.startswith(thing.name) else ""
+            parts = list(_seen_parts(frame, camera, thing, world.events))
+            found.append(_mark(thing, distances.get(thing.name), parts, part))
+    return tuple(found)
+
+
+def _camera_pose(frame: Frame, sensor: str, thing: SceneObject, world: SeenWorld) -> Pose | None:
+    """Return where the camera was that a thing is seen by; None where that is not recorded.
+
+    In a mixture what is virtual was drawn from where the recipe says.
+    """
+    assert frame.view is not None  # noqa: S101 - the caller looked
+    if frame.view.camera_pose is not None:
+        return frame.view.camera_pose
+    vehicle = frame.view.vehicle
+    if frame.source == "mixed" and thing.name not in world.physical:
+        vehicle = _registered_to(world.recipe, sensor)
+    body, mount = _pose_at(world.poses.get(vehicle, ()), frame.t_s), _mount(vehicle, sensor, world)
+    return None if body is None or mount is None else mount.camera_pose(body)
+
+
+def _registered_to(recipe: str, sensor: str) -> str:
+    """Return from whose pose the twin's readings of a sensor were taken; by itself from its own."""
+    try:
+        document = json.loads(recipe)
+        steps = [
+            step["register"]
+            for part in document["combine"]
+            if part.get("sensor") == sensor
+            for step in part.get("transform", ())
+            if isinstance(step, dict) and "register" in step
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return ""
+    given = steps[0] if steps else {"pose": "twin"}
+    return str(given.get("pose", "real")) if isinstance(given, dict) else "real"
+
+
+def _mount(vehicle: str, sensor: str, world: SeenWorld) -> CameraMount | None:
+    """Return how a camera sits on its vehicle; None where another file says that."""
+    found: Data = dict(world.campaign)
+    for key in ("vehicles", vehicle, "sensors", sensor.split(" ", maxsplit=1)[0]):
+        found = found.get(key) if isinstance(found, dict) else None
+    if not isinstance(found, dict) or found.get("calibration") is not None:
+        return None
+    try:
+        part = MountPart.model_validate(found.get("mount") or {})
+    except ValidationError:
+        return None
+    return CameraMount(part.pose(), stabilized=found.get("stabilized") is True)
+
+
+def _pose_at(poses: Sequence[TimedPose], t_s: float) -> Pose | None:
+    """Return a pose between the two that were judged about a time; None outside of them."""
+    after = bisect.bisect_left(poses, t_s, key=lambda one: one[0])
+    if after == len(poses) or (after == 0 and poses[0][0] != t_s):
+        return None
+    if poses[after][0] == t_s:
+        return poses[after][1]
+    (begin_s, begin), (end_s, end) = poses[after - 1], poses[after]
+    return begin.interpolate(end, (t_s - begin_s) / (end_s - begin_s))
+
+
+def _distances(
+    vehicle: str, t_s: float, world: SeenWorld, things: Sequence[SceneObject]
+) -> dict[str, float]:
+    """Return how far things are from a vehicle's body at a time."""
+    pose = _pose_at(world.poses.get(vehicle, ()), t_s)
+    if pose is None:
+        return {}
+    wanted = {thing.name for thing in things}
+    others = [name for name in world.scene.names if name not in wanted]
+    probe = ClearanceProbe(world.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
+    nearest: dict[str, float] = {}
+    for one in probe.sweep(pose, t_s, pose, t_s, world.events):
+        known_m = nearest.get(one.object_name, math.inf)
+        nearest[one.object_name] = max(0.0, min(known_m, one.clearance_m))
+    return nearest
+
+
+def _seen_parts(
+    frame: Frame, camera: Pose, thing: SceneObject, events: Mapping[str, float]
+) -> Iterator[tuple[str, shapely.Geometry]]:
+    """Yield the parts of a thing that are in view, each with its shape in the image."""
+    screen = shapely.box(0.0, 0.0, frame.width_px, frame.height_px)
+    for body in thing.bodies:
+        pose = body.pose_at(frame.t_s, events)
+        for part in body.shape.parts:
+            seen = shapely.intersection(_silhouette(vertices_of(part), pose, camera, frame), screen)
+            if not part.is_floor and not seen.is_empty:
+                yield part.name, seen
+
+
+def _mark(
+    thing: SceneObject,
+    distance_m: float | None,
+    parts: Sequence[tuple[str, shapely.Geometry]],
+    touched: str,
+) -> Mark:
+    shapes = [shape for name, shape in parts if name == touched and shape.geom_type == "Polygon"]
+    outline = tuple((x, y) for x, y in shapes[0].exterior.coords) if shapes else ()
+    box = None
+    if parts:
+        left, top, right, bottom = shapely.total_bounds([shape for _, shape in parts]).tolist()
+        box = (left, top, right, bottom)
+    return Mark(thing.name, distance_m, box, touched, outline)
+
+
+def _silhouette(corners: Points, pose: Pose, camera: Pose, frame: Frame) -> shapely.Geometry:
+    """Return the hull of a part's points in the image, in its pixels; empty where none is ahead."""
+    world = corners @ matrix_from_quat(pose.q_wxyz).T + np.array(pose.position_ned_m)
+    seen = (world - np.array(camera.position_ned_m)) @ matrix_from_quat(camera.q_wxyz)
+    seen = _with_points_between(seen)
+    seen = seen[seen[:, 0] > _NEAR_M]
+    if not len(seen):
+        return shapely.Point()
+    assert frame.view is not None  # noqa: S101 - the caller looked
+    optics = frame.view.intrinsics
+    scale = frame.width_px / optics.width_px
+    matrix = np.array(
+        [[optics.fx_px, 0.0, optics.cx_px], [0.0, optics.fy_px, optics.cy_px], [0.0, 0.0, 1.0]]
+    )
+    optical = np.ascontiguousarray(seen[:, [1, 2, 0]])
+    zero = np.zeros(3)
+    pixels, _ = cv2.projectPoints(optical, zero, zero, matrix, np.array(optics.distortion))
+    flat = pixels.reshape(-1, 2)
+    flat = flat[np.isfinite(flat).all(axis=1)]
+    return shapely.multipoints((flat + 0.5) * scale).convex_hull
+
+
+def _with_points_between(corners: Points) -> Points:
+    """Return corners, and where some are behind the camera points on the lines between them."""
+    if len(corners) > _MOST_CORNERS or (corners[:, 0] > _NEAR_M).all():
+        return corners
+    shares = np.linspace(0.0, 1.0, _BETWEEN + 2)[:, None, None, None]
+    first, second = corners[None, :, None, :], corners[None, None, :, :]
+    return (first * (1.0 - shares) + second * shares).reshape(-1, 3)
+
+
+def touched_part(detail: str) -> str:
+    """Return the part that a contact names: "gate.left" of "touched gate.left"; else empty."""
+    _, is_touched, part = detail.partition("touched ")
+    return part.split(";")[0].strip() if is_touched else ""
+
+
+def named_things(scene: Scene, texts: Iterable[str]) -> list[str]:
+    """Return the things of a scene that texts name, as a word or as the thing of a part."""
+    words = {word.strip(".,;:'\"()") for text in texts for word in text.split()}
+    words |= {word.partition(".")[0] for word in words}
+    return [name for name in scene.names if name in words]

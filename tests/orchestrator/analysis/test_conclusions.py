@@ -1,0 +1,97 @@
+"""What follows from the statistics, in words: shown, contradicted, not shown, needed."""
+
+from pathlib import Path
+
+import pytest
+
+from orchestrator.analysis.conclusions import Conclusion, conclusions
+from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.analysis.study import read_study
+from orchestrator.cli.study_text import study_text
+from orchestrator.report.campaign_report import write_report
+from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
+
+SPREAD = (0.0, 0.01, 0.02, 0.03, 0.05)
+
+
+def campaign(wil_m: float, wil: str = "PPPPP", spread: tuple[float, ...] = SPREAD) -> list[Flight]:
+    """Reality flies at 0 beside the way, sim at 0.4 m, wil at wil_m; each with a spread."""
+    shifts = {"real": 0.0, "wil": wil_m, "sim": 0.4}
+    return [
+        flight
+        for case in ("large", "small")
+        for mode, shift in shifts.items()
+        for flight in flights(
+            case,
+            mode,
+            wil if mode == "wil" else "PPPPP",
+            [shift + each for each in (spread[::-1] if mode == "wil" else spread)],
+        )
+    ]
+
+
+def conclusions_of(folder: Path, given: list[Flight], **more: object) -> list[Conclusion]:
+    written = write_flown(folder, given, **more)  # type: ignore[arg-type]
+    return conclusions(read_study(written, read_campaign(written)))
+
+
+def texts(found: list[Conclusion], kind: str) -> str:
+    return "\n".join(one.text for one in found if one.kind == kind)
+
+
+def test_a_claim_that_holds_is_shown_and_equal_passes_are_no_proof(tmp_path: Path) -> None:
+    found = conclusions_of(tmp_path / "a", campaign(0.1))
+    shown = texts(found, "shown")
+    assert "By the mean distance between flights, over all cases: WIL is nearer" in shown
+    assert "With the spread of each mode taken into account" in shown
+    assert not texts(found, "contradicted")
+    alike = texts(found, "not shown")
+    assert "That the modes differ in how often they pass is not shown" in alike
+    assert "It is not shown either that they pass equally often" in alike
+
+
+def test_a_claim_that_fails_is_reported_plainly(tmp_path: Path) -> None:
+    found = conclusions_of(tmp_path / "a", campaign(0.9))
+    contradicted = texts(found, "contradicted")
+    assert "WIL is not nearer to reality than simulation, it is farther away" in contradicted
+    assert "the paths (dtw)" in contradicted
+    assert "WIL is nearer" not in texts(found, "shown")
+
+
+def test_a_difference_of_passes_says_what_would_show_it(tmp_path: Path) -> None:
+    found = conclusions_of(tmp_path / "a", campaign(0.1, wil="PPPPF"))
+    needed = texts(found, "needed")
+    assert "simulation and WIL" in needed
+    assert "times the flights for" in needed
+    apart = conclusions_of(tmp_path / "b", campaign(0.1, wil="FFFFF"))
+    assert "The modes do not pass equally often: simulation and WIL" in texts(apart, "shown")
+
+
+def test_what_is_open_says_how_many_flights_would_decide_it(tmp_path: Path) -> None:
+    wide = (0.0, 0.3, -0.3, 0.15, -0.1)
+    found = conclusions_of(tmp_path / "a", campaign(0.3, spread=wide))
+    assert "it is open whether WIL is nearer" in texts(found, "not shown")
+    assert "(5 now)" in texts(found, "needed")
+
+
+def test_one_mode_alone_concludes_nothing(tmp_path: Path) -> None:
+    assert conclusions_of(tmp_path / "a", flights("a", "sim", "PPPPP", SPREAD)) == []
+
+
+@pytest.mark.parametrize("source", ["Table I", ""])
+def test_published_counts_are_named_as_those_of_others(tmp_path: Path, source: str) -> None:
+    passed = {"large": {"sim": "5/5", "wil": "1/5", "real": "too costly"}, "small": {"wil": "2/5"}}
+    document = {"published": {"source": source, "passed": passed}}
+    beside = texts(conclusions_of(tmp_path / "a", campaign(0.1), document=document), "note")
+    assert "passes simulation 5 of 5, WIL 3 of 10" in beside
+    assert "judge nothing" in beside
+    assert source in beside
+
+
+def test_the_conclusions_come_before_the_tables(tmp_path: Path) -> None:
+    folder = write_flown(tmp_path / "a", campaign(0.9))
+    text = study_text(read_study(folder, read_campaign(folder)))
+    assert text.index("contradicted: ") < text.index("real to sim")
+    write_report(folder)
+    page = (folder / "report.html").read_text()
+    assert page.index("it is farther away") < page.index("Gap to reality")

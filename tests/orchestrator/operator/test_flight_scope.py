@@ -1,0 +1,80 @@
+"""Which flights a console is for: it shows and commands no others."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from orchestrator.console.campaign_poller import CampaignPoller
+from orchestrator.console.page_commands import CommandSender, PageCommand
+from orchestrator.operator.campaign_records import CampaignRecord
+from orchestrator.operator.flight_scope import FlightScope
+from safety.guard.process.orphaned_processes import GuardRecord, remove_record, write_record
+from safety.guard.process.runtime_folder import open_runtime_folder
+from vehicles.processes.identity import ProcessId
+
+OTHER = 1
+"""A process that has no campaign."""
+
+
+@pytest.fixture(autouse=True)
+def _own_runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+
+
+@contextmanager
+def guard(run: Path) -> Iterator[None]:
+    runtime, me = open_runtime_folder().path, ProcessId.own()
+    record = GuardRecord(
+        run="gate/wil/1",
+        folder=str(run),
+        socket=str(runtime / "guard.sock"),
+        guard=me,
+        owner=None,
+        since_s=0.0,
+    )
+    write_record(runtime, record)
+    try:
+        yield
+    finally:
+        remove_record(runtime, me)
+
+
+def test_a_program_s_console_is_for_its_campaign_alone(tmp_path: Path) -> None:
+    run = tmp_path / "gate" / "large" / "wil" / "1"
+    mine, strangers, whole = (
+        FlightScope(program=os.getpid()),
+        FlightScope(program=OTHER),
+        FlightScope(),
+    )
+    assert (whole.is_whole_machine, mine.is_whole_machine) == (True, False)
+    with guard(run):
+        with CampaignRecord(name="gate", folder=tmp_path / "gate"):
+            for scope, campaigns in ((mine, 1), (whole, 1), (strangers, 0)):
+                found = scope.places()
+                assert (len(found.campaigns), len(found.guards)) == (campaigns, campaigns)
+                assert scope.covers(str(run)) is bool(campaigns)
+            assert not mine.covers(str(tmp_path / "avoid" / "fast" / "wil" / "1"))
+        # The program is gone, its guard lands what it flew: that is its campaign's still.
+        assert len(mine.places().guards) == 1
+        with CampaignPoller(mine) as poller, CampaignPoller(strangers) as other:
+            assert (poller.is_landing(), other.is_landing()) == (True, False)
+
+
+async def test_an_abort_reaches_no_other_program_s_campaign(tmp_path: Path) -> None:
+    with CampaignRecord(name="gate", folder=tmp_path / "gate"):
+        sender = CommandSender(FlightScope(program=OTHER))
+        replies = await sender.send(PageCommand("abort"), "console:anna")
+        sender.close()
+    assert [(one.ok, one.text) for one in replies] == [
+        (False, "no campaign is in flight for this console")
+    ]
+
+
+def test_a_folder_s_console_is_for_what_is_in_it_or_around_it(tmp_path: Path) -> None:
+    run = tmp_path / "gate" / "large" / "wil" / "1"
+    for folder in (tmp_path, tmp_path / "gate", run):
+        assert FlightScope(folder=folder).covers(str(run))
+    assert not FlightScope(folder=tmp_path / "avoid").covers(str(run))
