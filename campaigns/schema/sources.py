@@ -243,13 +243,19 @@ class SourcedPart(CarriedPart):
     def sourced_from(self, autopilot: str) -> str | None:
         """Return the MAVLink message of the sensor's source; None where it has none.
 
-        Raises KeyFaultError for one whose unit this autopilot leaves open.
+        Raises KeyFaultError for one whose unit this autopilot leaves open, or that it never sends.
         """
         there = MESSAGES.get(getattr(self, "type", ""), ())
         if self.source is None or self.source.kind != "mavlink" or not there:
             return None
         given = self.source.message
         usual = "RAW_IMU" if there[0] == "HIGHRES_IMU" and autopilot == "ardupilot" else there[0]
+        if there[0] == "OBSTACLE_DISTANCE" and autopilot == "ardupilot":
+            said = (
+                "ArduPilot sends no OBSTACLE_DISTANCE (its proximity sensor's sectors are "
+                "DISTANCE_SENSOR messages): use tcp:// or an MCAP file"
+            )
+            raise KeyFaultError(("source", "address"), said)
         if given == "RAW_IMU" and autopilot != "ardupilot":
             said = (
                 "MAVLink gives RAW_IMU no unit, and only ArduPilot's is known (milli-g and "

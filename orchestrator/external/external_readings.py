@@ -29,8 +29,8 @@ _ESTIMATE = "LOCAL_POSITION_NED with ATTITUDE_QUATERNION"
 _REMEDIES: Mapping[str, str] = {
     "DISTANCE_SENSOR": "connect a rangefinder and enable it on the autopilot (ArduPilot: "
     "RNGFND1_TYPE; PX4: the SENS_EN_ parameter of its driver)",
-    "OBSTACLE_DISTANCE": "the autopilot sends it when it has a proximity sensor (ArduPilot: "
-    "PRX1_TYPE; PX4: collision prevention, CP_DIST)",
+    "OBSTACLE_DISTANCE": "PX4 sends it when it has range sensors for its collision prevention "
+    "(CP_DIST)",
     "GPS_RAW_INT": "connect a receiver, and wait for its 3-D fix",
     "GPS2_RAW": "connect a second receiver, and wait for its 3-D fix",
 }

@@ -88,6 +88,7 @@ def test_a_recording_is_found_beside_the_campaign(files: Files) -> None:
             "the vehicle's estimate",
         ),
         ("type: lidar, mount: {yaw_deg: 90}, source: mavlink", "real", "cannot be turned"),
+        ("type: lidar, source: mavlink", "twin", "ArduPilot sends no OBSTACLE_DISTANCE"),
         ("type: gps, source: {address: mavlink, id: 1}", "real", "applies to a rangefinder only"),
         (
             "type: imu, source: {address: mavlink, undulation_m: 40}",
