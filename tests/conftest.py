@@ -68,6 +68,7 @@ FLIGHTS = (
     "orchestrator/console/test_console_flight.py",
     "orchestrator/engines/bench/test_bench_deaths.py",
     "orchestrator/engines/bench/test_bench_flight.py",
+    "orchestrator/external/test_attached_readings.py",
     "orchestrator/external/test_external_flights.py",
     "orchestrator/recording/test_wall_recording.py",
     "orchestrator/run/flight/test_actor_links.py",
@@ -97,6 +98,7 @@ WALL = (
     "vehicles/embedded/process",
     "vehicles/links/test_flapping.py",
     "vehicles/mavsdk",
+    "vehicles/sources/readings/test_zmq_readings.py",
     "vehicles/sources/test_streams.py",
 )
 """What waits on the wall clock: it leaves the processor idle most of the time."""

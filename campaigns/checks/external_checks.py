@@ -23,6 +23,7 @@ _POSES = frozenset({"vision_position_estimate", "odometry"})
 def external_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """Yield the problems of one mode's external sources, deliveries and injections."""
     yield from _sources_to_be_asked(files, setup, mode)
+    yield from _sources_without_link(files, setup, mode)
     seen: dict[str, int] = {}
     for index, outlet in enumerate(setup.outside.pictures):
         yield from _outlet(files, setup, mode, index, outlet)
@@ -43,6 +44,14 @@ def _sources_to_be_asked(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
         for combination in setup.recipe.combinations
         if any(step.kind.name == "register" for step in combination.steps)
     }
+    for sensor, source in setup.vehicles["twin"].sourced:
+        if sensor.name in asked:
+            path = ("vehicles", "twin", "sensors", sensor.name, "source")
+            said = (
+                f"the recipe registers '{sensor.name}', and {source.address} cannot be asked for a "
+                "reading from another pose: leave out `source`, or leave out `register`"
+            )
+            yield files.campaign.problem(path, said)
     for camera in setup.vehicles["twin"].cameras:
         if camera.name in asked and camera.source is not None and not camera.source.asked:
             path = ("vehicles", "twin", "sensors", camera.name, "source")
@@ -52,6 +61,17 @@ def _sources_to_be_asked(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
                 "(tcp://HOST:PORT), or leave out `register`"
             )
             yield files.campaign.problem(path, said)
+
+
+def _sources_without_link(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+    """Yield sensors that a vehicle sends on its link, of a twin that has none."""
+    if mode != "wil" or setup.vehicles["twin"].coupling != "placed":
+        return
+    for sensor, source in setup.vehicles["twin"].sourced:
+        if source.kind == "mavlink":
+            path = ("vehicles", "twin", "sensors", sensor.name, "source")
+            said = "the twin is placed: nothing flies it, so that it sends nothing by MAVLink"
+            yield files.campaign.problem(path, f"{said}; leave out `source`")
 
 
 def _outlet(

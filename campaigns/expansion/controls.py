@@ -7,6 +7,7 @@ from functools import partial
 from campaigns.expansion.case_reader import gathered
 from campaigns.schema import CampaignPart, Mode
 from campaigns.schema.controls import ControlPart
+from campaigns.schema.vehicles import VEHICLES
 from campaigns.setup.case_files import (
     CaseFiles,
     Override,
@@ -33,7 +34,18 @@ def expectation(part: CampaignPart, control: ControlPart) -> Expectation:
     """Return the expected end of a control run, and the case that the control changes."""
     case = control.case or next(iter(part.cases))
     expect = control.expect
-    return Expectation(case, expect.verdict, expect.oracle, expect.cause)
+    return Expectation(case, expect.verdict, expect.oracle, _cause(part, control))
+
+
+def _cause(part: CampaignPart, control: ControlPart) -> str | None:
+    """Return the text in a control's reason, with the pose sources that its vehicles have."""
+    cause = control.expect.cause
+    for name in VEHICLES if cause is not None else ():
+        vehicle = getattr(part.vehicles, name)
+        if cause is not None and vehicle is not None:
+            given = control.set_.get(f"vehicles.{name}.pose_source", vehicle.poses_from)
+            cause = cause.replace(f"{{{name}.pose_source}}", str(given))
+    return cause
 
 
 def modes_of(part: CampaignPart, control: ControlPart) -> tuple[Mode, ...]:

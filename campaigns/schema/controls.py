@@ -16,7 +16,8 @@ class ExpectPart(Part):
     One of both is needed: a control that fails for another reason, as a misspelt parameter of its
     autonomy, proves nothing about the campaign.
 
-    verdict: what the run must end with.
+    verdict: what the run must end with. cause may have {real.pose_source} and {twin.pose_source},
+    which are replaced by where that vehicle's poses come from: mocap, simulator or mavlink.
     """
 
     verdict: ControlVerdict = "FAIL"

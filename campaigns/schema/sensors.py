@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from campaigns.schema.sources import SourcePart
+from campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
 from campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
@@ -68,12 +68,6 @@ class MountPart(Part):
         """Return the sensor's mount as a pose in the body's FRD frame."""
         angles = (math.radians(a) for a in (self.roll_deg, self.pitch_deg, self.yaw_deg))
         return Pose((self.forward_m, self.right_m, self.down_m), quat_from_euler(*angles))
-
-
-class CarriedPart(Part):
-    """Any sensor. embedded_only: it feels what only a simulation of ours tells."""
-
-    embedded_only: ClassVar[bool] = False
 
 
 class ImagePart(CarriedPart):
@@ -200,7 +194,7 @@ class DepthPart(ImagePart):
         )
 
 
-class RangingPart(CarriedPart):
+class RangingPart(SourcedPart):
     """The keys of every ranging sensor; its range defaults to that of the profile's sensor.
 
     range_min_m: what is nearer is not measured. range_max_m: what is farther is not measured.
@@ -306,7 +300,7 @@ class RangefinderPart(RangingPart):
         )
 
 
-class GpsPart(CarriedPart):
+class GpsPart(SourcedPart):
     """A GPS receiver among a vehicle's sensors.
 
     type: the kind of sensor. rate_hz: fixes in a second.
@@ -320,7 +314,7 @@ class GpsPart(CarriedPart):
         return GpsSetup(name=name, rate_hz=self.rate_hz)
 
 
-class ImuPart(CarriedPart):
+class ImuPart(SourcedPart):
     """An IMU among a vehicle's sensors: accelerometer and gyroscope.
 
     type: the kind of sensor. rate_hz: samples in a second.
@@ -335,7 +329,7 @@ class ImuPart(CarriedPart):
         return ImuSetup(name=name, rate_hz=self.rate_hz)
 
 
-class PosePart(CarriedPart):
+class PosePart(SourcedPart):
     """A pose sensor: motion capture. rate_hz: at most; by default the profile's rate.
 
     type: the kind of sensor.
@@ -350,7 +344,7 @@ class PosePart(CarriedPart):
         return PoseSetup(name=name, rate_hz=self.rate_hz)
 
 
-class MicrophonePart(CarriedPart):
+class MicrophonePart(SourcedPart):
     """A microphone sensor that delivers blocks of samples.
 
     type: the kind of sensor. sample_rate_hz: samples in a second. block_samples: how many samples

@@ -1,12 +1,19 @@
-"""`source` of a camera and `mocap` of a vehicle: what comes into a run from outside."""
+"""`source` of a sensor and `mocap` of a vehicle: what comes into a run from outside."""
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from campaigns.values.external_setups import MocapSetup, SourceKind, SourceSetup
+from campaigns.values.external_setups import (
+    MocapSetup,
+    ReadingSourceKind,
+    ReadingSourceSetup,
+    SourceKind,
+    SourceSetup,
+)
+from vehicles.sources.readings.mavlink_messages import MESSAGES
 from worlds.files.documents import KeyFaultError, Part
 from worlds.files.paths import exists, is_folder
 
@@ -109,6 +116,153 @@ def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
     if is_folder(path):
         return "images", str(path)
     return ("mcap" if path.suffix == ".mcap" else "video"), str(path)
+
+
+_ONLY_FOR_READINGS: dict[str, tuple[ReadingSourceKind, ...]] = {
+    "message": ("mavlink",),
+    "id": ("mavlink",),
+    "undulation_m": ("mavlink",),
+    "name": ("zmq",),
+    "topic": ("zmq", "mcap"),
+    "latency_ms": ("zmq", "mcap"),
+    "open_s": ("mavlink", "zmq"),
+    "stall_s": ("mavlink", "zmq"),
+}
+
+
+class ReadingSourcePart(Part):
+    """A sensor's external source of readings; a bare text stands for `address`.
+
+    address: mavlink (what the vehicle sends on its link), tcp://HOST:PORT (a ZeroMQ publisher's),
+    or an MCAP file. message: which message of MAVLink, where a sensor is in several. id: which of
+    the vehicle's sensors, by the message's id. undulation_m: height of the geoid above the
+    ellipsoid, for a GPS receiver that does not report it. name: the sensor's name in ZeroMQ
+    messages; its name here without. topic: the topic of a ZeroMQ publisher, or of an MCAP file.
+    latency_ms: sampling to arrival. open_s: how long the first reading may take. stall_s: a
+    silence in flight after which the run proves nothing.
+    """
+
+    shorthand: ClassVar[str] = "address"
+    address: Annotated[str, Field(min_length=1)]
+    message: str | None = None
+    id: Annotated[int, Field(ge=0, le=255)] | None = None
+    undulation_m: Annotated[float, Field(ge=-150, le=150)] | None = None
+    name: Annotated[str, Field(min_length=1)] | None = None
+    topic: str | None = None
+    latency_ms: Milliseconds = 0.0
+    open_s: Seconds = 5.0
+    stall_s: Seconds = 1.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, given: Any) -> Any:
+        """Accept a bare text as the address of the source of readings."""
+        return {cls.shorthand: given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _require_fitting_keys(self) -> "ReadingSourcePart":
+        """Refuse an unknown address, and keys that say nothing about this kind of source."""
+        kind = self.kind
+        for key, kinds in _ONLY_FOR_READINGS.items():
+            if key in self.model_fields_set and kind not in kinds:
+                raise KeyFaultError(key, f"has no effect on a source of {kind}")
+        return self
+
+    @property
+    def kind(self) -> ReadingSourceKind:
+        """Return the kind of source that the address names. Raises KeyFaultError."""
+        if self.address == "mavlink":
+            return "mavlink"
+        match = re.fullmatch(r"tcp://[^:/@\s]+:(\d{1,5})", self.address)
+        if match is not None and 0 < int(match[1]) < 65536:
+            return "zmq"
+        if self.address.endswith(".mcap") and "://" not in self.address:
+            return "mcap"
+        said = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
+        raise KeyFaultError("address", f"'{self.address}' {said}")
+
+    def setup(self, folder: Path, *, sensor: str, message: str | None) -> ReadingSourceSetup:
+        """Return the setup of a sensor's source; its file is relative to a folder.
+
+        message: of MAVLink, with the default filled in. Raises KeyFaultError for a missing file.
+        """
+        kind, address = self.kind, self.address
+        if kind == "mcap":
+            _, address = _file(folder, address)
+        return ReadingSourceSetup(
+            kind=kind,
+            address=address,
+            message=message,
+            sensor_id=self.id,
+            undulation_m=self.undulation_m,
+            name=self.name or sensor,
+            topic=self.topic,
+            latency_s=self.latency_ms / 1000.0,
+            open_s=self.open_s,
+            stall_s=self.stall_s,
+        )
+
+
+class CarriedPart(Part):
+    """Any sensor. embedded_only: without a source, only our simulation tells what it feels."""
+
+    embedded_only: ClassVar[bool] = False
+
+
+class SourcedPart(CarriedPart):
+    """A sensor whose readings may come from outside.
+
+    source: where its readings come from; computed from the vehicle's motion and the world without.
+    """
+
+    source: ReadingSourcePart | None = None
+
+    @model_validator(mode="after")
+    def _require_fitting_message(self) -> Self:
+        """Refuse a MAVLink message that has no readings of this type, or keys it does not know."""
+        if self.source is None or self.source.kind != "mavlink":
+            return self
+        kind = getattr(self, "type", "")
+        there, wanted = MESSAGES.get(kind, ()), self.source.message
+        if kind != "pose" and not there:
+            said = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
+            raise KeyFaultError(("source", "address"), said)
+        if wanted is not None and wanted not in there:
+            known = ", ".join(there) or "none, for it is the vehicle's estimate"
+            said = f"'{wanted}' has no readings of type {kind}; known are: {known}"
+            raise KeyFaultError(("source", "message"), said)
+        mount: Any = getattr(self, "mount", None)
+        if kind == "lidar" and (mount.roll_deg or mount.pitch_deg or mount.yaw_deg):
+            said = "cannot be turned: OBSTACLE_DISTANCE has angles from the vehicle's own heading"
+            raise KeyFaultError("mount", said)
+        for key, owner in (("id", "rangefinder"), ("undulation_m", "gps")):
+            if key in self.source.model_fields_set and kind != owner:
+                raise KeyFaultError(("source", key), f"applies to a {owner} only")
+        return self
+
+    def sourced_from(self, autopilot: str) -> str | None:
+        """Return the MAVLink message of the sensor's source; None where it has none.
+
+        Raises KeyFaultError for one whose unit this autopilot leaves open, or that it never sends.
+        """
+        there = MESSAGES.get(getattr(self, "type", ""), ())
+        if self.source is None or self.source.kind != "mavlink" or not there:
+            return None
+        given = self.source.message
+        usual = "RAW_IMU" if there[0] == "HIGHRES_IMU" and autopilot == "ardupilot" else there[0]
+        if there[0] == "OBSTACLE_DISTANCE" and autopilot == "ardupilot":
+            said = (
+                "ArduPilot sends no OBSTACLE_DISTANCE (its proximity sensor's sectors are "
+                "DISTANCE_SENSOR messages): use tcp:// or an MCAP file"
+            )
+            raise KeyFaultError(("source", "address"), said)
+        if given == "RAW_IMU" and autopilot != "ardupilot":
+            said = (
+                "MAVLink gives RAW_IMU no unit, and only ArduPilot's is known (milli-g and "
+                "mrad/s): use HIGHRES_IMU or SCALED_IMU"
+            )
+            raise KeyFaultError(("source", "message"), said)
+        return given or usual
 
 
 class MocapPart(Part):

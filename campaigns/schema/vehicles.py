@@ -223,8 +223,12 @@ class VehiclePart(Part):
             raise KeyFaultError("pose_source", said)
         for name, sensor in self.sensors.items():
             captured = sensor.type == "pose" and self.pose_source == "mocap"
-            if self.link != "embedded" and sensor.embedded_only and not captured:
-                said = "only the embedded vehicle takes a profile; remove it"
+            given = captured or getattr(sensor, "source", None) is not None
+            if self.link != "embedded" and sensor.embedded_only and not given:
+                said = (
+                    f"only the embedded vehicle's {sensor.type} is modelled; say by `source` where "
+                    "the readings come from, or remove the sensor"
+                )
                 raise KeyFaultError(("sensors", name, "type"), said)
         if self.anchor == "mocap" and self.pose_source != "mocap":
             raise KeyFaultError("anchor", "uses motion capture: it needs pose_source: mocap")

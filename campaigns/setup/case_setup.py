@@ -159,6 +159,10 @@ class Setup:
                 if camera.source is not None and camera.source.needs_wall_clock:
                     path = ("vehicles", name, "sensors", camera.name, "source")
                     yield path, f"the camera at {camera.source.address}"
+            for sensor, source in vehicle.sourced:
+                if source.needs_wall_clock:
+                    path = ("vehicles", name, "sensors", sensor.name, "source")
+                    yield path, f"the {sensor.kind} at {source.address}"
         if self.under_test.program is not None:
             yield ("autonomy", "program"), f"the program {self.under_test.program[0]}"
         for owner, link in self.gcs.items():

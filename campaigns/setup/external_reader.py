@@ -7,8 +7,9 @@ from pathlib import Path
 
 from campaigns.schema import CameraPart, CampaignPart, VehicleName, VehiclePart
 from campaigns.schema.calibration import CalibrationPart, read_calibration
+from campaigns.schema.sources import SourcedPart
 from campaigns.values.external_setups import ExternalSetup
-from campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
 from worlds.camera import CameraMount
 from worlds.files.documents import BadInput, Document, KeyFaultError, Problem, load
 from worlds.files.documents import Path as KeyPath
@@ -26,9 +27,29 @@ def sensor_setups(
         if isinstance(one, CameraPart) and outside:
             camera = _camera(campaign, path, one, problems)
             found += [] if camera is None else [camera]
+        elif isinstance(one, SourcedPart) and one.source is not None:
+            try:
+                found.append(_sourced(campaign, part, one, one.setup(name)))
+            except KeyFaultError as error:
+                found.append(one.setup(name))
+                problems.append(campaign.problem((*path, *error.path), str(error)))
         else:
             found.append(one.setup(name))
     return tuple(found)
+
+
+def _sourced(
+    campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: SourcedSetup
+) -> SensorSetup:
+    """Return the setup of a sensor with external readings. Raises KeyFaultError."""
+    if part.source is None:
+        return setup
+    message = part.sourced_from(vehicle.autopilot)
+    try:
+        source = part.source.setup(_folder(campaign), sensor=setup.name, message=message)
+    except KeyFaultError as error:
+        raise KeyFaultError(("source", *error.path), str(error)) from error
+    return replace(setup, source=source)
 
 
 def _camera(

@@ -3,11 +3,13 @@
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 from campaigns.schema.actors import ActorPart
+from campaigns.schema.sources import SourcedPart
 from campaigns.schema.vehicles import (
     VEHICLES,
     ArduPilotLaunchPart,
@@ -26,9 +28,10 @@ from campaigns.values.external_setups import (
     MocapSetup,
     PoseAccuracy,
     PoseSource,
+    ReadingSourceSetup,
 )
-from campaigns.values.sensor_setups import CameraSetup, SensorSetup
-from vehicles.autopilots.autopilot import AutopilotName, TelemetryRates
+from campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
+from vehicles.autopilots.autopilot import AutopilotName, MessageRate, TelemetryRates
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.command_backends import DriverName
 from vehicles.coupling import Coupling
@@ -41,8 +44,9 @@ from vehicles.launch.launch_plan import LaunchError
 from vehicles.launch.px4 import Px4Launch
 from vehicles.links.link_conditions import KeySource
 from vehicles.links.link_strings import LinkAddress, parse_link
+from vehicles.mavlink.names import message_number
 from vehicles.telemetry_fit import RadioTooSlowError, fitted
-from worlds.files.documents import BadInput, Document, Problem, closest
+from worlds.files.documents import BadInput, Document, KeyFaultError, Problem, closest
 from worlds.files.documents import Path as KeyPath
 from worlds.files.paths import exists
 from worlds.frames import Pose
@@ -156,6 +160,15 @@ class VehicleSetup(FlownSetup):
         """Return the vehicle's cameras."""
         return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
 
+    @property
+    def sourced(self) -> tuple[tuple[SourcedSetup, ReadingSourceSetup], ...]:
+        """Return the vehicle's other sensors whose readings come from outside, with the source."""
+        return tuple(
+            (one, one.source)
+            for one in self.sensors
+            if isinstance(one, SourcedSetup) and one.source is not None
+        )
+
 
 def vehicle_setups(
     campaign: Document, part: VehiclesPart, problems: list[Problem]
@@ -247,7 +260,12 @@ def rates_of(
     telemetry = part.telemetry
     rate_hz = telemetry.rate_hz
     truth_hz = rate_hz if part.poses_from == "simulator" else 0.0
-    wanted = TelemetryRates(position_hz=rate_hz, attitude_hz=rate_hz, truth_hz=truth_hz)
+    wanted = TelemetryRates(
+        position_hz=rate_hz,
+        attitude_hz=rate_hz,
+        truth_hz=truth_hz,
+        sensors=tuple(_sensor_messages(part)) if isinstance(part, VehiclePart) else (),
+    )
     radio_bit_s = _SERIAL_SHARE * (_baud(part) or math.inf)
     path: KeyPath = (*at, "link")
     if telemetry.bandwidth_kbit_s is not None:
@@ -261,6 +279,17 @@ def rates_of(
     except RadioTooSlowError as error:
         problems.append(campaign.problem(path, str(error)))
         return wanted
+
+
+def _sensor_messages(part: VehiclePart) -> Iterator[MessageRate]:
+    """Yield the messages in which a vehicle's autopilot has to send its sensors' readings."""
+    for sensor in part.sensors.values():
+        if not isinstance(sensor, SourcedPart):
+            continue
+        with suppress(KeyFaultError):  # `sensor_setups` reports it
+            message, often_hz = sensor.sourced_from(part.autopilot), sensor.setup("").rate_hz
+            if message is not None and often_hz is not None:
+                yield MessageRate(message_number(message), often_hz, required=False)
 
 
 def _baud(part: VehiclePart | ActorPart) -> int | None:

@@ -50,6 +50,42 @@ class SourceSetup:
         return "rendered" if self.asked else "live"
 
 
+ReadingSourceKind = Literal["mavlink", "zmq", "mcap"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingSourceSetup:
+    """An external source of another sensor's readings, which are then not computed here.
+
+    address: `mavlink`, tcp://HOST:PORT of a ZeroMQ publisher, or an absolute path. message: of
+    MAVLink, its name; None for the estimate. sensor_id: of MAVLink's sensors; None: any.
+    undulation_m: of the geoid above the ellipsoid. name: of the sensor in ZeroMQ messages. topic:
+    prefix of ZeroMQ messages, or of an MCAP file. latency_s: sampling to arrival of the quickest.
+    open_s, stall_s: how long the first and each further reading is waited for.
+    """
+
+    kind: ReadingSourceKind
+    address: str
+    message: str | None = None
+    sensor_id: int | None = None
+    undulation_m: float | None = None
+    name: str = ""
+    topic: str | None = None
+    latency_s: float = 0.0
+    open_s: float = 5.0
+    stall_s: float = 1.0
+
+    @property
+    def needs_wall_clock(self) -> bool:
+        """Return whether the source is a socket of its own, which knows real time only."""
+        return self.kind == "zmq"
+
+    @property
+    def shown_as(self) -> ShownAs:
+        """Return the external source's name in results."""
+        return "file" if self.kind == "mcap" else "live"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapSetup:
     """External motion capture of one vehicle.

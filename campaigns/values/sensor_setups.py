@@ -1,9 +1,12 @@
-"""Sensors of a vehicle as a run needs them: frozen, resolved, one class for each type."""
+"""Sensors of a vehicle as a run needs them: frozen, resolved, one class for each type.
+
+source: where readings come from that are not computed here; None: they are.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from campaigns.values.external_setups import SourceSetup
+from campaigns.values.external_setups import ReadingSourceSetup, SourceSetup
 from vehicles.sensors.lidar import GridPattern, ScanPattern
 from worlds.camera import CameraMount, Intrinsics
 from worlds.frames import AT_ORIGIN, Pose
@@ -53,6 +56,7 @@ class LidarSetup:
     pattern: ScanPattern
     reach: Reach = Reach()
     mount: Pose = AT_ORIGIN
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +70,7 @@ class LidarPointsSetup:
     pattern: GridPattern
     reach: Reach = Reach()
     mount: Pose = AT_ORIGIN
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +84,7 @@ class RangefinderSetup:
     half_angle_rad: float
     mount: Pose
     reach: Reach = Reach()
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,6 +95,7 @@ class GpsSetup:
 
     name: str
     rate_hz: float
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +106,7 @@ class ImuSetup:
 
     name: str
     rate_hz: float
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +117,7 @@ class PoseSetup:
 
     name: str
     rate_hz: float | None = None
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,6 +129,7 @@ class MicrophoneSetup:
     name: str
     sample_rate_hz: int
     block_samples: int
+    source: ReadingSourceSetup | None = None
 
     @property
     def rate_hz(self) -> float:
@@ -128,6 +138,8 @@ class MicrophoneSetup:
 
 
 RangingSetup = LidarSetup | LidarPointsSetup | RangefinderSetup
+SourcedSetup = RangingSetup | GpsSetup | ImuSetup | PoseSetup | MicrophoneSetup
+"""The sensors whose readings a source of readings can give."""
 SensorSetup = (
     CameraSetup | DepthSetup | RangingSetup | GpsSetup | ImuSetup | PoseSetup | MicrophoneSetup
 )

@@ -2,7 +2,7 @@
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.sensor_setups import CameraSetup, PoseSetup, SensorSetup
+from campaigns.values.sensor_setups import CameraSetup, DepthSetup, PoseSetup, SensorSetup
 from orchestrator.model.campaign_results import SensorKind
 
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered", "synthesised")
@@ -28,6 +28,8 @@ def _sensor_kind(vehicle: VehicleSetup, sensor: SensorSetup) -> SensorKind | Non
     """
     if isinstance(sensor, CameraSetup):
         return "rendered" if sensor.source is None else sensor.source.shown_as
+    if not isinstance(sensor, DepthSetup) and sensor.source is not None:
+        return sensor.source.shown_as
     if vehicle.name != "real" or vehicle.embedded:
         return None
     return "live" if isinstance(sensor, PoseSetup) else "synthesised"

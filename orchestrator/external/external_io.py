@@ -9,6 +9,7 @@ from campaigns.values.external_setups import MocapSetup
 from campaigns.values.sensor_setups import CameraSetup
 from orchestrator.delivery.camera_component import CameraComponent, VideoStream
 from orchestrator.external.external_cameras import ExternalCamera
+from orchestrator.external.external_readings import ReadingSources
 from orchestrator.external.ground_station import GroundStation
 from orchestrator.external.image_outlets import Outlet, Outlets, image_delivery
 from orchestrator.external.injection_check import InjectionProof, prove_injection
@@ -39,7 +40,8 @@ class ExternalIo:
     """External I/O of one run: sources, outlets, injections; an async context manager.
 
     cameras: those with pictures from outside, simulators: those that are asked in another
-    process, both by vehicle and sensor. Nothing here is slower for a run that has none of it.
+    process, both by vehicle and sensor. readings: of all other sensors from outside. Nothing here
+    is slower for a run that has none of it.
     """
 
     def __init__(self, *, setup: RunSetup, events: Mapping[str, float]) -> None:
@@ -55,6 +57,7 @@ class ExternalIo:
         for vehicle in setup.with_sensors:
             for camera in vehicle.cameras:
                 self._add(vehicle.name, camera)
+        self.readings = ReadingSources(setup)
         captured: dict[Source, MocapSetup] = {
             one.name: one.mocap for one in setup.vehicles if one.mocap is not None
         }
@@ -67,6 +70,7 @@ class ExternalIo:
         async with AsyncExitStack() as stack:
             for camera in self.cameras.values():
                 await camera.open(stack)
+            await self.readings.open(stack)
             for simulator in self.simulators.values():
                 await stack.enter_async_context(simulator)
             await self._warm_up_simulators()
@@ -91,8 +95,9 @@ class ExternalIo:
         )
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
-        """Attach the vehicles whose autopilots receive injections."""
-        setup = self._setup
+        """Attach the vehicles whose autopilots receive injections, and send readings."""
+        setup, contexts = self._setup, tuple(contexts)
+        self.readings.attach(contexts)
         surroundings = ScenePoses(
             setup.virtual_scene if setup.mode != "real" else setup.real_scene,
             setup.campaign.world.frame,
@@ -112,7 +117,9 @@ class ExternalIo:
     async def before_arming(
         self, contexts: Iterable[VehicleContext], *, unbooted: Mapping[str, frozenset[str]]
     ) -> str:
-        """Check that motion capture is received and that autopilots use injections; say what was.
+        """Check that motion capture and readings are received and that injections are used.
+
+        Return what was checked.
 
         unbooted: by vehicle the parameters that were changed while it ran.
 
@@ -123,6 +130,8 @@ class ExternalIo:
             checked.append("motion capture is received")
         if self._setup.clock == "wall":
             await self.captures.ready()
+        if self.readings:
+            checked.append(f"readings of {await self.readings.ready()} are received")
         if self._injectors:
             checked.append(f"injections into {' and '.join(self._injectors)} are used")
             vehicles = {str(one.name): one for one in self._setup.vehicles}
@@ -144,11 +153,12 @@ class ExternalIo:
                 group.create_task(self._watch_injection(run_state), name="injection watch")
 
     def senses(self, doubted: Callable[[str], None]) -> bool:
-        """Return whether any camera is external; `doubted` is called when one stalls."""
+        """Return whether any sensor is external; `doubted` is called when one stalls."""
         self._doubted = doubted
         for camera in self.cameras.values():
             camera.on_stall(doubted)
-        return bool(self.cameras or self.simulators)
+        self.readings.on_stall(doubted)
+        return bool(self.cameras or self.simulators or self.readings)
 
     def missing(self, key: Key, reason: str) -> None:
         """Note that an external camera delivered no image; now and then is no stall."""
@@ -189,6 +199,7 @@ class ExternalIo:
         return ExternalResult(
             sources=(
                 *(camera.result for camera in self.cameras.values()),
+                *self.readings.results,
                 *(_simulated_source_result(*key, one) for key, one in self.simulators.items()),
             ),
             captures=self.captures.results,

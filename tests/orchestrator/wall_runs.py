@@ -72,6 +72,7 @@ class Program:
         runtime: Path | None = None,
         clock: str | None = "wall",
         flown: tuple[str, str] = ("gate", "large"),
+        has_cameras: bool = True,
     ) -> None:
         self.out = out
         self._campaign, self._case = flown
@@ -79,9 +80,10 @@ class Program:
         # Beneath pytest's folders the path of a socket is too long.
         self.runtime = runtime or Path(tempfile.mkdtemp(prefix="wil-"))
         self._arguments = arguments
+        self._patient = [one for one in PATIENT if has_cameras or ".camera." not in one]
 
     async def __aenter__(self) -> Self:
-        sets = [word for one in PATIENT for word in ("--set", one)]
+        sets = [word for one in self._patient for word in ("--set", one)]
         self.process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "orchestrator.cli", "run", f"campaigns/{self._campaign}.yaml"),
             *(*self._clock, "--case", self._case, "--repetitions", "1", "--jobs", "1"),

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, ClassVar, Literal
 
@@ -41,6 +41,15 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
+class MessageRate:
+    """A line of an autopilot's telemetry plan; one that is not `required` may be missing."""
+
+    message_id: int
+    rate_hz: float
+    required: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class TelemetryRates:
     """The telemetry rates requested from an autopilot, in Hz."""
 
@@ -57,15 +66,8 @@ class TelemetryRates:
     """Of its simulator's ground truth; 0: not requested."""
     accuracy_hz: float = 0.0
     """Of its estimator's covariance; 0: not requested."""
-
-
-@dataclass(frozen=True, slots=True)
-class MessageRate:
-    """A line of an autopilot's telemetry plan; one that is not `required` may be missing."""
-
-    message_id: int
-    rate_hz: float
-    required: bool = True
+    sensors: tuple[MessageRate, ...] = ()
+    """Of messages with readings of its sensors."""
 
 
 def command_long(target: Target, command: int, *parameters: float) -> Any:
@@ -81,6 +83,18 @@ def own_heartbeat() -> Any:
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
     )
+
+
+def _with_sensors(
+    plan: tuple[MessageRate, ...], sensors: Iterable[MessageRate]
+) -> tuple[MessageRate, ...]:
+    """Return a plan with the messages of sensors; one that is in it already comes as often."""
+    lines = {line.message_id: line for line in plan}
+    for line in sensors:
+        known = lines.get(line.message_id, line)
+        often_hz = max(known.rate_hz, line.rate_hz)
+        lines[line.message_id] = replace(known, rate_hz=often_hz)
+    return tuple(lines.values())
 
 
 class Autopilot(ABC):
@@ -168,7 +182,7 @@ class Autopilot(ABC):
         gps = MessageRate(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, rates.ground_speed_hz, required=False)
         truth = MessageRate(self.truth_message_id, rates.truth_hz, required=False)
         exact = self.accuracy_message_id
-        return (
+        plan = (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, rates.state_hz),
@@ -186,6 +200,7 @@ class Autopilot(ABC):
                 else ()
             ),
         )
+        return _with_sensors(plan, rates.sensors)
 
     def velocity_setpoint(
         self,

@@ -21,7 +21,7 @@ from vehicles.driver.session.conditions import ConditionWaiter
 from vehicles.driver.session.identification import find_vehicle, request_identity
 from vehicles.driver.session.identity import Identity, Wanted
 from vehicles.driver.session.link_monitor import LinkMonitor
-from vehicles.driver.session.session import Session
+from vehicles.driver.session.session import Handler, Session
 from vehicles.driver.session.timesync_requests import TimesyncRequester
 from vehicles.driver.setpoint_sender import SetpointSender
 from vehicles.driver.status_tracker import EventListener, StatusTracker
@@ -193,6 +193,14 @@ class Driver:
         """Call `listener` with the ground truth of the vehicle's simulator; before `identify`."""
         self._rates = replace(self._rates, truth_hz=self._rates.position_hz)
         self.truth.listen(listener)
+
+    def on_message(self, message_id: int, handler: Handler) -> None:
+        """Call `handler` with each of the vehicle's messages of a kind, and when it arrived."""
+        self._session.on(message_id, handler)
+
+    def request_missing(self) -> None:
+        """Request again the vehicle's telemetry that does not come."""
+        self._require_flying().streams.ask_missing(asyncio.get_running_loop().time())
 
     def on_event(self, listener: EventListener) -> None:
         """Call `listener` with each event of the vehicle."""

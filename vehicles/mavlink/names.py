@@ -23,3 +23,9 @@ def message_name(message_id: int) -> str:
     """Return the name of a MAVLink message ("LOCAL_POSITION_NED")."""
     kind = mavlink.mavlink_map.get(message_id)
     return kind.msgname if kind is not None else f"message {message_id}"
+
+
+def message_number(name: str) -> int:
+    """Return the id of a MAVLink message by its name ("LOCAL_POSITION_NED")."""
+    number: int = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+    return number

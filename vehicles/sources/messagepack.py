@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
+import numpy as np
+from numpy.typing import NDArray
 
 MAX_HEADER_BYTES = 65_536
 
@@ -24,10 +26,10 @@ class Header:
         self._values = values
 
     @classmethod
-    def unpack(cls, data: bytes | memoryview) -> "Header":
+    def unpack(cls, data: bytes | memoryview, *, most_bytes: int = MAX_HEADER_BYTES) -> "Header":
         """Return the header in MessagePack bytes. Raises BadMessageError."""
-        if len(data) > MAX_HEADER_BYTES:
-            raise BadMessageError(f"the header has {len(data)} bytes, more than {MAX_HEADER_BYTES}")
+        if len(data) > most_bytes:
+            raise BadMessageError(f"the header has {len(data)} bytes, more than {most_bytes}")
         try:
             values = msgpack.unpackb(data, raw=False, strict_map_key=True)
         except (ValueError, TypeError, RecursionError) as error:
@@ -87,6 +89,35 @@ class Header:
         if len(numbers) != len(value) or (count is not None and len(numbers) != count):
             raise self._wrong(key, wanted)
         return numbers
+
+    def array(self, key: str, dtype: np.dtype[Any], *, most: int) -> NDArray[Any]:
+        """Return an array of the header, of at most so many elements.
+
+        It is in bytes of that type, little-endian, or a list of numbers; null is infinity in one
+        of floats.
+        """
+        value = self._get(key)
+        if isinstance(value, bytes):
+            if len(value) % dtype.itemsize or len(value) > most * dtype.itemsize:
+                raise self._wrong(key, f"at most {most} elements of {dtype.itemsize} bytes")
+            return np.frombuffer(value, dtype)
+        wanted = f"bytes, or a list of at most {most} numbers"
+        if not isinstance(value, list | tuple) or len(value) > most:
+            raise self._wrong(key, wanted)
+        if dtype.kind != "f":
+            return self._whole_numbers(key, value, dtype)
+        numbers = [math.inf if each is None else _finite(each) for each in value]
+        if any(number is None for number in numbers):
+            raise self._wrong(key, wanted)
+        return np.array(numbers, np.float64).astype(dtype)
+
+    def _whole_numbers(self, key: str, value: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Return a list of whole numbers that fit a type. Raises BadMessageError."""
+        limits = np.iinfo(dtype)
+        whole = all(isinstance(each, int) and limits.min <= each <= limits.max for each in value)
+        if not whole:
+            raise self._wrong(key, f"whole numbers from {limits.min} to {limits.max}")
+        return np.array(value, dtype)
 
     def headers(self, key: str) -> tuple["Header", ...]:
         """Return a list of maps in the header."""

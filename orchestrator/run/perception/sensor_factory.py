@@ -85,8 +85,8 @@ async def in_thread(job: Callable[[], T], /) -> T:
 class SensorFactory:
     """Makes the sensors of a run's vehicles, each with noise of its own.
 
-    events: of the world, with their times. outside: cameras whose pictures come from there, and
-    simulators that draw them. A sensor's noise depends on the run's seed, its
+    events: of the world, with their times. outside: sensors whose readings come from there, and
+    simulators that draw pictures. A sensor's noise depends on the run's seed, its
     vehicle and its name alone, so that a further sensor changes nothing for the others.
     """
 
@@ -114,6 +114,9 @@ class SensorFactory:
         """Return a vehicle's sensor that streams readings by itself."""
         if isinstance(sensor, CameraSetup):
             return self._camera(vehicle, sensor)
+        external = self._outside.readings.get(vehicle.name, sensor.name)
+        if external is not None:
+            return external
         if isinstance(sensor, PoseSetup):
             context = self._contexts[vehicle.name]
             return PoseStream(listen=context.on_mocap, rate_hz=sensor.rate_hz)

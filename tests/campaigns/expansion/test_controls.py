@@ -108,3 +108,23 @@ def test_collision_always_is_switched_off_by_its_own_key_alone(files: Any) -> No
     assert files.load().runs[0].setup().collision_always
     files.append("collision_always: off\n")
     assert not files.load().runs[0].setup().collision_always
+
+
+def test_a_cause_names_the_pose_source_that_its_vehicle_has(files: Any) -> None:
+    said = 'cause: "pose of {name} from {{{name}.pose_source}}"'
+    controls = "controls:\n" + "".join(
+        f"  {name}:\n    set: {{faults.{name}.pose_source: {{stop: {{on: goal}}}}}}\n"
+        f"    modes: [wil]\n    expect: {{verdict: INVALID, {said.format(name=name)}}}\n"
+        for name in ("real", "twin")
+    )
+    with_controls(files, controls)
+
+    def causes(*sets: str) -> list[str | None]:
+        plans = files.load(sets=sets).controls
+        return [plan.control.cause for plan in plans if plan.control is not None]
+
+    assert causes() == ["pose of real from mocap", "pose of twin from mavlink"]
+    assert causes("vehicles.real.pose_source=simulator") == [
+        "pose of real from simulator",
+        "pose of twin from mavlink",
+    ]

@@ -192,7 +192,7 @@ def test_sensors_that_only_our_own_simulation_feels(files: Any) -> None:
     at = text.index("    sensors:\n") + len("    sensors:\n")
     files.path.write_text(text[:at] + "      imu: {type: imu}\n" + text[at:])
     (fault,) = files.faults()
-    assert "only the embedded vehicle takes a profile" in fault
+    assert "only the embedded vehicle's imu is modelled; say by `source`" in fault
 
 
 def test_the_embedded_vehicle_does_not_sign(files: Any) -> None:

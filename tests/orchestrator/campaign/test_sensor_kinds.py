@@ -35,3 +35,12 @@ def test_what_is_computed_for_an_attached_vehicle_is_synthesised(tmp_path: Path)
 def test_a_simulation_of_ours_has_its_sensors_itself(tmp_path: Path) -> None:
     seeing = f"link: embedded, autopilot: px4, sensors: {SENSORS}"
     assert kinds(tmp_path, f"real: {{{seeing}}}", f"twin: {{{seeing}}}") == {"camera": "rendered"}
+
+
+def test_what_an_attached_vehicle_sends_itself_is_live(tmp_path: Path) -> None:
+    link = "udpin://0.0.0.0:14540"
+    own = "gps: {type: gps, source: mavlink}, imu: {type: imu, source: mavlink}"
+    sensors = f"{{{own}, lidar: {{type: lidar}}}}"
+    assert kinds(
+        tmp_path, f"real: {{link: '{link}', autopilot: px4, sensors: {sensors}}}", TWIN
+    ) == {"gps": "live", "imu": "live", "lidar": "synthesised"}

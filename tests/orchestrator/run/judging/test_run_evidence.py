@@ -120,6 +120,18 @@ def test_motion_capture_counts_from_takeoff_to_landed(
     assert said in result.reason
 
 
+@pytest.mark.parametrize("source", ["simulator", "mavlink"])
+def test_poses_that_stop_are_named_by_their_source(
+    fly_run: Callable[..., tuple[RunResult, Path]], source: str
+) -> None:
+    """What the control `positions-stop` of the shipped campaigns expects as its cause."""
+    stops = "faults.real.pose_source={stop: {on: goal, after_s: 0.2}}"
+    sets = (*BRIEF, f"vehicles.real.pose_source={source}", stops)
+    result, _ = fly_run(sets=sets)
+    assert result.verdict == "INVALID"
+    assert f"pose of real from {source}" in result.reason
+
+
 def test_a_report_that_an_oracle_rests_on_must_not_end(plan: RunPlan, tmp_path: Path) -> None:
     change = relay("twin", stopped(), stage="takeoff", message_ids=(EXTENDED_SYS_STATE,))
     result = flown(plan, tmp_path / "run", change)

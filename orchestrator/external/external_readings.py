@@ -1,0 +1,211 @@
+"""Readings of other sensors than cameras that come from outside: opened, proven, watched."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+from campaigns.values.external_setups import ReadingSourceSetup
+from campaigns.values.sensor_setups import LidarSetup, RangingSetup, SourcedSetup
+from orchestrator.external.external_sources import Deliver, ExternalSource
+from orchestrator.model.external_results import SourceResult
+from orchestrator.recording.topic_readings import TopicReadings
+from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.readings import Reading, Source
+from vehicles.sources.camera_source import ReadingSource, SourceError
+from vehicles.sources.readings.frozen_readings import FrozenReadings
+from vehicles.sources.readings.live_readings import LiveReadings
+from vehicles.sources.readings.mavlink_messages import Beams, StatedReach
+from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
+from vehicles.sources.readings.recorded_readings import RecordedReadings
+from vehicles.sources.readings.rest_check import rest_fault
+from vehicles.sources.readings.zmq_readings import ZmqReadings
+from worlds.frames import AT_ORIGIN
+from worlds.geodesy import LocalFrame
+
+_POLL_S = 0.05
+_ESTIMATE = "LOCAL_POSITION_NED with ATTITUDE_QUATERNION"
+_REMEDIES: Mapping[str, str] = {
+    "DISTANCE_SENSOR": "connect a rangefinder and enable it on the autopilot (ArduPilot: "
+    "RNGFND1_TYPE; PX4: the SENS_EN_ parameter of its driver)",
+    "OBSTACLE_DISTANCE": "PX4 sends it when it has range sensors for its collision prevention "
+    "(CP_DIST)",
+    "GPS_RAW_INT": "connect a receiver, and wait for its 3-D fix",
+    "GPS2_RAW": "connect a second receiver, and wait for its 3-D fix",
+}
+_OTHERWISE = "let the autopilot send it on this link, or name another by `message`"
+
+
+class ExternalReadings(ExternalSource):
+    """One sensor of a vehicle with external readings; a Stream of them.
+
+    A sensor that says the very same while its vehicle moves counts as stalled, and what it says is
+    not handed on.
+    """
+
+    def __init__(self, *, sensor: SourcedSetup, source: ReadingSourceSetup, side: Source) -> None:
+        super().__init__(
+            sensor=sensor.name, shown_as=source.shown_as, side=side, make=self._make_source
+        )
+        self._setup = sensor
+        self._from = source
+        self._context: VehicleContext | None = None
+        self._frozen = FrozenReadings()
+        self._is_frozen = False
+        self._live = self._make_live()
+
+    def attach(self, context: VehicleContext) -> None:
+        """Attach the vehicle whose sensor this is; before it is identified."""
+        self._context = context
+        if self._from.kind == "mavlink":
+            feed = MavlinkReadings(sensor=self._mavlink(), side=self._side, into=self._live)
+            feed.attach(context.driver)
+
+    async def ready(self, *, frame: LocalFrame | None) -> None:
+        """Wait for a reading, and see that it is of a vehicle that stands. Raises SourceError.
+
+        frame: of the world on earth; None where the recipe mends units or axes of this sensor, so
+        that they are not looked at here.
+        """
+        if self._from.shown_as == "file" or self._context is None:
+            return
+        loop = asyncio.get_running_loop()
+        since_s = loop.time()
+        while self._live.newest is None or self._live.newest.arrived_s < since_s:
+            if loop.time() > since_s + self._from.open_s:
+                raise SourceError(self._live.unheard_text(self._from.open_s))
+            if self._from.kind == "mavlink":
+                self._context.driver.request_missing()
+            await asyncio.sleep(_POLL_S)
+        pose = self._context.poses.at(loop.time()).pose
+        if frame is None or pose is None:
+            return
+        fault = rest_fault(self._live.newest, pose=pose, frame=frame)
+        if fault is not None:
+            raise SourceError(f"{self._live.name}: {fault}")
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver the external readings until cancelled. Raises SourceError at their end."""
+
+        def unless_frozen(reading: Reading) -> None:
+            pose = None if self._context is None else self._context.poses.at(reading.t_s).pose
+            fault = None if self._from.shown_as == "file" else self._frozen.take(reading, pose)
+            if fault is None:
+                deliver(reading)
+            else:
+                self._stall(fault, again=self._is_frozen)
+            self._is_frozen = fault is not None
+
+        await super().run(unless_frozen)
+
+    def _make_source(self) -> ReadingSource[Reading]:
+        source = self._from
+        if source.kind != "mcap":
+            return self._live
+        path, kind = Path(source.address), self._setup.kind
+        file = TopicReadings(path=path, kind=kind, topic=source.topic)
+        return RecordedReadings(file=file, side=self._side, latency_s=source.latency_s)
+
+    def _make_live(self) -> LiveReadings:
+        """Return what takes the readings of a live source."""
+        sensor, source = self._setup, self._from
+        if source.kind == "zmq":
+            return ZmqReadings(
+                address=source.address,
+                sensor=source.name,
+                kind_of=sensor.kind,
+                side=self._side,
+                mount=sensor.mount if isinstance(sensor, RangingSetup) else AT_ORIGIN,
+                topic=source.topic or "",
+                latency_s=source.latency_s,
+                open_s=source.open_s,
+                stall_s=source.stall_s,
+            )
+        return LiveReadings(
+            name=f"{self._side} {sensor.name} from {source.address}",
+            what=source.message or _ESTIMATE,
+            stall_s=source.stall_s,
+            remedy=_REMEDIES.get(source.message or "", _OTHERWISE),
+        )
+
+    def _mavlink(self) -> MavlinkSensor:
+        """Return the sensor as its messages are read."""
+        sensor, source = self._setup, self._from
+        ranging = sensor if isinstance(sensor, RangingSetup) else None
+        beams = None
+        if isinstance(sensor, LidarSetup):
+            pattern = sensor.pattern
+            beams = Beams(pattern.beams, pattern.start_angle_rad, pattern.step_rad)
+        return MavlinkSensor(
+            message=source.message,
+            rate_hz=sensor.rate_hz,
+            mount=AT_ORIGIN if ranging is None else ranging.mount,
+            reach=StatedReach()
+            if ranging is None
+            else StatedReach(min_m=ranging.reach.min_m, max_m=ranging.reach.max_m),
+            sensor_id=source.sensor_id,
+            beams=beams,
+            undulation_m=source.undulation_m,
+        )
+
+
+class ReadingSources:
+    """All sensors of a run, other than cameras, whose readings come from outside."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        self._frame = setup.campaign.world.frame
+        self._mended = _mended(setup)
+        self._by_key = {
+            (str(vehicle.name), sensor.name): ExternalReadings(
+                sensor=sensor, source=source, side=vehicle.name
+            )
+            for vehicle in setup.with_sensors
+            for sensor, source in vehicle.sourced
+        }
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._by_key)
+
+    def get(self, vehicle: str, sensor: str) -> ExternalReadings | None:
+        """Return a vehicle's sensor with external readings; None where it has none."""
+        return self._by_key.get((vehicle, sensor))
+
+    async def open(self, stack: AsyncExitStack) -> None:
+        """Open all sources of readings. Raises SourceError."""
+        for one in self._by_key.values():
+            await one.open(stack)
+
+    def attach(self, contexts: Iterable[VehicleContext]) -> None:
+        """Attach the vehicles whose sensors these are; before they are identified."""
+        there = {context.name: context for context in contexts}
+        for (vehicle, _), one in self._by_key.items():
+            if vehicle in there:
+                one.attach(there[vehicle])
+
+    def on_stall(self, stalled: Callable[[str], None]) -> None:
+        """Call `stalled` with the reason whenever one delivers nothing that can be used."""
+        for one in self._by_key.values():
+            one.on_stall(stalled)
+
+    async def ready(self) -> str:
+        """Wait until each has a reading, and say what was checked. Raises SourceError."""
+        for (_, sensor), one in self._by_key.items():
+            await one.ready(frame=None if sensor in self._mended else self._frame)
+        return ", ".join(" ".join(key) for key in self._by_key)
+
+    @property
+    def results(self) -> tuple[SourceResult, ...]:
+        """Return the counts of each source of readings."""
+        return tuple(one.result for one in self._by_key.values())
+
+
+def _mended(setup: RunSetup) -> frozenset[str]:
+    """Return the sensors whose units or axes the recipe mends."""
+    recipe = setup.campaign.recipe
+    return frozenset(
+        combination.sensor.name
+        for combination in (() if recipe is None else recipe.combinations)
+        if any(step.kind.name in {"units", "axes"} for step in combination.steps)
+    )

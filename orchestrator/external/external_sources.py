@@ -1,0 +1,125 @@
+"""A sensor whose readings come from outside: opened, counted, and heard when it stalls."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from dataclasses import replace
+
+from campaigns.values.external_setups import ShownAs
+from orchestrator.model.external_results import SourceResult
+from vehicles.readings import Reading, Source
+from vehicles.sources.camera_source import (
+    ReadingSource,
+    SourceCounts,
+    SourceError,
+    SourceStalledError,
+)
+
+Deliver = Callable[[Reading], None]
+
+
+class ExternalSource:
+    """A vehicle's sensor with external readings; a Stream of them.
+
+    Opened with the run, so that what cannot be had is known before anything flies. `run` hands on
+    what was taken since it began: a live source goes on from before, a recording starts then.
+    make: returns the source, not opened yet.
+    """
+
+    def __init__(
+        self,
+        *,
+        sensor: str,
+        shown_as: ShownAs,
+        side: Source,
+        make: Callable[[], ReadingSource[Reading]],
+    ) -> None:
+        self._sensor = sensor
+        self._shown_as: ShownAs = shown_as
+        self._side: Source = side
+        self._make = make
+        self._source: ReadingSource[Reading] | None = None
+        self._stalled: Callable[[str], None] = lambda _: None
+        self._stalls = 0
+        self._trouble = ""
+        self._before = SourceCounts()
+        self._has_begun = False
+
+    async def open(self, stack: AsyncExitStack) -> None:
+        """Open an external source, live or recorded. Raises SourceError."""
+        source = self._make()
+        if source.kind == "live":
+            self._source = await stack.enter_async_context(source)
+        else:
+            async with source:
+                pass
+
+    def on_stall(self, stalled: Callable[[str], None]) -> None:
+        """Call `stalled` with the reason whenever the source delivers nothing for too long."""
+        self._stalled = stalled
+
+    async def run(self, deliver: Deliver) -> None:
+        """Deliver the external readings until cancelled. Raises SourceError at their end."""
+        try:
+            if self._source is not None:
+                await self._run(self._source, deliver)
+                return
+            async with self._make() as source:
+                self._source = source
+                await self._run(source, deliver)
+        except SourceError as error:
+            self._trouble = str(error)
+            raise
+
+    @property
+    def result(self) -> SourceResult:
+        """Return the counts of the external readings since `run` began."""
+        counts = self._counts()
+        return SourceResult(
+            vehicle=str(self._side),
+            sensor=self._sensor,
+            source=self._shown_as,
+            delivered=counts.delivered,
+            dropped=counts.dropped,
+            missed=counts.missed,
+            damaged=counts.damaged,
+            stalls=self._stalls,
+            trouble=self._trouble,
+        )
+
+    def _stall(self, why: str, *, again: bool = False) -> None:
+        """Note, and report, that the source delivers nothing usable; again: that it still does."""
+        self._stalls += not again
+        self._trouble = why
+        self._stalled(f"{self._side} {self._sensor}: {why}")
+
+    async def _run(self, source: ReadingSource[Reading], deliver: Deliver) -> None:
+        since_s = asyncio.get_running_loop().time()
+        while True:
+            try:
+                async for reading in source:
+                    if reading.arrived_s < since_s:
+                        continue
+                    self._begin_counting(source.counts)
+                    deliver(reading)
+            except SourceStalledError as error:
+                self._stall(str(error))
+            else:
+                raise SourceError(f"{source.name}: the recording is over")
+
+    def _begin_counting(self, counts: SourceCounts) -> None:
+        """Leave out what came before the first reading that is handed on: nobody wanted those."""
+        if not self._has_begun:
+            self._has_begun = True
+            self._before = replace(counts, delivered=counts.delivered - 1)
+
+    def _counts(self) -> SourceCounts:
+        if self._source is None or not self._has_begun:
+            return SourceCounts()
+        counts, before = self._source.counts, self._before
+        return SourceCounts(
+            delivered=counts.delivered - before.delivered,
+            dropped=counts.dropped - before.dropped,
+            missed=counts.missed - before.missed,
+            damaged=counts.damaged - before.damaged,
+        )

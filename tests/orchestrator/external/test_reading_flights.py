@@ -1,0 +1,264 @@
+"""Whole flights whose real sensors are what the vehicle itself sends by MAVLink; spoiled, too."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from orchestrator.model.results import RunResult
+from orchestrator.recording.mcap_reader import RecordedReading, Recording
+from orchestrator.recording.topic_readings import TopicReadings
+from tests.orchestrator.flights import all_landed
+from vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from vehicles.readings import (
+    ImuReading,
+    LidarScanReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+)
+from vehicles.sources.camera_source import SourceError
+
+Fly = Callable[..., tuple[RunResult, Path]]
+Builder = Callable[[Any], Any]
+Spoil = Callable[[Any, float], Any]
+
+RANGE, IMU = mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR, mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
+FIX = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT
+AHEAD = (
+    "autonomy={use: autonomies/straight.py:StraightAutonomy, with: {speed_m_s: 0.8, for_s: 4}}",
+    "goal.altitude_m=0.5",
+    "oracles.reached.required=false",
+    "oracles.collision.required=false",
+)
+"""Up, 3 m ahead, and down: long enough for a silence to be noticed."""
+
+
+MERGES = {"rangefinder": "by: min", "lidar": "by: min", "gps": "by: mean", "imu": "by: mean"}
+
+
+def mixed(folder: Path, **real: str) -> tuple[str, ...]:
+    """Sensors of both vehicles that a recipe mixes; real: keys of the real vehicle's, by type."""
+    recipe = folder / "recipe.yaml"
+    lines = ["schema: wil/recipe/1", "sensors:"]
+    lines += [f"  {kind}: {{type: {kind}}}" for kind in real]
+    lines += ["combine:"]
+    for kind in real:
+        merge = f"{{aggregate: {{{MERGES[kind]}}}}}"
+        lines += [f"  - {{sensor: {kind}, merge: {merge}, publish: [real, twin]}}"]
+    recipe.write_text("\n".join(lines))
+    twins = ", ".join(f"{kind}: {{type: {kind}, rate_hz: 20}}" for kind in real)
+    reals = ", ".join(
+        f"{kind}: {{type: {kind}, rate_hz: 20, {keys}}}" for kind, keys in real.items()
+    )
+    return (
+        f"vehicles.real.sensors={{{reals}}}",
+        f"vehicles.twin.sensors={{{twins}}}",
+        f"recipe={recipe}",
+        *AHEAD,
+    )
+
+
+def spoil(patch: pytest.MonkeyPatch, message: int, how: Spoil) -> None:
+    """Have the embedded PX4's message changed by `how`, which gets its time since boot."""
+    build: Builder = Px4Core.builders[message]
+    patch.setitem(Px4Core.builders, message, lambda s: how(build(s), s.boot_ms * 1e-3))
+
+
+def readings(folder: Path) -> list[Reading]:
+    """All readings that a run recorded."""
+    items = Recording(folder / "run.mcap")
+    return [one.reading for one in items if isinstance(one, RecordedReading)]
+
+
+def walls(s: Any) -> Any:
+    """An OBSTACLE_DISTANCE: 72 sectors of 5 degrees, ahead first; walls 9 m ahead, 3 m aside."""
+    distances = [1201] * 72
+    distances[0], distances[18] = round(900 - 100 * s.now.position_ned_m[0]), 300
+    return mavlink.MAVLink_obstacle_distance_message(
+        s.boot_us, 0, distances, 5, 20, 1200, 0.0, 0.0, mavlink.MAV_FRAME_BODY_FRD
+    )
+
+
+def test_sensors_that_the_vehicle_sends_are_mixed_as_any(fly_run: Fly, tmp_path: Path) -> None:
+    given = dict.fromkeys(("rangefinder", "imu", "gps"), "source: mavlink")
+    result, folder = fly_run(sets=mixed(tmp_path, **given), has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert result.outside is not None
+    assert {one.sensor for one in result.outside.sources} == set(given)
+    for one in result.outside.sources:
+        assert (one.vehicle, one.source, one.damaged, one.stalls) == ("real", "live", 0, 0)
+        assert one.delivered > 100
+    assert result.mixing is not None
+    assert result.mixing.frames > 100
+    assert all_landed(folder)
+    felt = [one for one in readings(folder) if isinstance(one, ImuReading)]
+    down = [one.specific_force_frd_m_s2[2] for one in felt if one.source == "real"]
+    assert sum(down) / len(down) == pytest.approx(-9.8, abs=0.5)
+
+
+def test_a_lidar_has_the_distances_of_the_autopilot_s_sectors(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(Px4Core.builders, mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, walls)
+    lidar = "{type: lidar, rate_hz: 10, beams: 72, source: mavlink}"
+    pose = "{type: pose, rate_hz: 20, source: mavlink}"
+    sets = (
+        f"vehicles.real.sensors={{lidar: {lidar}, pose: {pose}}}",
+        "modes=[real]",
+        "accept={large: {real: 5/5}}",
+    )
+    result, folder = fly_run(mode="real", sets=(*sets, *AHEAD), has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert result.outside is not None
+    assert [one.delivered > 50 for one in result.outside.sources] == [True, True]
+    scans = [one for one in readings(folder) if isinstance(one, LidarScanReading)]
+    assert {float(one.ranges_m[54]) for one in scans} == {3.0}, "90 degrees to the right"
+    assert all(math.isinf(one.ranges_m[0]) for one in scans), "behind"
+    assert max(one.ranges_m[36] for one in scans) - min(one.ranges_m[36] for one in scans) > 2.0
+    heights = [-one.pose.position_ned_m[2] for one in readings(folder) if type(one) is PoseReading]
+    assert max(heights) == pytest.approx(0.5, abs=0.2)
+
+
+def test_an_ardupilot_sends_mg_and_mrad(fly_run: Fly, tmp_path: Path) -> None:
+    sets = mixed(tmp_path, imu="source: mavlink", gps="source: mavlink")
+    result, folder = fly_run("gate-ardupilot", sets=sets, has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    felt = [one for one in readings(folder) if isinstance(one, ImuReading)]
+    down = [one.specific_force_frd_m_s2[2] for one in felt if one.source == "real"]
+    assert sum(down) / len(down) == pytest.approx(-9.8, abs=0.5)
+
+
+def later(message: Any, **changes: float) -> Any:
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+SPOILED: dict[str, tuple[str, int, Spoil, str]] = {
+    "stops": ("imu", IMU, lambda m, _: None, "no HIGHRES_IMU for 1 s"),
+    "is no number": ("imu", IMU, lambda m, _: later(m, zacc=math.nan), "of no use"),
+    "is of another clock": (
+        "imu",
+        IMU,
+        lambda m, _: later(m, time_usec=m.time_usec + 7_000_000),
+        "after its arrival",
+    ),
+    "is old": (
+        "gps",
+        FIX,
+        lambda m, _: later(m, time_usec=max(1, m.time_usec - 7_000_000)),
+        "before its arrival",
+    ),
+    "freezes": (
+        "gps",
+        FIX,
+        lambda m, _: later(m, lat=473979000, lon=85461000, alt_ellipsoid=488_000),
+        "it is frozen",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SPOILED)
+def test_a_sensor_that_is_spoiled_in_flight_proves_nothing(
+    fly_run: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    kind, message, how, said = SPOILED[what]
+    build: Builder = Px4Core.builders[message]
+
+    def built(s: Any) -> Any:
+        made = build(s)
+        return how(made, s.boot_ms * 1e-3) if s.now.position_ned_m[2] < -0.3 else made
+
+    monkeypatch.setitem(Px4Core.builders, message, built)
+    sets = mixed(tmp_path, **{kind: "source: mavlink"})
+    result, folder = fly_run(sets=sets, has_cameras=False)
+    assert result.verdict == "INVALID", result.reason
+    assert kind in result.reason
+    assert said in result.reason
+    assert all_landed(folder)
+
+
+REFUSED: dict[str, tuple[str, int, Spoil, str]] = {
+    "in g": (
+        "imu",
+        IMU,
+        lambda m, _: later(m, xacc=m.xacc / 9.8, yacc=m.yacc / 9.8, zacc=m.zacc / 9.8),
+        "its unit is wrong",
+    ),
+    "up for down": ("imu", IMU, lambda m, _: later(m, zacc=-m.zacc), "not forward, right, down"),
+    "elsewhere": ("gps", FIX, lambda m, _: later(m, lat=m.lat // 10), "beside"),
+    "without a fix": ("gps", FIX, lambda m, _: later(m, fix_type=1), "no 3-D fix"),
+    "aside": ("rangefinder", RANGE, lambda m, _: later(m, orientation=0), "correct `mount`"),
+    "never": ("rangefinder", RANGE, lambda m, _: None, "no DISTANCE_SENSOR that can be used"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_sensor_that_is_wrong_from_the_start_is_refused_before_arming(
+    fly_run: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    kind, message, how, said = REFUSED[what]
+    spoil(monkeypatch, message, how)
+    result, _ = fly_run(sets=mixed(tmp_path, **{kind: "source: mavlink"}), has_cameras=False)
+    assert result.verdict == "ERROR"
+    assert said in result.reason
+    assert f"real {kind} from mavlink" in result.reason
+    assert result.duration_s is None, "it never armed"
+
+
+def test_a_recording_is_flown_by_and_is_an_error_when_it_ends_in_flight(
+    fly_run: Fly, tmp_path: Path
+) -> None:
+    own = ("modes=[real]", "accept={large: {real: 5/5}}", *AHEAD)
+    below = "type: rangefinder, rate_hz: 20"
+    result, recorded = fly_run(
+        mode="real", sets=(*own, f"vehicles.real.sensors={{below: {{{below}}}}}"), has_cameras=False
+    )
+    assert result.verdict == "PASS", result.reason
+    file = recorded / "run.mcap"
+    given = f"vehicles.real.sensors={{below: {{{below}, source: {{address: {file}}}}}}}"
+    result, folder = fly_run(mode="real", sets=(*own, given), has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert result.outside is not None
+    (one,) = result.outside.sources
+    assert (one.source, one.stalls, one.damaged) == ("file", 0, 0)
+    assert one.delivered > 100
+    first, second = (readings(here)[:50] for here in (recorded, folder))
+    assert [ranges_of(one) for one in first] == [ranges_of(one) for one in second]
+    longer = "autonomy.with={speed_m_s: 0.1, for_s: 30}"
+    result, folder = fly_run(mode="real", sets=(*own, longer, given), has_cameras=False)
+    assert result.verdict == "ERROR"
+    assert "the recording is over" in result.reason
+    assert all_landed(folder)
+    for kind, topic, said in (
+        ("rangefinder", "/real/ahead", "no topic '/real/ahead' (there: /real/below)"),
+        ("gps", "/real/below", "has readings of type rangefinder, and a gps is wanted"),
+        ("gps", None, "name by `topic` the readings of type gps to use (there: none)"),
+    ):
+        with pytest.raises(SourceError) as caught:
+            opened(TopicReadings(path=file, kind=kind, topic=topic))
+        assert said in str(caught.value)
+
+
+def opened(file: TopicReadings) -> Reading | None:
+    """The first reading of a recording."""
+    file.open()
+    return file.next()
+
+
+def ranges_of(reading: Reading) -> float:
+    assert isinstance(reading, RangefinderReading)
+    return reading.range_m
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_text("nothing of the kind")
+    with pytest.raises(SourceError, match="not an MCAP file"):
+        opened(TopicReadings(path=path, kind="gps", topic=None))
+    with pytest.raises(SourceError, match="check the path"):
+        opened(TopicReadings(path=tmp_path / "none.mcap", kind="gps", topic="/real/gps"))

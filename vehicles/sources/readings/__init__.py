@@ -1,0 +1,1 @@
+"""Readings of other sensors than cameras from outside: MAVLink, ZeroMQ, recordings."""

@@ -1,0 +1,201 @@
+"""A sensor's reading as a message of a program: MessagePack or JSON, SI units, FRD; pure.
+
+docs/reading-message.md defines it. Nothing in it is believed before it was looked at.
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from vehicles.readings import (
+    GpsReading,
+    ImuReading,
+    LidarPointsReading,
+    LidarScanReading,
+    MicrophoneReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+    Source,
+)
+from vehicles.sources.messagepack import BadMessageError, Header
+from worlds.frames import Pose, Vec3, quat_normalize
+
+PROTOCOL = "wil/reading/1"
+MAX_READING_BYTES = 4 * 2**20
+"""A cloud of 300,000 points; no 3-D lidar turns out more in one turn."""
+_MOST_BEAMS = 100_000
+_MOST_SAMPLES = 65_536
+_FIX_3D, _SATELLITES = 3, 12
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What every message says beside its reading. sent_s: sampling, on the sender's clock."""
+
+    sensor: str
+    kind: str
+    seq: int
+    sent_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """When a message was sampled and when it arrived, on the run clock; and of what.
+
+    mount: the sensor's pose in the body's FRD frame, by the campaign.
+    """
+
+    t_s: float
+    arrived_s: float
+    side: Source
+    mount: Pose
+
+
+def read_header(data: bytes | memoryview) -> Header:
+    """Return a message's map, from MessagePack or JSON. Raises BadMessageError."""
+    if len(data) > MAX_READING_BYTES:
+        raise BadMessageError(f"it has {len(data)} bytes, more than {MAX_READING_BYTES}")
+    if bytes(data[:1]) != b"{":
+        return Header.unpack(data, most_bytes=MAX_READING_BYTES)
+    try:
+        return Header.of(json.loads(bytes(data)))
+    except (ValueError, RecursionError) as error:
+        raise BadMessageError(f"it is not JSON: {error}") from error
+
+
+def read_envelope(header: Header) -> Envelope:
+    """Return what a message says beside its reading. Raises BadMessageError."""
+    if header.text("protocol") != PROTOCOL:
+        raise BadMessageError(f"it speaks {header.text('protocol')!r:.40}, we speak {PROTOCOL!r}")
+    return Envelope(
+        header.text("sensor"), header.text("type"), header.whole("seq"), header.number("t_s")
+    )
+
+
+def read_reading(header: Header, kind: str, when: Sampled) -> Reading:
+    """Return the reading in a message of a type of sensor. Raises BadMessageError."""
+    reading: Reading = _READERS[kind](header, when)
+    return reading
+
+
+def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
+    return RangefinderReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        seq=0,
+        source=when.side,
+        range_m=header.number("range_m") if "range_m" in header else math.inf,
+        range_min_m=header.number("range_min_m"),
+        range_max_m=header.number("range_max_m"),
+        mount=when.mount,
+    )
+
+
+def _lidar(header: Header, when: Sampled) -> LidarScanReading:
+    return LidarScanReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        seq=0,
+        source=when.side,
+        ranges_m=header.array("ranges_m", np.dtype("<f4"), most=_MOST_BEAMS),
+        start_angle_rad=header.number("start_angle_rad"),
+        step_rad=header.number("step_rad"),
+        range_min_m=header.number("range_min_m"),
+        range_max_m=header.number("range_max_m"),
+        mount=when.mount,
+    )
+
+
+def _points(header: Header, when: Sampled) -> LidarPointsReading:
+    flat = header.array("points_frd_m", np.dtype("<f4"), most=MAX_READING_BYTES // 4)
+    if len(flat) % 3:
+        raise BadMessageError(f"`points_frd_m` has {len(flat)} numbers: three for each point")
+    return LidarPointsReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        seq=0,
+        source=when.side,
+        points_frd_m=flat.reshape(-1, 3),
+        mount=when.mount,
+    )
+
+
+def _gps(header: Header, when: Sampled) -> GpsReading:
+    return GpsReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        seq=0,
+        source=when.side,
+        latitude_deg=header.number("latitude_deg"),
+        longitude_deg=header.number("longitude_deg"),
+        altitude_m=header.number("altitude_m"),
+        velocity_ned_m_s=_vector(header, "velocity_ned_m_s"),
+        horizontal_accuracy_m=header.number("horizontal_accuracy_m"),
+        vertical_accuracy_m=header.number("vertical_accuracy_m"),
+        fix_type=header.whole("fix_type", high=8) if "fix_type" in header else _FIX_3D,
+        satellites=header.whole("satellites", high=255) if "satellites" in header else _SATELLITES,
+    )
+
+
+def _imu(header: Header, when: Sampled) -> ImuReading:
+    return ImuReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        seq=0,
+        source=when.side,
+        specific_force_frd_m_s2=_vector(header, "specific_force_frd_m_s2"),
+        rates_frd_rad_s=_vector(header, "rates_frd_rad_s"),
+    )
+
+
+def _pose(header: Header, when: Sampled) -> PoseReading:
+    w, x, y, z = header.numbers("q_wxyz", 4)
+    try:
+        q = quat_normalize((w, x, y, z))
+    except ValueError as error:
+        raise BadMessageError(f"`q_wxyz`: {error}") from error
+    moves = "velocity_ned_m_s" in header
+    return PoseReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        source=when.side,
+        pose=Pose(_vector(header, "position_ned_m"), q),
+        velocity_ned_m_s=_vector(header, "velocity_ned_m_s") if moves else None,
+    )
+
+
+def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
+    return MicrophoneReading(
+        t_s=when.t_s,
+        arrived_s=when.arrived_s,
+        seq=0,
+        source=when.side,
+        samples=header.array("samples", np.dtype("<i2"), most=_MOST_SAMPLES),
+        sample_rate_hz=header.whole("sample_rate_hz", low=1000, high=192_000),
+        full_scale_pa=header.number("full_scale_pa"),
+    )
+
+
+def _vector(header: Header, key: str) -> Vec3:
+    """Return three numbers of a message as a vector."""
+    x, y, z = header.numbers(key, 3)
+    return (x, y, z)
+
+
+_READERS: Mapping[str, Callable[[Header, Sampled], Any]] = MappingProxyType(
+    {
+        "rangefinder": _rangefinder,
+        "lidar": _lidar,
+        "lidar_points": _points,
+        "gps": _gps,
+        "imu": _imu,
+        "pose": _pose,
+        "microphone": _microphone,
+    }
+)
