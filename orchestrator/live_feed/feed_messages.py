@@ -150,7 +150,8 @@ class EventView(Message, frozen=True):
 class FactsView(Message, frozen=True):
     """The facts of a run in the live feed, as run.mcap has them: world, campaign, case, mode.
 
-    epoch_ns is among them: UTC of the run clock's zero, nanoseconds since 1970.
+    epoch_ns is among them: UTC of the run clock's zero, nanoseconds since 1970; and clock: virtual,
+    wall or scaled.
     """
 
     run: str

@@ -34,7 +34,7 @@ _IDLE_S = 0.25
 _JOIN_S = 2.0
 _KEPT_EVENTS = 1000
 _LONGEST_TEXT = 2000
-_NAMES = ("case", "mode", "rep", "seed", "epoch_ns")
+_NAMES = ("case", "mode", "rep", "seed", "epoch_ns", "clock")
 
 Note = Callable[[str], None]
 
