@@ -77,7 +77,7 @@ export function airText(model) {
     const names = up.filter((one) => one.run === run).map((one) => nameOf(model, one)).join(" and ");
     return runs.size > 1 || run !== model.run ? `${names} of ${runName(run.key)}` : names;
   });
-  return texts.join("; ");
+  return `${model.mode === "recorded" ? "then: " : ""}${texts.join("; ")}`;
 }
 
 /** A vehicle with what has to be said of it: hardware, a lost link, or old data.
@@ -109,15 +109,22 @@ export function abortText(model) {
   const runs = [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
   const several = runs.length > 1;
   const all = runs.flatMap((run) => [...run.flown].map(([name, one]) => ({ name: several ? `${runName(run.key)} ${name}` : name, one, run })));
-  const old = (/** @type {Run} */ run) => (performance.now() - run.at > OLD_S * 1000 ? ` (last seen so at ${clock(run.seenAt)})` : "");
-  const up = all.filter(({ one }) => one.isUp).map(({ name, run }) => name + old(run));
-  const armed = all.filter(({ one }) => !one.isUp && one.armed).map(({ name, run }) => name + old(run));
+  const up = all.filter(({ one }) => one.isUp).map(({ name, run }) => name + oldText(run));
+  const armed = all.filter(({ one }) => !one.isUp && one.armed).map(({ name, run }) => name + oldText(run));
   if (up.length) return { ok: true, text: `${by}: all vehicles land; still in the air: ${up.join(", ")}` };
   if (armed.length) return { ok: true, text: `${by}: on the ground, still armed: ${armed.join(", ")}` };
   if (!all.length) return { ok: true, text: `${by}: all vehicles land; this page has seen none in the air` };
+  const known = runs.flatMap((run) => run.view.vehicles.map((/** @type {any} */ one) => ({ run, name: one.name })));
+  const unheard = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
+  if (unheard.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; nothing was ever heard of ${unheard.join(", ")}` };
   const at = Math.max(...all.map(({ one }) => one.downAt));
   const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`);
   return { ok: true, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each.join(", ")})` };
+}
+
+/** When a run was seen last, where that is a while ago. @param {Run} run */
+function oldText(run) {
+  return performance.now() - run.at > OLD_S * 1000 ? ` (last seen so at ${clock(run.seenAt)})` : "";
 }
 
 /** How many runs have which verdict. @param {any} campaign */

@@ -6,6 +6,7 @@ const TRAIL_STEP_M = 0.02;
 const HISTORY = 120;
 const MOST_EVENTS = 400;
 const MOST_RUNS = 24;
+const LATE_MS = 5000;
 const DOWN = /: down\b/;
 
 /** What is known of a vehicle, and since when it is down (ms since 1970).
@@ -182,7 +183,8 @@ export class Model {
     run.at = performance.now();
     run.seenAt = Date.now();
     for (const vehicle of view.vehicles) {
-      takeFlown(run, vehicle);
+      // Who arms after an abort begins another flight.
+      if (takeFlown(run, vehicle)) this.abort = null;
       const place = vehicle.position_ned_m;
       if (!place || place.some((/** @type {any} */ one) => one === null)) continue;
       run.poses.set(vehicle.name, place);
@@ -228,15 +230,17 @@ export class Model {
 }
 
 /** Note whether a vehicle is up, or since when it is down; of one never heard nothing is known.
- * @param {Run} run @param {any} vehicle */
+ * @param {Run} run @param {any} vehicle @returns {boolean} whether it was down, and is armed now */
 function takeFlown(run, vehicle) {
-  if (vehicle.silent_s === null) return;
+  if (vehicle.silent_s === null) return false;
   const isUp = vehicle.landed ? vehicle.landed !== "on_ground" : vehicle.armed;
   const before = run.flown.get(vehicle.name);
   const isDown = !isUp && !vehicle.armed;
   const wasDown = before && !before.isUp && !before.armed;
   const downAt = isDown ? (wasDown ? before.downAt : run.seenAt) : 0;
   run.flown.set(vehicle.name, { isUp, armed: vehicle.armed, hasLink: vehicle.link_up, downAt });
+  // A state may be a little older than what its guard said.
+  return Boolean(wasDown) && !isDown && run.seenAt - before.downAt > LATE_MS;
 }
 
 /** When an event was, ms since 1970: by the run's clock where that is the wall's, else when it came.

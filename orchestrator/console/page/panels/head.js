@@ -54,8 +54,9 @@ export class Head {
   /** Refresh what shows time. */
   showTime() {
     const view = this.model.run?.view;
-    const run = view ? `${number(sinceStart(view.t_s, view), 1)} s, ${view.clock} clock${leftText(view)}` : "–";
-    write("time", `${run} · now ${clock(Date.now())}`);
+    const kind = view?.clock === "wall" ? "" : `, ${view?.clock}`;
+    write("time", view ? `${number(sinceStart(view.t_s, view), 1)} s${kind}${leftText(view)}` : "–");
+    write("time-label", `Run time · ${clock(Date.now())}`);
     write("air", airText(this.model));
     this.showReply();
   }
@@ -65,7 +66,7 @@ export class Head {
     const kinds = this.model.run?.scene?.kinds ?? {};
     const attached = Object.keys(kinds).filter((name) => kinds[name].startsWith("attached"));
     if (attached.length) return `${attached.join(" and ")} MAY BE HARDWARE`;
-    return Object.keys(kinds).length ? "none: all are simulated" : "–";
+    return Object.keys(kinds).length ? "none flies: simulated" : "–";
   }
 
   /** @param {any} campaign */

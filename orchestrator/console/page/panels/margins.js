@@ -10,7 +10,8 @@ const SAME = 1e-6;
 
 /** Seconds since the run began. @param {number} t_s @param {any} view */
 export function sinceStart(t_s, view) {
-  return t_s - (view?.entered_s?.start ?? 0);
+  const entered = Object.values(view?.entered_s ?? {});
+  return t_s - (view?.entered_s?.start ?? (entered.length ? Math.min(...entered) : 0));
 }
 
 /** The required margin of which the least share is left. @param {Run | undefined} run @returns {{text: string, kind: string}} */
