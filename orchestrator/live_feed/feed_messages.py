@@ -161,7 +161,8 @@ class FactsView(Message, frozen=True):
 class ImageView(Message, frozen=True):
     """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent.
 
-    source, sensor, arrived_s: of the reading that it shows.
+    source, sensor, arrived_s: of the reading that it shows. alone: why nothing of the twin is in a
+    mixture; empty where it is.
     """
 
     run: str
@@ -176,6 +177,7 @@ class ImageView(Message, frozen=True):
     source: str = ""
     sensor: str = ""
     arrived_s: float = 0.0
+    alone: str = ""
 
 
 FeedMessage = RunView | EventView | FactsView | ImageView

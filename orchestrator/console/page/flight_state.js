@@ -131,7 +131,7 @@ function oldText(run) {
 export function countsText(campaign) {
   const verdicts = Object.values(campaign.finished ?? {});
   const kinds = [...new Set(verdicts)].map((kind) => `${verdicts.filter((one) => one === kind).length} ${kind}`);
-  return `${verdicts.length} of ${campaign.total ?? "?"} runs have a verdict${kinds.length ? `: ${kinds.join(", ")}` : ""}`;
+  return `${verdicts.length} of ${campaign.total ?? "?"} runs judged${kinds.length ? `: ${kinds.join(", ")}` : ""}`;
 }
 
 /** What the campaign does now, in words. @param {Model} model @param {any} campaign @returns {string} */

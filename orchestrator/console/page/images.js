@@ -142,6 +142,8 @@ export class Images {
       age.textContent = isEnded ? "the last one, as at the end" : `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
       if (isEnded) rate.textContent = one.head.rendered ? "rendered" : "";
       figure.classList.toggle("stale", !isEnded && old > STALE_S);
+      figure.classList.toggle("alone", Boolean(one.head.alone));
+      if (one.head.alone) rate.textContent = `NOTHING OF THE TWIN IN IT (${one.head.alone.replaceAll("_", " ")})`;
       isOverlayStale ||= name !== "twin" && !isEnded && old > STALE_S;
     }
     canvas("image-overlay").closest("figure")?.classList.toggle("stale", isOverlayStale);

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not inst
 FOLDER = "/results/gate/20261123T160236Z"
 REFUSED = "real: arming was refused (MAV_CMD_COMPONENT_ARM_DISARM was not answered, sent 6 times)"
 FACTS = {"world": json.dumps(WORLD), "campaign": json.dumps(CAMPAIGN), "case": "large"}
-MARGIN = MarginView("distance", "real", True, "PASS", 0.8, (None, 0.0), "m", 0.8, "")  # noqa: FBT003
+MARGIN = MarginView("distance", "real", True, "PASS", 0.8, (None, 0.0), "m", 0.8, "")
 PLACE = (
     "(({x, y, width, height}) => [x, y, width, height].map(Math.round).join())"
     "(document.getElementById('abort').getBoundingClientRect())"

@@ -56,7 +56,7 @@ export class Head {
     const view = this.model.run?.view;
     const kind = view?.clock === "wall" ? "" : `, ${view?.clock}`;
     write("time", view ? `${number(sinceStart(view.t_s, view), 1)} s${kind}${leftText(view)}` : "–");
-    write("time-label", `Run time · ${clock(Date.now())}`);
+    write("time-label", `${clock(Date.now())} · run time`);
     write("air", airText(this.model));
     this.showReply();
   }

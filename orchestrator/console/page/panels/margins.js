@@ -22,7 +22,7 @@ export function nearestOf(run) {
     .toSorted((/** @type {any} */ one, /** @type {any} */ other) => one.share - other.share);
   if (!nearest) return { text: "nothing measured", kind: "" };
   const { one, share, whole } = nearest;
-  const text = share < 0 ? `${titleOf(one)}: ${number(-one.margin)} ${one.unit} beyond its limit` : `${titleOf(one)}: ${number(one.margin)} of ${number(whole)} ${one.unit} left`;
+  const text = share < 0 ? `${titleOf(one)}: ${number(-one.margin)} ${one.unit} beyond its limit` : `${titleOf(one)}: ${number(one.margin)} of ${number(whole)} ${one.unit}`;
   return { text, kind: share < 0 ? "over" : share < NEAR ? "near" : "" };
 }
 
@@ -67,11 +67,16 @@ function shareOf(one, run) {
 
 /** @param {any} one */
 function valueCell(one) {
-  const value = one.actual === null ? "not measured" : `${number(one.actual)} ${one.unit}`;
+  const value = one.actual !== null ? `${number(one.actual)} ${one.unit}` : isEvent(one) ? "–" : "not measured";
   const cell = make("td", value);
   const limit = limitText(one);
   if (limit) cell.append(make("small", ` ${limit}`));
   return cell;
+}
+
+/** Whether an oracle asks for something to happen, or not to, and measures nothing. @param {any} one */
+function isEvent(one) {
+  return one.limits.every((/** @type {any} */ limit) => limit === null);
 }
 
 /** A limit in words; whether it is the least or the most follows from the margin. @param {any} one */
@@ -89,8 +94,9 @@ function limitText(one) {
 function barCell(one, run) {
   const cell = make("td");
   if (one.margin === null) {
-    const open = one.actual === null ? "not measured yet" : "judged at the end";
-    cell.append(make("small", one.verdict === "FAIL" ? `not yet: ${one.detail}` : one.detail || (one.limits.every((/** @type {any} */ limit) => limit === null) ? "has not happened" : open)));
+    const open = isEvent(one) ? "nothing against it" : one.actual === null ? "not measured yet" : "judged at the end";
+    const isOpen = one.verdict === "FAIL" && run?.view?.stage !== "end";
+    cell.append(make("small", isOpen ? `not yet: ${one.detail}` : one.detail || (one.verdict === "FAIL" ? "failed" : open)));
     return cell;
   }
   const { share, whole } = shareOf(one, run);

@@ -87,6 +87,7 @@ function place(ned, unit) {
 
 /** @param {any} one */
 function mixingText(one) {
+  if (one.skew_ms === null) return `${one.name}: nothing is mixed yet`;
   const error = one.registration_error_px === null ? "not measured" : `${number(one.registration_error_px)} px`;
   return `Newest mixture of ${one.name}: ${number(one.rate_hz, 1)} Hz; exposures ${number(one.skew_ms, 1)} ms apart; ${number(one.latency_ms, 1)} ms from exposure to delivery; virtual objects drawn ${error} off their place (registration error); ${one.missed} missed so far`;
 }
