@@ -3,7 +3,7 @@
 // by the views until the runs have answered.
 
 import { showReply } from "./commands.js";
-import { hasEnded } from "./flight_state.js";
+import { campaignOf, hasEnded } from "./flight_state.js";
 
 /** @typedef {import("./model.js").Model} Model */
 /** @typedef {import("./views.js").Views} Views */
@@ -40,7 +40,7 @@ export class FenceEditor {
 
   refresh() {
     const { run } = this.model;
-    const may = this.model.hasControl && this.model.mode === "live" && !this.model.isOver && run !== undefined && !hasEnded(this.model, run);
+    const may = this.model.hasControl && this.model.mode === "live" && !this.model.isOver && run !== undefined && !hasEnded(this.model, run) && !campaignOf(this.model, run.key)?.stopped;
     const present = Object.keys(this.model.run?.view?.fences ?? {}).length > 0;
     by("fence-edit").hidden = this.corners !== null || !may || !present;
     if (!may) this.end();

@@ -1,4 +1,4 @@
-"""The status of campaigns for a console: verdicts with their reasons, also of a program that died."""
+"""The status of campaigns for a console: verdicts and reasons, also of a program that died."""
 
 import json
 from pathlib import Path
