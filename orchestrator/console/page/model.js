@@ -240,7 +240,7 @@ function takeFlown(run, vehicle) {
   const downAt = isDown ? (wasDown ? before.downAt : run.seenAt) : 0;
   run.flown.set(vehicle.name, { isUp, armed: vehicle.armed, hasLink: vehicle.link_up, downAt });
   // A state may be a little older than what its guard said.
-  return Boolean(wasDown) && !isDown && run.seenAt - before.downAt > LATE_MS;
+  return before !== undefined && Boolean(wasDown) && !isDown && run.seenAt - before.downAt > LATE_MS;
 }
 
 /** When an event was, ms since 1970: by the run's clock where that is the wall's, else when it came.
