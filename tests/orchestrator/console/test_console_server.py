@@ -255,7 +255,7 @@ async def test_a_page_gets_what_is_known_and_then_what_is_new(console: Console) 
     assert json.loads((await page.receive()).data)["t_s"] is None
 
 
-async def test_a_later_page_is_told_who_gave_which_command_and_when(console: Console) -> None:
+async def test_a_later_page_receives_who_gave_which_command_and_when(console: Console) -> None:
     anna = await console.client("operator")
     before_s = time.time()
     assert (await console.post(anna, "/command", {"command": "abort"})).status == 200

@@ -73,7 +73,7 @@ def view(name: str, **changes: Any) -> RunView:
 
 
 def status(**changes: Any) -> dict[str, Any]:
-    """Return what the page is told of the campaign."""
+    """Return what the page receives of the campaign."""
     campaign = {
         "name": "gate",
         "folder": FOLDER,
@@ -92,8 +92,8 @@ def status(**changes: Any) -> dict[str, Any]:
     return {"campaigns": [campaign | changes], "guards": [], "problem": ""}
 
 
-class Told:
-    """What a test tells the page, from the browser's thread."""
+class FakeFeed:
+    """What a test sends the page, from the browser's thread."""
 
     def __init__(self, console: Console, page: Page, loop: asyncio.AbstractEventLoop) -> None:
         self._console, self.page, self._loop = console, page, loop
@@ -120,7 +120,7 @@ class Told:
         self.run(say())
 
 
-async def look(console: Console, seen: Callable[[Told], None], width_px: int = 1440) -> None:
+async def look(console: Console, seen: Callable[[FakeFeed], None], width_px: int = 1440) -> None:
     """Have an operator's page before a fake feed; seen: what is done, in a thread."""
     link, loop = console.link("operator"), asyncio.get_running_loop()
 
@@ -128,27 +128,27 @@ async def look(console: Console, seen: Callable[[Told], None], width_px: int = 1
         with browser() as page:
             join(page, link, "anna")
             page.resize(width_px, 900)
-            told = Told(console, page, loop)
+            feed = FakeFeed(console, page, loop)
             wait_until(page, text("control"), "anna has control")
-            seen(told)
+            seen(feed)
             assert page.errors == []
 
     await asyncio.to_thread(work)
 
 
 async def test_a_run_that_ended_shows_its_final_verdict_and_no_green(console: Console) -> None:
-    def seen(told: Told) -> None:
-        page = told.page
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
         nothing = structs.replace(MARGIN, actual=None, margin=None)
         grounded = (vehicle("real", armed=False, landed="on_ground"),)
         run = view("small/wil/5", stage="ready", vehicles=grounded, margins=(nothing,))
-        told.take(FactsView(run.run, FACTS), run)
-        told.status(flying={"small/wil/5": {"stage": "ready"}})
+        feed.take(FactsView(run.run, FACTS), run)
+        feed.status(flying={"small/wil/5": {"stage": "ready"}})
         wait_until(page, text("stage"), "ready")
         # Nothing was measured: there is nothing to be green about.
         assert page.value(text("verdict")) == "not measured"
-        told.take(structs.replace(run, stage="end", t_s=27.4))
-        told.status(finished={"small/wil/5": "ERROR"}, reasons={"small/wil/5": REFUSED})
+        feed.take(structs.replace(run, stage="end", t_s=27.4))
+        feed.status(finished={"small/wil/5": "ERROR"}, reasons={"small/wil/5": REFUSED})
         wait_until(page, text("verdict"), "ERROR")
         assert page.value(text("verdict-label")) == "Verdict, final"
         assert REFUSED in page.value(text("reason"))
@@ -158,38 +158,38 @@ async def test_a_run_that_ended_shows_its_final_verdict_and_no_green(console: Co
 
 
 async def test_a_run_that_has_ended_without_a_verdict_yet_is_no_pass(console: Console) -> None:
-    def seen(told: Told) -> None:
-        told.take(view("large/wil/1"))
-        told.status(flying={"large/wil/1": {"stage": "goal"}})
-        wait_until(told.page, text("verdict"), "no failure so far")
+    def seen(feed: FakeFeed) -> None:
+        feed.take(view("large/wil/1"))
+        feed.status(flying={"large/wil/1": {"stage": "goal"}})
+        wait_until(feed.page, text("verdict"), "no failure so far")
         down = tuple(vehicle(one, armed=False, landed="on_ground") for one in ("real", "twin"))
-        told.take(view("large/wil/1", stage="end", t_s=20.0, vehicles=down))
-        told.status()
-        wait_until(told.page, text("verdict"), "being judged")
-        assert "nothing in the air" in told.page.value(text("state"))
+        feed.take(view("large/wil/1", stage="end", t_s=20.0, vehicles=down))
+        feed.status()
+        wait_until(feed.page, text("verdict"), "being judged")
+        assert "nothing in the air" in feed.page.value(text("state"))
 
     await look(console, seen)
 
 
 @pytest.mark.parametrize("width_px", [1440, 900, 390])
 async def test_abort_never_moves(console: Console, width_px: int) -> None:
-    def seen(told: Told) -> None:
-        page = told.page
-        told.status()
-        told.take(view("large/wil/1"))
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
+        feed.status()
+        feed.take(view("large/wil/1"))
         wait_until(page, text("stage"), "goal")
         place = page.value(PLACE)
         long = "mixing of camera: exposures 63 ms apart, more than 60 ms; " * 8
         far = structs.replace(MARGIN, name="a_margin_of_a_very_long_name_" * 3)
-        told.take(
+        feed.take(
             view("large/wil/1", verdict_so_far="INVALID", reason=long, margins=(far,), t_s=1e5)
         )
-        told.status(name="a campaign of a very long name " * 6)
+        feed.status(name="a campaign of a very long name " * 6)
         wait_until(page, text("verdict"), "INVALID")
         assert page.value(PLACE) == place
         page.press("Escape")
         wait_until(page, text("reply"), "ABORT")
-        told.status(stopped="command")
+        feed.status(stopped="command")
         wait_until(page, text("state"), "landing")
         assert page.value(PLACE) == place
         page.value("window.scrollTo(0, 2000)")
@@ -202,24 +202,24 @@ async def test_abort_never_moves(console: Console, width_px: int) -> None:
 
 
 async def test_an_abort_is_followed_until_all_are_down(console: Console) -> None:
-    def seen(told: Told) -> None:
-        page = told.page
-        told.status(flying={"large/wil/1": {"stage": "goal"}})
-        told.take(view("large/wil/1"))
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
+        feed.status(flying={"large/wil/1": {"stage": "goal"}})
+        feed.take(view("large/wil/1"))
         wait_until(page, text("air"), "real and twin")
         page.press("Escape")
         wait_until(page, text("reply"), "ABORT by anna")
         wait_until(page, text("reply"), "in the air: real, twin")
         landed = vehicle("real", armed=False, landed="on_ground")
-        told.take(view("large/wil/1", vehicles=(landed, vehicle("twin")), t_s=14.0))
+        feed.take(view("large/wil/1", vehicles=(landed, vehicle("twin")), t_s=14.0))
         wait_until(page, text("reply"), "in the air: twin")
         down = (landed, vehicle("twin", armed=False, landed="on_ground"))
-        told.take(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
+        feed.take(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
         wait_until(page, text("reply"), "ALL DOWN at ")
-        told.take(view("large/wil/1", vehicles=down, t_s=16.0, stage="end"))
+        feed.take(view("large/wil/1", vehicles=down, t_s=16.0, stage="end"))
         verdicts = {"finished": {"large/wil/1": "ABORTED"}, "total": 10}
-        told.status(is_over=True, stopped="command", **verdicts)
-        told.goodbye()
+        feed.status(is_over=True, stopped="command", **verdicts)
+        feed.goodbye()
         wait_until(page, text("state"), "ended, aborted")
         wait_until(page, text("abort"), "nothing")
         # Nothing flies and nobody is there: neither alarms nor covers anything.
@@ -238,14 +238,14 @@ async def test_an_abort_is_followed_until_all_are_down(console: Console) -> None
 
 
 async def test_choosing_a_run_redraws_all_and_shows_its_events(console: Console) -> None:
-    def seen(told: Told) -> None:
-        page = told.page
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
         for number, north in ((1, 0.0), (2, 2.5)):
             name = f"large/wil/{number}"
             run = view(name, vehicles=(vehicle("real", north=north),), stage="end")
             event = EventView(run.run, 1, 3.0, "vehicle", "text", "real", f"hello of {number}")
-            told.take(FactsView(run.run, FACTS), run, event)
-        told.status(finished={"large/wil/1": "FAIL", "large/wil/2": "INVALID"})
+            feed.take(FactsView(run.run, FACTS), run, event)
+        feed.status(finished={"large/wil/1": "FAIL", "large/wil/2": "INVALID"})
         wait_until(page, text("verdict"), "INVALID")
         wait_until(page, text("events"), "hello of 2")
         assert "hello of 1" not in page.value(text("events"))
@@ -270,17 +270,17 @@ async def test_choosing_a_run_redraws_all_and_shows_its_events(console: Console)
 async def test_two_campaigns_are_both_named_and_what_is_up_counts_over_all(
     console: Console,
 ) -> None:
-    def seen(told: Told) -> None:
-        page = told.page
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
         other = view("line/wil/1", run="/results/follow/2026/line/wil/1")
-        told.take(view("large/wil/1"), other)
+        feed.take(view("large/wil/1"), other)
 
         async def show() -> None:
             both = status()["campaigns"] + status(name="follow")["campaigns"]
             both[1]["folder"] = "/results/follow/2026"
             console.hub.show_status({"campaigns": both, "guards": [], "problem": ""})
 
-        told.run(show())
+        feed.run(show())
         wait_until(page, text("state"), "2 campaigns")
         wait_until(page, text("air"), "large/wil/1")
         assert "line/wil/1" in page.value(text("air"))
