@@ -203,8 +203,8 @@ class FeedPublisher:
         for name in tuple(self._images):
             if self._is_due(name, now_s, _IMAGE_S):
                 reading, at_s, alone = self._images.pop(name)
-                view = image_view(self._run, name, reading, at_s)
-                self._send(msgspec.structs.replace(view, alone=alone))
+                image = image_view(self._run, name, reading, at_s)
+                self._send(msgspec.structs.replace(image, alone=alone))
 
     def _is_due(self, name: str, now_s: float, period_s: float) -> bool:
         if now_s < self._due_s.get(name, 0.0):
