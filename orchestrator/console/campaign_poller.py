@@ -24,6 +24,7 @@ class CampaignPoller:
         self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="poll")
         self._planned: dict[Path, list[str]] = {}
         self._last: dict[Path, dict[str, Any]] = {}
+        self._reasons: dict[Path, str] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -45,11 +46,14 @@ class CampaignPoller:
                 **self._last.get(place.folder, {}),
                 **status,
                 "planned": self._plan(place.folder),
+                "reasons": self._reasons_of(place.folder, status),
                 "is_over": False,
             }
         for folder in self._last.keys() - flying:
-            if not self._last[folder]["is_over"]:
-                self._last[folder] |= {"is_over": True, "flying": {}, **_summary(folder)}
+            last = self._last[folder]
+            if not last["is_over"] or "accepted" not in last:
+                # Without a summary, as of a program that died, the last verdicts stand.
+                last |= {"is_over": True, "flying": {}, **_summary(folder)}
         for folder in [one for one in self._last if one not in flying][:-_MOST_ENDED]:
             del self._last[folder]
         return {"campaigns": list(self._last.values()), "guards": guards, "problem": ""}
@@ -60,6 +64,19 @@ class CampaignPoller:
             return bool(self._scope.places().guards)
         except OSError:
             return False
+
+    def _reasons_of(self, folder: Path, status: Mapping[str, Any]) -> dict[str, str]:
+        """Return why the runs that are over have their verdicts, as their results have it."""
+        found = {}
+        for name in status.get("finished", {}):
+            run = folder / str(name)
+            if run not in self._reasons:
+                result = _document(run / "result.json")
+                if not result:
+                    continue
+                self._reasons[run] = str(result.get("reason", ""))
+            found[str(name)] = self._reasons[run]
+        return found
 
     def _plan(self, folder: Path) -> list[str]:
         """Return the names of a campaign's runs, as campaign.json has them."""
@@ -83,8 +100,10 @@ def _status(place: Place) -> dict[str, Any]:
 
 
 def _summary(folder: Path) -> dict[str, Any]:
-    """Return the verdicts of a campaign that is over."""
+    """Return the verdicts of a campaign that is over; nothing where no summary can be read."""
     found = _document(folder / "summary.json")
+    if not found:
+        return {}
     runs = [*_list(found, "runs"), *_list(found, "controls")]
     verdicts = {f"{one.get('case')}/{one.get('mode')}/{one.get('rep')}": one for one in runs}
     return {

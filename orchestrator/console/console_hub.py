@@ -1,6 +1,7 @@
 """The newest of every run and campaign that a console knows, and the pages that it is sent to."""
 
 import asyncio
+import time
 from collections import OrderedDict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from orchestrator.live_feed.feed_messages import (
 _MOST_RUNS = 8
 """Runs that are remembered; the one that was silent longest yields."""
 _MOST_EVENTS = 1000
+_MOST_COMMANDS = 100
 
 
 @dataclass(slots=True)
@@ -47,12 +49,15 @@ class ConsoleHub:
         self._pages: set[PageClient] = set()
         self._runs: OrderedDict[str, _RunRecord] = OrderedDict()
         self._status = ""
+        self._commands: deque[str] = deque(maxlen=_MOST_COMMANDS)
 
     def join(self, page: PageClient) -> None:
         """Send a new page all that is known, and from now on what is new."""
         session = page.session
         you = {"number": session.number, "role": session.role, "name": session.name}
         page.order(as_text({"type": "hello", "you": you, **self._about}))
+        for text in self._commands:
+            page.order(text)
         for key, record in self._runs.items():
             if record.scene is not None:
                 page.order(as_text(record.scene.document))
@@ -106,8 +111,9 @@ class ConsoleHub:
             page.show("status", self._status)
 
     def show_command(self, document: Mapping[str, Any]) -> None:
-        """Send all pages a command that was given here, and its replies."""
-        text = as_text({"type": "command", **document})
+        """Send all pages, also later ones, a command that was given here, and its replies."""
+        text = as_text({"type": "command", "at_s": time.time(), **document})
+        self._commands.append(text)
         for page in self._pages:
             page.order(text)
 

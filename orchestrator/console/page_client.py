@@ -125,6 +125,7 @@ def image_packet(image: ImageView) -> bytes:
             "width_px": image.width_px,
             "height_px": image.height_px,
             "rendered": image.rendered,
+            "alone": image.alone,
         }
     )
     return len(head).to_bytes(_HEAD, "big") + head + image.jpeg

@@ -45,6 +45,7 @@ class RunScene:
             "targets": world.targets_ned_m({}),
             "problems": list(world.problems),
             "kinds": _kinds(facts),
+            "epoch_s": _epoch_s(facts),
         }
         return cls(world, document)
 
@@ -55,6 +56,12 @@ class RunScene:
             for thing in self.world.judged.objects
             if thing.motion is not None
         }
+
+
+def _epoch_s(facts: Mapping[str, str]) -> float | None:
+    """Return UTC of the run clock's zero, seconds since 1970; None where the clock is no UTC."""
+    text = facts.get("epoch_ns", "")
+    return int(text) / 1e9 if text.isdecimal() and facts.get("clock") == "wall" else None
 
 
 def _kinds(facts: Mapping[str, str]) -> dict[str, str]:

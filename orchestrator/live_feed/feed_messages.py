@@ -150,7 +150,8 @@ class EventView(Message, frozen=True):
 class FactsView(Message, frozen=True):
     """The facts of a run in the live feed, as run.mcap has them: world, campaign, case, mode.
 
-    epoch_ns is among them: UTC of the run clock's zero, nanoseconds since 1970.
+    epoch_ns is among them: UTC of the run clock's zero, nanoseconds since 1970; and clock: virtual,
+    wall or scaled.
     """
 
     run: str
@@ -160,7 +161,8 @@ class FactsView(Message, frozen=True):
 class ImageView(Message, frozen=True):
     """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent.
 
-    source, sensor, arrived_s: of the reading that it shows.
+    source, sensor, arrived_s: of the reading that it shows. alone: why nothing of the twin is in a
+    mixture; empty where it is.
     """
 
     run: str
@@ -175,6 +177,7 @@ class ImageView(Message, frozen=True):
     source: str = ""
     sensor: str = ""
     arrived_s: float = 0.0
+    alone: str = ""
 
 
 FeedMessage = RunView | EventView | FactsView | ImageView

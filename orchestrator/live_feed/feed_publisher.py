@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+import msgspec
+
 from orchestrator.live_feed.feed_images import image_view
 from orchestrator.live_feed.feed_messages import (
     LONGEST_DATAGRAM_BYTES,
@@ -34,7 +36,7 @@ _IDLE_S = 0.25
 _JOIN_S = 2.0
 _KEPT_EVENTS = 1000
 _LONGEST_TEXT = 2000
-_NAMES = ("case", "mode", "rep", "seed", "epoch_ns")
+_NAMES = ("case", "mode", "rep", "seed", "epoch_ns", "clock")
 
 Note = Callable[[str], None]
 
@@ -71,7 +73,7 @@ class FeedPublisher:
         self._is_listened_to = False
         self._wants_view = False
         self._view: RunView | None = None
-        self._images: dict[str, tuple[CameraReading, float]] = {}
+        self._images: dict[str, tuple[CameraReading, float, str]] = {}
         self._events: deque[EventView] = deque(maxlen=_KEPT_EVENTS)
         self._count = 0
         self._woken = threading.Event()
@@ -110,7 +112,12 @@ class FeedPublisher:
         if shown.perceived is shown.real:
             del readings["mixed"]
         now_s = self._time()
-        self._images |= {name: (one, now_s) for name, one in readings.items() if one is not None}
+        alone = {"mixed": shown.alone}
+        self._images |= {
+            name: (one, now_s, alone.get(name, ""))
+            for name, one in readings.items()
+            if one is not None
+        }
         self._woken.set()
 
     def event(
@@ -195,8 +202,9 @@ class FeedPublisher:
             self._wants_view = True
         for name in tuple(self._images):
             if self._is_due(name, now_s, _IMAGE_S):
-                reading, at_s = self._images.pop(name)
-                self._send(image_view(self._run, name, reading, at_s))
+                reading, at_s, alone = self._images.pop(name)
+                image = image_view(self._run, name, reading, at_s)
+                self._send(msgspec.structs.replace(image, alone=alone))
 
     def _is_due(self, name: str, now_s: float, period_s: float) -> bool:
         if now_s < self._due_s.get(name, 0.0):

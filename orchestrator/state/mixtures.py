@@ -27,8 +27,12 @@ class MixedFrame:
 
 @dataclass(frozen=True, slots=True)
 class PreviewImages:
-    """Preview images of a mixture for people: what the subject perceives, and the inputs."""
+    """Preview images of a mixture for people: what the subject perceives, and the inputs.
+
+    alone: why nothing of the twin is in the mixture; empty where it is.
+    """
 
     perceived: CameraReading
     real: CameraReading | None = None
     twin: CameraReading | None = None
+    alone: str = ""

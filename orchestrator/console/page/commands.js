@@ -27,24 +27,19 @@ export async function showReply(path, body) {
   }
 }
 
-/** @param {{ok: boolean, text: string}} reply */
-export function display(reply) {
-  const line = by("reply");
-  line.textContent = reply.text;
-  line.className = `reply ${reply.ok ? "good" : "bad"}`;
-  line.hidden = false;
-}
-
-/** @param {string} command */
-async function send(command) {
-  display({ ok: true, text: `${command}: sent` });
-  display(await showReply("/command", { command }));
-}
-
 /** @param {Model} model */
 export function wireCommands(model) {
+  /** @param {string} command */
+  const send = async (command) => {
+    model.say(true, `${command}: sent`);
+    const reply = await showReply("/command", { command });
+    // What an abort comes to is followed by the head.
+    if (command === "abort" && reply.ok) model.reply = null;
+    else model.say(reply.ok, reply.text);
+    model.changes += 1;
+  };
   const abort = () => {
-    if (model.you !== null && model.you.role === "operator") void send("abort");
+    if (model.you?.role === "operator" && model.mode === "live" && !model.isOver) void send("abort");
   };
   by("abort").addEventListener("click", abort);
   by("hold").addEventListener("click", () => void send("hold"));
@@ -52,12 +47,15 @@ export function wireCommands(model) {
   document.addEventListener("keydown", (event) => {
     if (event.key === "Escape" && !event.repeat) abort();
   });
-  by("take").addEventListener("click", async () => display(await showReply("/control", {})));
+  by("take").addEventListener("click", async () => {
+    const reply = await showReply("/control", {});
+    model.say(reply.ok, reply.text);
+  });
   for (const role of ["viewer", "operator"]) {
     by(`invite-${role}`).addEventListener("click", async () => {
       const reply = await showReply("/invite", { role });
       if (reply.ok) by("link").textContent = reply.text;
-      else display(reply);
+      else model.say(reply.ok, reply.text);
     });
   }
 }

@@ -70,10 +70,8 @@ export class Connection {
       this.onChange("", false);
       return;
     }
-    if (this.takers.isOver() && !isOpen) {
-      this.onChange("The campaign has ended and everything has landed; its console ended with it.", true);
-      return;
-    }
+    // The console ended with its campaign: nobody is to be tried again.
+    if (this.takers.isOver() && !isOpen) return this.onChange("", false);
     const since = this.wasOpen
       ? `Nothing has come of the console's server for ${(silent / 1000).toFixed(0)} s.`
       : "The server is not there, or this browser has no session: open a link of the terminal.";

@@ -2,7 +2,8 @@
 // A fence drawn on the plan: corners dragged, sent as a campaign's geofence; the old one is shown
 // by the views until the runs have answered.
 
-import { display, showReply } from "./commands.js";
+import { showReply } from "./commands.js";
+import { campaignOf, hasEnded } from "./flight_state.js";
 
 /** @typedef {import("./model.js").Model} Model */
 /** @typedef {import("./views.js").Views} Views */
@@ -38,7 +39,8 @@ export class FenceEditor {
   }
 
   refresh() {
-    const may = this.model.hasControl && this.model.mode === "live";
+    const { run } = this.model;
+    const may = this.model.hasControl && this.model.mode === "live" && !this.model.isOver && run !== undefined && !hasEnded(this.model, run) && !campaignOf(this.model, run.key)?.stopped;
     const present = Object.keys(this.model.run?.view?.fences ?? {}).length > 0;
     by("fence-edit").hidden = this.corners !== null || !may || !present;
     if (!may) this.end();
@@ -49,13 +51,14 @@ export class FenceEditor {
     const fence = /** @type {any} */ (fences[0]);
     const [drawn, ...more] = fence?.inclusions ?? [];
     if (!drawn?.corners_m || more.length || fence.exclusions.length) {
-      display({ ok: false, text: "The present fence is not one polygon: use wil-campaign fence." });
+      this.model.say(false, "The present fence is not one polygon: use wil-campaign fence.");
       return;
     }
     this.corners = drawn.corners_m.map((/** @type {number[]} */ one) => [one[1], one[0]]);
     by("fence-floor").value = String(fence.floor_up_m ?? -0.5);
     by("fence-ceiling").value = String(fence.ceiling_up_m ?? 3);
     by("fence-form").hidden = false;
+    this.plan.canvas.classList.add("held");
     this.views.draw();
   }
 
@@ -63,6 +66,7 @@ export class FenceEditor {
     if (this.corners === null) return;
     this.corners = null;
     by("fence-form").hidden = true;
+    this.plan.canvas.classList.remove("held");
     this.views.draw();
   }
 
@@ -72,7 +76,7 @@ export class FenceEditor {
     const up = [Number(by("fence-floor").value), Number(by("fence-ceiling").value)];
     const geofence = JSON.stringify({ include: [{ polygon }], up_m: up });
     const reply = await showReply("/command", { command: "geofence", geofence });
-    display(reply);
+    this.model.say(reply.ok, reply.text);
     if (reply.ok) this.end();
   }
 

@@ -2,6 +2,9 @@
 // Camera images: drawn as they come, the newest of each camera first, with age and rate; real and mixed
 // one over the other.
 
+import { hasEnded } from "./flight_state.js";
+import { colours } from "./world.js";
+
 /** @typedef {import("./model.js").Model} Model */
 
 const NAMES = ["real", "twin", "mixed"];
@@ -9,8 +12,10 @@ const STALE_S = 1.0;
 const RATE_S = 3.0;
 const OVERLAY_MS = 125;
 const KIND = "image/jpeg";
+const MOST_RUNS = 8;
 
 /** @typedef {VideoFrame | ImageBitmap} Decoded */
+/** @typedef {{head: any, jpeg: Uint8Array<ArrayBuffer>, at: number}} Kept */
 /** @typedef {{image: Decoded, head: any, at: number, times: number[]}} Shown */
 
 export class Images {
@@ -22,8 +27,12 @@ export class Images {
     this.run = "";
     /** The newest image of each camera. @type {Map<string, any>} */
     this.newest = new Map();
+    /** The newest images of each run, as they came: a run chosen again shows its last ones.
+     * @type {Map<string, Map<string, Kept>>} */
+    this.kept = new Map();
     /** What is decoded of each camera. @type {Map<string, Promise<unknown>>} */
     this.decoding = new Map();
+    this.hasBegun = false;
     this.isOverlayDue = false;
     this.overlaidAt = 0;
     this.blend = /** @type {HTMLInputElement} */ (document.getElementById("blend"));
@@ -33,22 +42,37 @@ export class Images {
   /** Draw an image, unless a newer one of its camera is there before it can be decoded.
    * @param {any} head @param {Uint8Array<ArrayBuffer>} jpeg */
   async take(head, jpeg) {
-    if (head.run !== this.model.chosen) return;
+    const at = performance.now();
+    this.keep(head, jpeg, at);
+    if (head.run === this.model.chosen) await this.present(head, jpeg, at);
+  }
+
+  /** @param {any} head @param {Uint8Array<ArrayBuffer>} jpeg @param {number} at */
+  keep(head, jpeg, at) {
+    const kept = this.kept.get(head.run) ?? new Map();
+    this.kept.set(head.run, kept);
+    kept.set(head.name, { head, jpeg, at });
+    for (const run of this.kept.keys()) {
+      if (this.kept.size > MOST_RUNS && run !== head.run) this.kept.delete(run);
+    }
+  }
+
+  /** @param {any} head @param {Uint8Array<ArrayBuffer>} jpeg @param {number} at */
+  async present(head, jpeg, at) {
     this.newest.set(head.name, head);
     await this.decoding.get(head.name)?.catch(() => null);
     if (this.newest.get(head.name) !== head) return;
     const decoding = decoded(jpeg);
     this.decoding.set(head.name, decoding);
     const image = await decoding;
-    if (head.run === this.model.chosen) this.show(head, image);
+    if (head.run === this.model.chosen) this.show(head, image, at);
     else image.close();
   }
 
-  /** @param {any} head @param {Decoded} image */
-  show(head, image) {
+  /** @param {any} head @param {Decoded} image @param {number} at when it came */
+  show(head, image, at) {
     if (this.run !== head.run) this.forget(head.run);
     const before = this.shown.get(head.name);
-    const at = performance.now();
     const times = [...(before?.times ?? []), at].filter((one) => one > at - RATE_S * 1000);
     before?.image.close();
     this.shown.set(head.name, { image, head, at, times });
@@ -63,7 +87,10 @@ export class Images {
     this.shown.clear();
     for (const name of [...NAMES, "overlay"]) {
       const one = canvas(`image-${name}`);
-      one.getContext("2d", { alpha: false })?.clearRect(0, 0, one.width, one.height);
+      const context = one.getContext("2d", { alpha: false });
+      if (!context) continue;
+      context.fillStyle = colours().page;
+      context.fillRect(0, 0, one.width, one.height);
     }
   }
 
@@ -89,7 +116,13 @@ export class Images {
   }
 
   refresh() {
-    if (this.run !== this.model.chosen) this.forget(this.model.chosen);
+    if (!this.hasBegun || this.run !== this.model.chosen) {
+      this.hasBegun = true;
+      this.forget(this.model.chosen);
+      for (const one of this.kept.get(this.run)?.values() ?? []) void this.present(one.head, one.jpeg, one.at);
+    }
+    const { run } = this.model;
+    const isEnded = run !== undefined && (hasEnded(this.model, run) || this.model.isOver);
     const now = performance.now();
     let isOverlayStale = false;
     for (const name of NAMES) {
@@ -99,15 +132,19 @@ export class Images {
       if (!rate || !age) continue;
       if (!one) {
         rate.textContent = "";
-        age.textContent = "no image yet";
+        age.textContent = isEnded ? "no image of this run" : "no image yet";
+        figure.classList.remove("stale");
         continue;
       }
       const hz = one.times.length > 1 ? ((one.times.length - 1) * 1000) / (now - one.times[0]) : 0;
       const old = one.head.age_s + (now - one.at) / 1000;
       rate.textContent = `${hz.toFixed(0)} Hz${one.head.rendered ? ", rendered" : ""}`;
-      age.textContent = `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
-      figure.classList.toggle("stale", old > STALE_S);
-      isOverlayStale ||= name !== "twin" && old > STALE_S;
+      age.textContent = isEnded ? "the last one, as at the end" : `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
+      if (isEnded) rate.textContent = one.head.rendered ? "rendered" : "";
+      figure.classList.toggle("stale", !isEnded && old > STALE_S);
+      figure.classList.toggle("alone", Boolean(one.head.alone));
+      if (one.head.alone) rate.textContent = `NOTHING OF THE TWIN IN IT (${one.head.alone.replaceAll("_", " ")})`;
+      isOverlayStale ||= name !== "twin" && !isEnded && old > STALE_S;
     }
     canvas("image-overlay").closest("figure")?.classList.toggle("stale", isOverlayStale);
   }

@@ -2,7 +2,7 @@
 // The page's beginning: joins by the token of the link, connects, and hands on what comes.
 
 import { Connection } from "./connection.js";
-import { display, showReply, wireCommands } from "./commands.js";
+import { showReply, wireCommands } from "./commands.js";
 import { FenceEditor } from "./fence.js";
 import { Images } from "./images.js";
 import { Model } from "./model.js";
@@ -13,7 +13,7 @@ const NAME = "wil-console-name";
 const model = new Model();
 const images = new Images(model);
 const views = new Views(model);
-const panels = new Panels(model);
+const panels = new Panels(model, () => views.draw());
 const editor = new FenceEditor(model, views);
 const connection = new Connection({
   document: (message) => {
@@ -27,13 +27,12 @@ const connection = new Connection({
 wireCommands(model);
 connection.onChange = (text, isLost) => panels.lost(text, isLost);
 
-
 /** Refresh what shows time: ages, and panels that changed. */
 function refresh() {
   connection.check();
   panels.refresh();
   editor.refresh();
-  if (model.answer) display(model.answer);
+  if (model.answer) model.say(model.answer.ok, model.answer.text);
   model.answer = null;
   images.refresh();
 }

@@ -5,8 +5,15 @@ const TRAIL_POINTS = 1500;
 const TRAIL_STEP_M = 0.02;
 const HISTORY = 120;
 const MOST_EVENTS = 400;
+const MOST_RUNS = 24;
+const LATE_MS = 5000;
+const DOWN = /: down\b/;
 
-/** @typedef {{key: string, scene: any, view: any, at: number, trails: Map<string, number[][]>,
+/** What is known of a vehicle, and since when it is down (ms since 1970).
+ * @typedef {{isUp: boolean, armed: boolean, hasLink: boolean, downAt: number}} Flown */
+
+/** at: when the newest state came, on the page's clock; seenAt: the same, ms since 1970.
+ * @typedef {{key: string, scene: any, view: any, at: number, seenAt: number, flown: Map<string, Flown>, trails: Map<string, number[][]>,
  *   margins: Map<string, number[]>, largest: Map<string, number>, contacts: number[][], poses: Map<string, number[]>}} Run */
 
 export class Model {
@@ -25,14 +32,32 @@ export class Model {
     /** @type {Set<string>} */ this.answered = new Set();
     /** The newest answer of a run, until it is shown. @type {{ok: boolean, text: string} | null} */
     this.answer = null;
+    /** The newest reply to this page. @type {{ok: boolean, text: string, at: number} | null} */
+    this.reply = null;
+    /** The newest abort by this console. @type {{who: string, at: number, ok: boolean, texts: string[]} | null} */
+    this.abort = null;
     this.isOver = false;
     this.changes = 0;
   }
 
   /** Forget everything: the server sends it anew. */
   clear() {
+    const { reply, chosen, isChosenByHand } = this;
     const changes = this.changes + 1;
-    Object.assign(this, new Model(), { changes });
+    Object.assign(this, new Model(), { changes, reply, chosen, isChosenByHand });
+  }
+
+  /** Show another run, and stay with it. @param {string} key */
+  choose(key) {
+    this.chosen = key;
+    this.isChosenByHand = true;
+    this.changes += 1;
+  }
+
+  /** Show a reply to this page. @param {boolean} ok @param {string} text */
+  say(ok, text) {
+    this.reply = { ok, text, at: Date.now() };
+    this.changes += 1;
   }
 
   /** @returns {Run | undefined} */
@@ -60,6 +85,7 @@ export class Model {
         this.status = message;
         this.statusAt = performance.now();
         this.takeAnswers(message);
+        this.takeGuards(message);
         break;
       case "scene":
         this.record(message.run).scene = message;
@@ -74,9 +100,33 @@ export class Model {
         this.isOver = true;
         break;
       case "command":
-        this.note({ ...message, kind: "command", t_s: null, at: new Date().toLocaleTimeString() });
+        this.takeCommand(message);
         break;
     }
+  }
+
+  /** @param {any} message */
+  takeCommand(message) {
+    const when = (message.at_s ?? Date.now() / 1000) * 1000;
+    this.note({ ...message, kind: "command", run: "", t_s: null, when });
+    // Who aborts again changes nothing of the first.
+    if (message.command === "abort" && !this.abort?.ok) this.abort = { who: message.who, at: when, ok: message.ok, texts: message.texts };
+  }
+
+  /** Guards know that a vehicle is down also when their program is dead. @param {any} status */
+  takeGuards(status) {
+    for (const guard of status.guards) {
+      for (const [name, phase] of Object.entries(guard.vehicles ?? {})) {
+        if (phase === "down") this.takeDown(this.runs.get(guard.folder), name, Date.now());
+      }
+    }
+  }
+
+  /** @param {Run | undefined} run @param {string} name @param {number} at ms since 1970 */
+  takeDown(run, name, at) {
+    const flown = run?.flown.get(name);
+    if (!run || (flown && !flown.isUp && !flown.armed)) return;
+    run.flown.set(name, { isUp: false, armed: false, hasLink: true, downAt: at });
   }
 
   /** Note what runs answered to a change of the fence. @param {any} status */
@@ -87,7 +137,7 @@ export class Model {
         if (this.answered.has(key)) continue;
         this.answered.add(key);
         const word = answer.ok ? "done" : "refused";
-        this.note({ kind: "answer", run: "", t_s: null, at: new Date().toLocaleTimeString(), vehicle: answer.run, word, text: answer.text });
+        this.note({ kind: "answer", run: "", t_s: null, when: Date.now(), vehicle: answer.run, word, text: answer.text });
         this.answer = { ok: answer.ok, text: `${answer.run}: ${answer.text}` };
       }
     }
@@ -102,6 +152,8 @@ export class Model {
         scene: null,
         view: null,
         at: 0,
+        seenAt: 0,
+        flown: new Map(),
         trails: new Map(),
         margins: new Map(),
         largest: new Map(),
@@ -109,7 +161,9 @@ export class Model {
         poses: new Map(),
       };
       this.runs.set(key, run);
-      if (!this.isChosenByHand || !this.runs.has(this.chosen)) this.chosen = key;
+      for (const old of this.runs.keys()) {
+        if (this.runs.size > MOST_RUNS && old !== this.chosen) this.runs.delete(old);
+      }
     }
     return run;
   }
@@ -117,6 +171,8 @@ export class Model {
   /** @param {any} view */
   takeView(view) {
     const run = this.record(view.run);
+    // Until a new run has a state, the last one is shown with its verdict.
+    if (!run.view && (!this.isChosenByHand || !this.run)) this.chosen = view.run;
     if (run.view && view.t_s < run.view.t_s - 1) {
       run.trails.clear();
       run.margins.clear();
@@ -125,7 +181,10 @@ export class Model {
     }
     run.view = view;
     run.at = performance.now();
+    run.seenAt = Date.now();
     for (const vehicle of view.vehicles) {
+      // Who arms after an abort begins another flight.
+      if (takeFlown(run, vehicle)) this.abort = null;
       const place = vehicle.position_ned_m;
       if (!place || place.some((/** @type {any} */ one) => one === null)) continue;
       run.poses.set(vehicle.name, place);
@@ -156,7 +215,11 @@ export class Model {
     }
     // The newest state may be from just before the run's end.
     if (event.kind === "stage" && run.view && event.t_s >= run.view.t_s) run.view.stage = event.word;
-    this.note(event);
+    const when = timeOf(event, run);
+    const isDown = (event.kind === "guard" && DOWN.test(event.text)) || (event.kind === "vehicle" && event.word === "disarmed");
+    // An event may come after states that are newer than it.
+    if (isDown && event.vehicle && run.view && event.t_s >= run.view.t_s) this.takeDown(run, event.vehicle, when);
+    this.note({ ...event, when });
   }
 
   /** @param {any} event */
@@ -164,6 +227,27 @@ export class Model {
     this.events.push(event);
     if (this.events.length > MOST_EVENTS) this.events.shift();
   }
+}
+
+/** Note whether a vehicle is up, or since when it is down; of one never heard nothing is known.
+ * @param {Run} run @param {any} vehicle @returns {boolean} whether it was down, and is armed now */
+function takeFlown(run, vehicle) {
+  if (vehicle.silent_s === null) return false;
+  const isUp = vehicle.landed ? vehicle.landed !== "on_ground" : vehicle.armed;
+  const before = run.flown.get(vehicle.name);
+  const isDown = !isUp && !vehicle.armed;
+  const wasDown = before && !before.isUp && !before.armed;
+  const downAt = isDown ? (wasDown ? before.downAt : run.seenAt) : 0;
+  run.flown.set(vehicle.name, { isUp, armed: vehicle.armed, hasLink: vehicle.link_up, downAt });
+  // A state may be a little older than what its guard said.
+  return before !== undefined && Boolean(wasDown) && !isDown && run.seenAt - before.downAt > LATE_MS;
+}
+
+/** When an event was, ms since 1970: by the run's clock where that is the wall's, else when it came.
+ * @param {any} event @param {Run} run */
+function timeOf(event, run) {
+  const epoch = run.scene?.epoch_s;
+  return epoch && event.t_s !== null ? (epoch + event.t_s) * 1000 : Date.now();
 }
 
 /** @param {number[]} a @param {number[]} b */

@@ -25,10 +25,15 @@ export class Orbit {
       canvas.addEventListener(end, (event) => this.down.delete(/** @type {PointerEvent} */ (event).pointerId));
     }
     canvas.addEventListener("wheel", (event) => {
+      // Without a key the wheel scrolls the page, as everywhere on it.
+      if (!event.ctrlKey && !event.metaKey) return;
       event.preventDefault();
       this.nearer(Math.exp(-event.deltaY * 0.001));
     }, { passive: false });
     canvas.addEventListener("dblclick", () => this.reset());
+    for (const [name, act] of Object.entries({ nearer: () => this.nearer(NEARER), farther: () => this.nearer(1 / NEARER), reset: () => this.reset() })) {
+      document.getElementById(`${canvas.id}-${name}`)?.addEventListener("click", act);
+    }
     canvas.addEventListener("keydown", (event) => this.press(event));
   }
 
@@ -48,7 +53,7 @@ export class Orbit {
 
   /** @param {number} factor */
   nearer(factor) {
-    this.zoom = Math.min(20, Math.max(0.2, this.zoom * factor));
+    this.zoom = Math.min(20, Math.max(0.5, this.zoom * factor));
     this.onChange();
   }
 

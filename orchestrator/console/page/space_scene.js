@@ -102,7 +102,9 @@ export class VehicleModel extends THREE.Group {
     this.plumb = new Bands(colour, 1);
     this.target = Mark.ring(colour, 4);
     this.label = Mark.text(name, colour, colours.page);
-    if (name === "twin") this.label.center.y = 1.9;
+    // Beside the other where both are in one place.
+    if (name === "twin") this.label.center.set(1.3, 0.5);
+    if (name === "real") this.label.center.set(-0.3, 0.5);
     this.add(this.body, this.trail, this.pointer, this.plumb, this.target, this.label);
   }
 

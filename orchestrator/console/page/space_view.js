@@ -17,6 +17,7 @@ const LIGHT = [-0.35, 0.25, -0.9];
 const FILLS = 0.94;
 const ROUNDS = 3;
 const LOOK_MS = 5;
+const LATER_MS = 150;
 
 export class SpaceView {
   /** @param {Model} model @param {HTMLCanvasElement} canvas @param {WebGL2RenderingContext} context */
@@ -44,6 +45,7 @@ export class SpaceView {
     this.scene.add(this.contacts);
     this.box = new THREE.Box3();
     this.isTurned = false;
+    this.later = 0;
     /** @type {any} */ this.shownScene = null;
     this.shownRun = "";
     this.orbit = new Orbit(canvas, () => {
@@ -55,7 +57,8 @@ export class SpaceView {
   draw() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     const now = performance.now();
-    if (!width || this.context.isContextLost() || !this.pace.isDue(now, this.isTurned)) return;
+    if (!width || this.context.isContextLost()) return;
+    if (!this.pace.isDue(now, this.isTurned)) return this.drawLater();
     this.pace.begin(now);
     this.isTurned = false;
     const { run } = this.model;
@@ -64,6 +67,15 @@ export class SpaceView {
     this.aim(width, height);
     this.renderer.render(this.scene, this.camera);
     this.awaitDrawn();
+  }
+
+  /** What comes last is drawn too, however busy the graphics are when it comes. */
+  drawLater() {
+    if (this.later) return;
+    this.later = setTimeout(() => {
+      this.later = 0;
+      this.draw();
+    }, LATER_MS);
   }
 
   /** A size that is set anew makes all buffers anew. @param {number} width @param {number} height @param {number} ratio */

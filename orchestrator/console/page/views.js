@@ -65,10 +65,13 @@ class Drawing {
     this.ground(run);
     this.objects(run);
     for (const fence of Object.values(run.view?.fences ?? {})) this.fence(fence);
+    if (this.kind === "side") this.soil();
     for (const target of run.scene?.targets ?? []) this.cross(target, this.colours.dim, 4);
     for (const [name, trail] of run.trails) this.line(trail, this.colours[name] ?? this.colours.ink, 1.5);
     for (const place of run.contacts) this.ring(place, this.colours.bad, 9, 3);
-    for (const vehicle of run.view?.vehicles ?? []) this.vehicle(vehicle);
+    // The twin below, and wider: where both are in one place, both are seen.
+    const vehicles = run.view?.vehicles ?? [];
+    for (const vehicle of vehicles.toSorted((/** @type {any} */ one) => (one.name === "twin" ? -1 : 1))) this.vehicle(vehicle);
   }
 
   /** @param {Run} run */
@@ -80,7 +83,42 @@ class Drawing {
     }
     const { step, lines } = grid(extent(run));
     for (const line of lines) this.line(line, this.colours.grid, 1);
-    this.text(lines[0][0], `grid ${step} m`, this.colours.dim);
+    this.corner(step);
+  }
+
+  /** What the grid measures, and where north and east are, in a corner of the picture.
+   * @param {number} step */
+  corner(step) {
+    const [width, height] = this.projection.size;
+    this.context.fillStyle = this.colours.dim;
+    this.context.font = "12px system-ui, sans-serif";
+    this.context.fillText(`grid ${step} m`, 6, height - 6);
+    if (this.kind !== "plan") return;
+    this.context.strokeStyle = this.colours.dim;
+    this.context.lineWidth = 1.5;
+    const [x, y] = [width - 44, 40];
+    this.context.beginPath();
+    for (const [dx, dy] of [[0, -22], [22, 0]]) {
+      this.context.moveTo(x, y);
+      this.context.lineTo(x + dx, y + dy);
+    }
+    this.context.stroke();
+    this.context.fillText("N", x - 4, y - 25);
+    this.context.fillText("E", x + 25, y + 4);
+  }
+
+  /** Below the ground nothing flies, wherever a fence's floor is. */
+  soil() {
+    const [, height] = this.projection.size;
+    const [, y] = this.projection.flat([0, 0, 0]);
+    const [[x0], [x1]] = this.projection.span.map((one) => this.projection.flat(one));
+    this.context.globalAlpha = 0.75;
+    this.context.fillStyle = this.colours.rule;
+    this.context.fillRect(x0 - 12, y, x1 - x0 + 24, height - y);
+    this.context.globalAlpha = 1;
+    this.context.fillStyle = this.colours.ink;
+    this.context.font = "12px system-ui, sans-serif";
+    this.context.fillText("ground, 0 m", x0 - 8, y + 14);
   }
 
   /** @param {Run} run */
@@ -151,10 +189,12 @@ class Drawing {
     this.line([arms[0], arms[1]], colour, 3);
     this.line([arms[2], arms[3]], colour, 3);
     this.line([place, rotate(q, [ARM_M * 1.9, 0, 0], place)], colour, 2);
-    for (const arm of arms) this.ring(arm, colour, 3, 1.5);
+    const isTwin = vehicle.name === "twin";
+    for (const arm of arms) this.ring(arm, colour, isTwin ? 6 : 3, 1.5);
     const [x] = this.projection.flat(place);
-    const beside = Math.max(...arms.map((one) => this.projection.flat(one)[0] - x));
-    this.text(place, vehicle.name, colour, vehicle.name === "twin" ? -16 : 8, beside + 6);
+    const beside = Math.max(...arms.map((one) => this.projection.flat(one)[0] - x)) + (isTwin ? 10 : 7);
+    const width = this.context.measureText(vehicle.name).width;
+    this.text(place, vehicle.name, colour, isTwin ? -8 : 0, isTwin ? -beside - width : beside);
   }
 
   /** @param {any} vehicle @param {number[]} place @param {string} colour */

@@ -57,7 +57,11 @@ class RunFeed:
         self._publisher = FeedPublisher(
             run=str(setup.order.folder.absolute()),
             time=self._time,
-            facts=lambda: {**facts_of(setup), "epoch_ns": str(epoch_ns)},
+            facts=lambda: {
+                **facts_of(setup),
+                "epoch_ns": str(epoch_ns),
+                "clock": setup.clock,
+            },
             note=note,
         )
         run_state.on_stage(self._stage)

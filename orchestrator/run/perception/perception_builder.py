@@ -215,7 +215,12 @@ class _PerceptionBuilder:
     def _show(self, frame: MixedFrame) -> None:
         if isinstance(frame.mixed.reading, CameraReading):
             self._watchers.shown(
-                PreviewImages(frame.mixed.reading, _camera(frame.real), _camera(frame.twin))
+                PreviewImages(
+                    frame.mixed.reading,
+                    _camera(frame.real),
+                    _camera(frame.twin),
+                    alone=frame.mixed.provenance.dropped or "",
+                )
             )
 
     def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:

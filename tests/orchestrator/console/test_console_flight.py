@@ -84,7 +84,7 @@ async def look_and_abort(program: Program, link: str) -> None:
         page.value(CEILING)
         await until(page, text_of("reply"), lambda one: "changed the fence" in one)
         page.press("Escape")
-        await until(page, text_of("reply"), lambda one: "are being landed" in one)
+        await until(page, text_of("reply"), lambda one: "ABORT by anna" in one)
         # Who holds after the goal was given has flown nothing that could be judged.
         assert await until(page, text_of("verdict"), lambda one: one == "INVALID")
         assert "held by console:anna" in page.value(text_of("reason"))
@@ -92,7 +92,10 @@ async def look_and_abort(program: Program, link: str) -> None:
         assert [one for one in page.requests if not one.startswith(link.partition("#")[0])] == []
         landed = await program.end()
         assert landed.code == 4, landed.why
-        await until(page, "!document.getElementById('lost').hidden")
+        await until(page, text_of("abort-word"), lambda one: one == "nothing flies any more")
+        assert "ALL DOWN at " in page.value(text_of("reply"))
+        assert page.value("document.getElementById('lost').hidden")
+        assert page.value(text_of("verdict-label")) == "Verdict, final"
         assert page.value(text_of("air")) == "nothing"
 
 

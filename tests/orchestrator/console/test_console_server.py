@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import time
 from typing import Any
 
 import pytest
@@ -252,6 +253,21 @@ async def test_a_page_gets_what_is_known_and_then_what_is_new(console: Console) 
     assert data[4 + length :] == b"jpeg"
     await console.hub.take(view(float("nan")))
     assert json.loads((await page.receive()).data)["t_s"] is None
+
+
+async def test_a_later_page_receives_who_gave_which_command_and_when(console: Console) -> None:
+    anna = await console.client("operator")
+    before_s = time.time()
+    assert (await console.post(anna, "/command", {"command": "abort"})).status == 200
+    viewer = await console.client("viewer", "eve")
+    page = await viewer.ws_connect("/live", headers={"Origin": console.origin})
+    await page.receive()
+    told = json.loads((await page.receive()).data)
+    assert (told["type"], told["command"], told["who"], told["ok"]) == (
+        *("command", "abort", "anna"),
+        True,
+    )
+    assert before_s <= told["at_s"] <= time.time()
 
 
 def head_of(data: bytes) -> Any:

@@ -46,7 +46,7 @@ def images() -> PreviewImages:
         image = np.zeros((48, 1280, 3), np.uint8)
         return CameraReading(1.9, 1.95, 3, source, image, Intrinsics.from_fov(1280, 48, 1.2))
 
-    return PreviewImages(reading("mixed"), reading("real"), reading("twin"))
+    return PreviewImages(reading("mixed"), reading("real"), reading("twin"), alone="skew")
 
 
 def received(end: socket.socket) -> Iterator[FeedMessage]:
@@ -89,6 +89,12 @@ def test_a_console_gets_facts_events_views_and_images() -> None:
     assert [one.number for one in found if isinstance(one, EventView)] == [1, 2, 3]
     assert any(isinstance(one, RunView) for one in found)
     shown = next(one for one in found if isinstance(one, ImageView))
+    # Who looks on is told that a mixture is the real image alone.
+    assert {one.name: one.alone for one in found if isinstance(one, ImageView)} == {
+        "real": "",
+        "twin": "",
+        "mixed": "skew",
+    }
     assert (shown.width_px, round(shown.age_s, 3), shown.jpeg[:2]) == (1280, 0.1, b"\xff\xd8")
 
 

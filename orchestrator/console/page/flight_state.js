@@ -1,0 +1,158 @@
+// @ts-check
+// What the model means: which verdict holds, what is in the air, what an abort has come to; no drawing.
+
+import { clock } from "./panels/dom.js";
+
+/** @typedef {import("./model.js").Model} Model */
+/** @typedef {import("./model.js").Run} Run */
+/** @typedef {{label: string, text: string, kind: string, reason: string, isFinal: boolean}} Verdict */
+
+const OLD_S = 3;
+const BEFORE_ABORT_MS = 5000;
+
+/** Case, mode and repetition. @param {string} key */
+export function runName(key) {
+  return key.split("/").slice(-3).join("/");
+}
+
+/** The campaign of a run. @param {Model} model @param {string} key @returns {any} */
+export function campaignOf(model, key) {
+  return (model.status?.campaigns ?? []).find((/** @type {any} */ one) => key.startsWith(`${one.folder}/`));
+}
+
+/** Whether a run has ended, with a verdict or before it has one. @param {Model} model @param {Run} run */
+export function hasEnded(model, run) {
+  return run.view?.stage === "end" || finalOf(model, run) !== "";
+}
+
+/** The verdict that a run has for good; empty while there is none. @param {Model} model @param {Run} run @returns {string} */
+export function finalOf(model, run) {
+  if (model.mode === "recorded") return run.view?.stage === "end" ? run.view.verdict_so_far : "";
+  const campaign = campaignOf(model, run.key);
+  const name = campaign ? run.key.slice(campaign.folder.length + 1) : "";
+  return campaign?.flying?.[name] ? "" : (campaign?.finished?.[name] ?? "");
+}
+
+/** What the head says of a run: nothing is a pass before its verdict is final.
+ * @param {Model} model @param {Run | undefined} run @returns {Verdict} */
+export function verdictOf(model, run) {
+  const view = run?.view;
+  const final = run ? finalOf(model, run) : "";
+  const campaign = run && campaignOf(model, run.key);
+  if (run && final) {
+    const reason = campaign?.reasons?.[run.key.slice(campaign.folder.length + 1)] || view?.reason || "";
+    return { label: "Verdict, final", text: final, kind: final, reason, isFinal: true };
+  }
+  const open = { label: "Verdict so far", kind: "planned", reason: view?.reason ?? "", isFinal: false };
+  if (!view) return { ...open, text: "–" };
+  if (view.verdict_so_far && view.verdict_so_far !== "PASS") return { ...open, text: view.verdict_so_far, kind: view.verdict_so_far };
+  if (model.mode === "recorded") return { ...open, text: "at its end" };
+  if (view.stage === "end") return { ...open, text: campaign?.is_over || model.isOver ? "no verdict" : "being judged" };
+  const isMeasured = view.margins.some((/** @type {any} */ one) => one.required && one.actual !== null);
+  return { ...open, text: isMeasured ? "no failure so far" : "not measured" };
+}
+
+/** @typedef {{run: Run, name: string, isUp: boolean, armed: boolean, hasLink: boolean, age_s: number}} Aloft */
+
+/** All vehicles of all runs that are off the ground or armed, as far as is known. @param {Model} model @returns {Aloft[]} */
+export function aloft(model) {
+  const now = performance.now();
+  const runs = model.mode === "recorded" ? [model.run].filter((one) => one !== undefined) : [...model.runs.values()];
+  return runs.flatMap((run) =>
+    [...run.flown].flatMap(([name, one]) =>
+      one.isUp || one.armed ? [{ run, name, isUp: one.isUp, armed: one.armed, hasLink: one.hasLink, age_s: (now - run.at) / 1000 }] : []));
+}
+
+/** What is off the ground, in words, over all runs of this console. @param {Model} model */
+export function airText(model) {
+  if (!model.runs.size) return "nothing seen";
+  const all = aloft(model);
+  const up = all.filter((one) => one.isUp);
+  if (!up.length) {
+    const armed = all.map((one) => nameOf(model, one));
+    return armed.length ? `nothing; on the ground, armed: ${armed.join(", ")}` : "nothing";
+  }
+  const runs = new Set(up.map((one) => one.run));
+  const texts = [...runs].map((run) => {
+    const names = up.filter((one) => one.run === run).map((one) => nameOf(model, one)).join(" and ");
+    return runs.size > 1 || run !== model.run ? `${names} of ${runName(run.key)}` : names;
+  });
+  return `${model.mode === "recorded" ? "then: " : ""}${texts.join("; ")}`;
+}
+
+/** A vehicle with what has to be said of it: hardware, a lost link, or old data.
+ * @param {Model} model @param {Aloft} one */
+function nameOf(model, one) {
+  const isAttached = one.run.scene?.kinds?.[one.name]?.startsWith("attached");
+  const isOld = model.mode === "live" && one.age_s > OLD_S;
+  const marks = [isAttached && "may be hardware", isOld ? `last seen so ${one.age_s.toFixed(0)} s ago` : !one.hasLink && "link LOST"];
+  const said = marks.filter(Boolean).join(", ");
+  return said ? `${one.name} (${said})` : one.name;
+}
+
+/** Whether it is known that nothing flies: then an abort has nothing to land. @param {Model} model */
+export function isIdle(model) {
+  if (model.isOver || model.mode === "recorded") return true;
+  const { status } = model;
+  if (!status || aloft(model).some((one) => one.age_s < OLD_S)) return false;
+  return !status.guards.length && status.campaigns.every((/** @type {any} */ one) => one.is_over);
+}
+
+/** What an abort has come to, per vehicle; null where there was none.
+ * @param {Model} model @returns {{ok: boolean, text: string} | null} */
+export function abortText(model) {
+  const { abort } = model;
+  if (!abort) return null;
+  const by = `ABORT by ${abort.who} at ${clock(abort.at)}`;
+  if (!abort.ok) return { ok: false, text: `${by} FAILED: ${abort.texts.join("; ")}` };
+  const since = abort.at - BEFORE_ABORT_MS;
+  const runs = [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
+  const several = runs.length > 1;
+  const all = runs.flatMap((run) => [...run.flown].map(([name, one]) => ({ name: several ? `${runName(run.key)} ${name}` : name, one, run })));
+  const up = all.filter(({ one }) => one.isUp).map(({ name, run }) => name + oldText(run));
+  const armed = all.filter(({ one }) => !one.isUp && one.armed).map(({ name, run }) => name + oldText(run));
+  if (up.length) return { ok: true, text: `${by}: all vehicles land; still in the air: ${up.join(", ")}` };
+  if (armed.length) return { ok: true, text: `${by}: on the ground, still armed: ${armed.join(", ")}` };
+  if (!all.length) return { ok: true, text: `${by}: all vehicles land; this page has seen none in the air` };
+  const known = runs.flatMap((run) => run.view.vehicles.map((/** @type {any} */ one) => ({ run, name: one.name })));
+  const unheard = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
+  if (unheard.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; nothing was ever heard of ${unheard.join(", ")}` };
+  const at = Math.max(...all.map(({ one }) => one.downAt));
+  const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`);
+  return { ok: true, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each.join(", ")})` };
+}
+
+/** When a run was seen last, where that is a while ago. @param {Run} run */
+function oldText(run) {
+  return performance.now() - run.at > OLD_S * 1000 ? ` (last seen so at ${clock(run.seenAt)})` : "";
+}
+
+/** How many runs have which verdict. @param {any} campaign */
+export function countsText(campaign) {
+  const verdicts = Object.values(campaign.finished ?? {});
+  const kinds = [...new Set(verdicts)].map((kind) => `${verdicts.filter((one) => one === kind).length} ${kind}`);
+  return `${verdicts.length} of ${campaign.total ?? "?"} runs judged${kinds.length ? `: ${kinds.join(", ")}` : ""}`;
+}
+
+/** What the campaign does now, in words. @param {Model} model @param {any} campaign @returns {string} */
+export function stateText(model, campaign) {
+  if (!model.you) return "not joined: this page knows nothing of what flies yet";
+  if (!campaign && model.mode === "recorded") return "nothing flies: this was flown";
+  if (!campaign) return model.isOfMachine ? "waiting for a flight on this machine" : "waiting for its first flight";
+  const flying = (model.status?.campaigns ?? []).filter((/** @type {any} */ one) => !one.is_over);
+  const more = flying.length > 1 ? `${flying.length} campaigns on this console (${flying.map((/** @type {any} */ one) => one.name).join(", ")}); shown: ` : "";
+  return `${more}${wordOf(model, campaign)}; ${countsText(campaign)}`;
+}
+
+/** @param {Model} model @param {any} campaign */
+function wordOf(model, campaign) {
+  const isGuarded = (model.status?.guards ?? []).some((/** @type {any} */ one) => one.folder.startsWith(`${campaign.folder}/`));
+  if (campaign.is_over && isGuarded) return "the program has ended; its guard lands what it flew";
+  if (campaign.is_over || model.isOver) return campaign.stopped ? "ended, aborted" : "ended";
+  if (!campaign.is_answering) return `the campaign does not answer: ${campaign.problem}`;
+  const isUp = aloft(model).some((one) => one.isUp && one.run.key.startsWith(`${campaign.folder}/`));
+  if (campaign.stopped) return isUp ? "landing, nothing more is flown" : "aborted, nothing in the air";
+  if (campaign.held) return "HELD by the operator";
+  if (isUp) return "flying";
+  return Object.keys(campaign.flying ?? {}).length ? "on the ground, nothing in the air" : "between runs, nothing in the air";
+}
