@@ -21,8 +21,10 @@ export function nearestOf(run) {
     .map((/** @type {any} */ one) => ({ one, ...shareOf(one, run) }))
     .toSorted((/** @type {any} */ one, /** @type {any} */ other) => one.share - other.share);
   if (!nearest) return { text: "nothing measured", kind: "" };
-  const { one, share, whole } = nearest;
-  const text = share < 0 ? `${titleOf(one)}: ${number(-one.margin)} ${one.unit} beyond its limit` : `${titleOf(one)}: ${number(one.margin)} of ${number(whole)} ${one.unit}`;
+  const { one, share } = nearest;
+  const limit = limitText(one);
+  const left = share < 0 ? "beyond its limit" : "left";
+  const text = `${titleOf(one)}: ${number(Math.abs(one.margin))} ${one.unit} ${left}${limit ? ` (${limit})` : ""}`;
   return { text, kind: share < 0 ? "over" : share < NEAR ? "near" : "" };
 }
 
@@ -105,7 +107,7 @@ function barCell(one, run) {
   const fill = make("i");
   fill.style.width = `${Math.max(0, share * 100)}%`;
   bar.append(fill);
-  const text = share < 0 ? `${number(-one.margin)} ${one.unit} beyond` : `${number(one.margin)} of ${number(whole)} ${one.unit}`;
+  const text = share < 0 ? `${number(-one.margin)} ${one.unit} beyond` : `${number(one.margin)} ${one.unit} left, ${number(whole)} at most`;
   cell.append(make("span", text), bar);
   return cell;
 }
