@@ -54,12 +54,19 @@ export function verdictOf(model, run) {
 
 /** @typedef {{run: Run, name: string, isUp: boolean, armed: boolean, hasLink: boolean, age_s: number}} Aloft */
 
+/** What is known of a run's vehicles, in the order of its state, whichever was heard first.
+ * @param {Run} run */
+function flownOf(run) {
+  const names = (run.view?.vehicles ?? []).map((/** @type {any} */ one) => one.name);
+  return [...run.flown].toSorted(([one], [other]) => names.indexOf(one) - names.indexOf(other));
+}
+
 /** All vehicles of all runs that are off the ground or armed, as far as is known. @param {Model} model @returns {Aloft[]} */
 export function aloft(model) {
   const now = performance.now();
   const runs = model.mode === "recorded" ? [model.run].filter((one) => one !== undefined) : [...model.runs.values()];
   return runs.flatMap((run) =>
-    [...run.flown].flatMap(([name, one]) =>
+    flownOf(run).flatMap(([name, one]) =>
       one.isUp || one.armed ? [{ run, name, isUp: one.isUp, armed: one.armed, hasLink: one.hasLink, age_s: (now - run.at) / 1000 }] : []));
 }
 
@@ -108,7 +115,7 @@ export function abortText(model) {
   const since = abort.at - BEFORE_ABORT_MS;
   const runs = [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
   const several = runs.length > 1;
-  const all = runs.flatMap((run) => [...run.flown].map(([name, one]) => ({ name: several ? `${runName(run.key)} ${name}` : name, one, run })));
+  const all = runs.flatMap((run) => flownOf(run).map(([name, one]) => ({ name: several ? `${runName(run.key)} ${name}` : name, one, run })));
   const up = all.filter(({ one }) => one.isUp).map(({ name, run }) => name + oldText(run));
   const armed = all.filter(({ one }) => !one.isUp && one.armed).map(({ name, run }) => name + oldText(run));
   if (up.length) return { ok: true, text: `${by}: all vehicles land; still in the air: ${up.join(", ")}` };

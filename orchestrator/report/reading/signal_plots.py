@@ -101,7 +101,7 @@ def mixture_plots(
             "registration error",
             "px",
             "registration_error_px",
-            "of what is virtual, at its place; no line where none was measured: nothing in view",
+            "of what is virtual, at its place; no line where no corner of it was in view",
         ),
         (
             "registration bound",

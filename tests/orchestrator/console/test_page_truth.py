@@ -205,6 +205,10 @@ async def test_an_abort_is_followed_until_all_are_down(console: Console) -> None
     def seen(feed: FakeFeed) -> None:
         page = feed.page
         feed.status(flying={"large/wil/1": {"stage": "goal"}})
+        # The real vehicle is heard last, and named first.
+        silent = structs.replace(vehicle("real"), silent_s=None)
+        feed.take(view("large/wil/1", vehicles=(silent, vehicle("twin"))))
+        wait_until(page, text("air"), "twin")
         feed.take(view("large/wil/1"))
         wait_until(page, text("air"), "real and twin")
         page.press("Escape")
