@@ -203,10 +203,13 @@ def best(
 
 def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
     """Return the intersection over the union of two detection boxes."""
-    left, top = max(a[0], b[0]), max(a[1], b[1])
-    right, bottom = min(a[2], b[2]), min(a[3], b[3])
-    common = max(0.0, float(right - left)) * max(0.0, float(bottom - top))
-    whole = float((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1])) - common
+    # In doubles: corners at the end of the single's range are no overflow.
+    (a_left, a_top, a_right, a_bottom), (b_left, b_top, b_right, b_bottom) = a.tolist(), b.tolist()
+    width = min(a_right, b_right) - max(a_left, b_left)
+    height = min(a_bottom, b_bottom) - max(a_top, b_top)
+    common = max(0.0, width) * max(0.0, height)
+    whole = (a_right - a_left) * (a_bottom - a_top) + (b_right - b_left) * (b_bottom - b_top)
+    whole -= common
     return common / whole if whole > 0.0 else 0.0
 
 

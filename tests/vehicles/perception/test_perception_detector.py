@@ -145,3 +145,12 @@ def test_of_boxes_that_cover_each_other_the_surest_stays(given_boxes: Any) -> No
         assert all(k != kind or overlap(b, box) <= 0.5 + 1e-6 for k, _, b in found[:i])
     if (scores >= 0.3).any():
         assert found[0][1] == scores.max()
+
+
+def test_boxes_at_the_end_of_what_a_single_holds_are_no_overflow() -> None:
+    huge = float(np.finfo(np.float32).max)
+    boxes = np.array([[-huge, -huge, huge, huge]] * 2, np.float32)
+    scores, kinds = np.array([0.9, 0.8], np.float32), np.array([0, 0])
+    with np.errstate(all="raise"):
+        found = best(Candidates(boxes, scores, kinds), 0.3, 0.5)
+    assert [score for _, score, _ in found] == [pytest.approx(0.9)]
