@@ -39,8 +39,8 @@ class Places:
         if folder is None:
             return self
         wanted = folder.absolute()
-        related = [one for one in self.campaigns if _related_folder(one.folder, wanted)]
-        guards = [one for one in self.guards if _related_folder(one.folder, wanted)]
+        related = [one for one in self.campaigns if related_folder(one.folder, wanted)]
+        guards = [one for one in self.guards if related_folder(one.folder, wanted)]
         return Places(tuple(related), tuple(guards))
 
     def guards_of(self, campaign: Place) -> tuple[Place, ...]:
@@ -98,7 +98,7 @@ class CampaignRecord:
         self._path.unlink(missing_ok=True)
 
 
-def _related_folder(one: Path, other: Path) -> bool:
+def related_folder(one: Path, other: Path) -> bool:
     """Return whether one recorded folder contains the other."""
     return one.is_relative_to(other) or other.is_relative_to(one)
 

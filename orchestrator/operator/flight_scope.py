@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from orchestrator.operator.campaign_records import Places, places
+from orchestrator.operator.campaign_records import Places, places, related_folder
 
 _MOST_DECIDED = 1000
 
@@ -60,11 +60,7 @@ class FlightScope:
                 return False
             if not self._is_own(run):
                 return False
-        return self._folder is None or _related(run, self._folder)
+        return self._folder is None or related_folder(run, self._folder)
 
     def _is_own(self, folder: Path) -> bool:
         return any(folder.is_relative_to(one) for one in self._own)
-
-
-def _related(one: Path, other: Path) -> bool:
-    return one.is_relative_to(other) or other.is_relative_to(one)
