@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
+from orchestrator.doctor.machine import granted_scheduling
 from safety.fence.geofence import Fence
 from safety.guard.core.contingency import Phase
 from safety.guard.core.operator_command import OperatorCommand
@@ -73,6 +74,7 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
         assert name in {"real", "twin"}
         assert abs(asyncio.get_running_loop().time() - t_s) < 1.0
         granted = next(one["scheduling"] for one in log_lines(folder) if one["event"] == "opened")
+        assert granted == granted_scheduling()
         assert (granted == "real-time") == (os.sched_getscheduler(flight.guard.pid) & 7 == RR)
         flight.guard.bring_down("done")
         assert await flight.guard.all_down(10.0)
