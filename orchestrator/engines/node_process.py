@@ -33,12 +33,15 @@ from orchestrator.engines.travelling_files import (
     relocate_order,
     unpack_files,
 )
+from orchestrator.model.progress import ProgressLimiter
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.state.run_setup import RunOrder
 from safety.guard.core.operator_command import OperatorCommand
 
 _RESULT = "result.json"
+_PROGRESS_S = 0.5
+"""Each message that crosses the cluster costs milliseconds of three processes."""
 
 
 class NodeRuns:
@@ -111,6 +114,7 @@ class NodeRuns:
         self, worker: LocalWorker[RunOrder, RunResult], order: RunOrder
     ) -> RunResult | WorkerLost:
         """Have a worker fly an order, and pass its messages on until the run is done."""
+        limiter = ProgressLimiter(_PROGRESS_S)
         try:
             await worker.begin(order)
             while True:
@@ -118,7 +122,8 @@ class NodeRuns:
                 if isinstance(message, OrderDone):
                     outcome: RunResult | WorkerLost = message.outcome
                     return outcome
-                self._send(message)
+                if limiter.passes(message):
+                    self._send(message)
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
 
