@@ -30,6 +30,7 @@ from orchestrator.campaign.resuming.resumed_campaign import (
     resume_campaign,
 )
 from orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
+from orchestrator.campaign.resuming.unfetched_runs import fetch_stored_runs
 from orchestrator.campaign.sensor_kinds import sensor_kinds
 from orchestrator.campaign.workers.run_engine import EngineError, LocalRunEngine, RunEngine
 from orchestrator.campaign.workers.run_output import OUTPUT_FILE, output_tail
@@ -144,6 +145,7 @@ def _begin(
             is_real=real_runs(campaign, settings.hardware),
             again=settings.again,
         )
+        fetch_stored_runs(folder, say=watcher.say)
         before = resume_campaign(campaign, folder, rules, say=watcher.say)
     except (TakenError, OSError) as error:
         raise OutputError(str(error)) from error
