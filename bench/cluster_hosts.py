@@ -56,7 +56,9 @@ class Host:
                 start_new_session=True,
             )
 
-    def run(self, *words: str, timeout_s: float = 600, **more: str) -> "subprocess.CompletedProcess[str]":
+    def run(
+        self, *words: str, timeout_s: float = 600, **more: str
+    ) -> "subprocess.CompletedProcess[str]":
         """Run a program on this host to its end."""
         return subprocess.run(  # noqa: S603 - our own programs
             self.command(*words),
@@ -211,7 +213,9 @@ def _start_ray(host: Host, places: int, *options: str) -> "subprocess.Popen[byte
     before = log.read_text().count("Ray runtime started") if log.exists() else 0
     process = host.start("ray", *ray, *node, *options)
     wait_for(
-        lambda: log.read_text().count("Ray runtime started") > before, JOINED_S, f"Ray on {host.name}"
+        lambda: log.read_text().count("Ray runtime started") > before,
+        JOINED_S,
+        f"Ray on {host.name}",
     )
     return process
 
@@ -225,7 +229,9 @@ def _host(name: str, address: str, logs: Path) -> Iterator[Host]:
         holder: subprocess.Popen[bytes] | None = None
         try:
             ready = logs / f"{name}-is-up"
-            script = f"mount --bind {tmp} /tmp && hostname {name} && touch {ready} && exec sleep inf"
+            script = (
+                f"mount --bind {tmp} /tmp && hostname {name} && touch {ready} && exec sleep inf"
+            )
             holder = subprocess.Popen(  # noqa: S603
                 ["ip", "netns", "exec", namespace, "unshare", "-m", "-u", "sh", "-c", script]  # noqa: S607
             )

@@ -1,0 +1,2 @@
+def compare_hosts(folder):
+    return 1
