@@ -5,6 +5,7 @@ ledger and results say. Even seeds share the folder of results, odd ones have a 
 """
 
 import json
+import os
 import random
 import re
 import time
@@ -22,7 +23,7 @@ schema: wil/campaign/1
 campaign: hover
 vehicles: {twin: {link: embedded, autopilot: px4}}
 world: world.yaml
-autonomy: {use: still.py:Still, with: {ticks: 2000, flights: FLIGHTS}}
+autonomy: {use: still.py:Still, with: {ticks: 2000}}
 goal: {altitude_m: 1.2}
 modes: [sim]
 oracles: {landed: {}}
@@ -35,12 +36,14 @@ from vehicles.setpoints import VelocitySetpoint
 
 class Still:
     def __init__(self, *, goal, parameters, seed):
-        self.ticks, self.flights, self.seed = parameters["ticks"], parameters["flights"], seed
+        self.ticks, self.flights = parameters["ticks"], os.environ["WIL_BENCH_FLIGHTS"]
+        # What a run prints goes to its folder, .../default/sim/1/output.txt.
+        self.run = "/".join(os.readlink("/proc/self/fd/1").split("/")[-4:-1])
         self.write("begin")
 
     def write(self, what):
         handle = os.open(self.flights, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        os.write(handle, f"{time.time():.3f} {what} {self.seed} {platform.node()}\\n".encode())
+        os.write(handle, f"{time.time():.3f} {what} {self.run} {platform.node()}\\n".encode())
         os.close(handle)
 
     def perceive(self, reading):
@@ -86,7 +89,8 @@ def survives(folder: Path, name: str, seed: int) -> bool:
     folder.mkdir(parents=True)
     flights = folder / "flights.txt"
     flights.touch()
-    campaign = _write_campaign(folder, flights)
+    campaign = _write_campaign(folder)
+    os.environ["WIL_BENCH_FLIGHTS"] = str(flights)
     with two_hosts(folder) as hosts, cluster_of(*hosts) as address:
         by_store = bool(seed % 2) or name == "store"
         if by_store:
@@ -130,7 +134,7 @@ class _Trial:
         faults = [
             *(["processes are left: " + "; ".join(left)] if left else []),
             *(f"{run} was flown twice" for run, count in flown.items() if count > 1),
-            *(f"run {run} was flown after its end" for run in self._flown_again()),
+            *(f"{run} was flown after its end" for run in self._flown_again()),
             *(f"{run} was finished and is lost" for run in finished if verdicts.get(run) != "PASS"),
             *([] if len(verdicts) == RUNS else [f"{len(verdicts)} results of {RUNS}"]),
             *([] if not self._left() else ["processes are left by the resumption"]),
@@ -187,17 +191,17 @@ class _Trial:
         return [line.split() for line in self.flights.read_text().splitlines()]
 
     def _begun(self) -> Counter[str]:
-        return Counter(seed for _, what, seed, _ in self._lines() if what == "begin")
+        return Counter(run for _, what, run, _ in self._lines() if what == "begin")
 
     def _flown_again(self) -> set[str]:
-        """Return the runs, by their seeds, that were begun after they had come to their end."""
+        """Return the runs that were begun after they had come to their end."""
         ended: set[str] = set()
         again: set[str] = set()
-        for _, what, seed, _ in self._lines():
+        for _, what, run, _ in self._lines():
             if what == "end":
-                ended.add(seed)
-            elif seed in ended:
-                again.add(seed)
+                ended.add(run)
+            elif run in ended:
+                again.add(run)
         return again
 
     def _kept(self) -> int:
@@ -208,10 +212,10 @@ class _Trial:
         return sum(one.returncode == 0 for one in there)
 
 
-def _write_campaign(folder: Path, flights: Path) -> Path:
+def _write_campaign(folder: Path) -> Path:
     (folder / "world.yaml").write_text(WORLD)
     (folder / "still.py").write_text(STILL)
-    (folder / "hover.yaml").write_text(CAMPAIGN.replace("FLIGHTS", str(flights)))
+    (folder / "hover.yaml").write_text(CAMPAIGN)
     return folder / "hover.yaml"
 
 
