@@ -37,9 +37,7 @@ from vehicles.setpoints import VelocitySetpoint
 class Still:
     def __init__(self, *, goal, parameters, seed):
         self.ticks, self.flights = parameters["ticks"], os.environ["WIL_BENCH_FLIGHTS"]
-        # What a run prints goes to its folder, .../default/sim/1/output.txt.
-        self.run = "/".join(os.readlink("/proc/self/fd/1").split("/")[-4:-1])
-        self.write("begin")
+        self.run = ""
 
     def write(self, what):
         handle = os.open(self.flights, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -50,6 +48,10 @@ class Still:
         pass
 
     def act(self, telemetry):
+        if not self.run:
+            # What a run prints goes to its folder, .../default/sim/1/output.txt.
+            self.run = "/".join(os.readlink("/proc/self/fd/1").split("/")[-4:-1])
+            self.write("begin")
         self.ticks -= 1
         if self.ticks == 0:
             self.write("end")
