@@ -12,6 +12,7 @@ import sys
 import tempfile
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from orchestrator.engines.travelling_files import (
     unpack_files,
 )
 from orchestrator.model.results import RunResult
+from orchestrator.operator.local_commands import tell_guards
 from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
@@ -99,7 +101,9 @@ class NodeRuns:
             return order
         worker = await self._workers.start()
         async with asyncio.TaskGroup() as group:
-            passing = group.create_task(self._pass_commands(worker), name="commands to the run")
+            passing = group.create_task(
+                self._pass_commands(worker, order.folder), name="commands to the run"
+            )
             outcome = await self._follow(worker, relocate_order(order, self._home))
             passing.cancel()
         end_text = await worker.end()
@@ -138,13 +142,19 @@ class NodeRuns:
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
 
-    async def _pass_commands(self, worker: LocalWorker[RunOrder, RunResult]) -> None:
-        """Pass commands on to the run; their end is an abort."""
+    async def _pass_commands(self, worker: LocalWorker[RunOrder, RunResult], folder: Path) -> None:
+        """Pass commands on to the run; their end is an abort. folder: the run's.
+
+        An abort goes straight to the run's guard, too, past a run that may hang.
+        """
         try:
             while True:
                 message = await receive_message(self._commands)
-                if isinstance(message, OperatorCommand):
-                    worker.send(message)
+                if not isinstance(message, OperatorCommand):
+                    continue
+                worker.send(message)
+                if message.kind == "abort":
+                    in_thread(partial(tell_guards, folder, message.who))
         except (EOFError, OSError):
             worker.send(OperatorCommand("abort", "the node: its cluster is gone"))
 

@@ -10,6 +10,7 @@ from orchestrator.engines.node_messages import RunEnded, RunOrdered, RunTaken
 from orchestrator.engines.ray_agents import HiredAgent
 from orchestrator.engines.returned_results import ReturnedResults
 from orchestrator.engines.travelling_files import resolve_order
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.results import RunResult
 from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.threads import in_thread
@@ -38,6 +39,11 @@ class RayWorker:
         self._messages: deque[object] = deque()
         self._end_text = ""
         self._fetching: asyncio.Future[RunResult | WorkerLost] | None = None
+
+    @property
+    def place(self) -> FlightPlace:
+        """The agent's node, and its bench."""
+        return self._agent.place
 
     async def begin(self, order: RunOrder) -> None:
         """Enter the order into the ledger, and send it. Raises OSError, EOFError."""

@@ -27,9 +27,9 @@ def fetch_stored_runs(folder: Path, *, say: Callable[[str], None]) -> None:
     places = campaign_places(folder)
     stores: dict[str, Store] = {}
     try:
-        for place in places.values():
-            stores[place.store] = open_store(place.store)
-            write_session(stores[place.store], place.place, f"resumed-{uuid.uuid4().hex}")
+        for at in places.values():
+            stores[at.store] = open_store(at.store)
+            write_session(stores[at.store], at.place, f"resumed-{uuid.uuid4().hex}")
         due_s = time.monotonic() + _LANDED_S
         for order in open_orders(folder).values():
             home, place = folder / order.run, places.get(order.session)

@@ -132,7 +132,7 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
     if why:
         ray.kill(actor, no_restart=True)
         raise EngineError(why, 2)
-    agent = HiredAgent(ray=ray, actor=actor, node=facts["node"])
+    agent = HiredAgent(ray=ray, actor=actor, node=facts["node"], bench=name)
     return HiredBench(_bench_of(facts), agent)
 
 
