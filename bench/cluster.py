@@ -4,17 +4,18 @@
     python -m bench.cluster nodes --runs 200
     python -m bench.cluster hosts
     python -m bench.cluster faults --seeds 3
+    python -m bench.cluster bench
 
 `overhead` flies a campaign of short flights by both engines, and compares results to the byte.
 `nodes` does so with a cluster of two nodes on this machine, each with half of the places.
-`hosts` flies over two hosts of this machine (network namespaces) by the commands of docs/cluster.md,
-`faults` ends one of the campaign's processes there by SIGKILL at a seeded moment of a flight,
-resumes, and counts flights, results and processes that are left. Both need root, and the extras
-cluster, storage and test.
+`hosts` flies over two hosts of this machine (network namespaces) by the commands of
+docs/cluster.md, and commands what flies. `faults` ends one of the campaign's processes there by
+SIGKILL at a seeded moment of a flight, resumes, and counts flights, results and processes that are
+left. `bench` does so with a campaign on a bench beside one over both hosts. These three need root,
+and the extras cluster, storage and test.
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -24,47 +25,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from bench.cluster_bench import BENCH_VICTIMS, account
 from bench.cluster_faults import VICTIMS, survives
+from bench.cluster_files import contents, write_campaign
 from bench.cluster_hosts_check import compare_hosts
-
-WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
-CAMPAIGN = """\
-schema: wil/campaign/1
-campaign: hover
-vehicles: {twin: {link: embedded, autopilot: px4}}
-world: world.yaml
-autonomy: {use: wait, with: {}}
-goal: {altitude_m: 1.2}
-modes: [sim]
-oracles: {landed: {}}
-"""
-STILL = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
-
-
-class Still:
-    def __init__(self, *, goal, parameters, seed):
-        self.ticks = parameters.get("ticks", 1)
-
-    def perceive(self, reading):
-        pass
-
-    def act(self, telemetry):
-        self.ticks -= 1
-        return Command(VelocitySetpoint((0.0, 0.0, 0.0)), done=self.ticks <= 0)
-"""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=["overhead", "nodes", "hosts", "faults"])
+    parser.add_argument("what", choices=["overhead", "nodes", "hosts", "faults", "bench"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--folder", default="/var/tmp", help="not beneath /tmp")  # noqa: S108
-    parser.add_argument("--kill", choices=list(VICTIMS), nargs="*", default=list(VICTIMS))
+    parser.add_argument(
+        "--kill", choices=[*VICTIMS, *BENCH_VICTIMS], nargs="*", default=list(VICTIMS)
+    )
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         if given.what == "overhead":
@@ -76,6 +53,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir=given.folder) as name:
         if given.what == "hosts":
             return compare_hosts(Path(name))
+        if given.what == "bench":
+            victims = [one for one in BENCH_VICTIMS if one in given.kill] or BENCH_VICTIMS
+            fine = [account(Path(name) / one, one, given.first_seed) for one in victims]
+            return 0 if all(fine) else 1
         bad = 0
         for seed in range(given.first_seed, given.first_seed + given.seeds):
             for number, victim in enumerate(given.kill):
@@ -132,15 +113,6 @@ def overhead(folder: Path, runs: int, jobs: int, ray: str = "ray") -> int:
     return 0 if same else 1
 
 
-def write_campaign(folder: Path, *, ticks: int) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "world.yaml").write_text(WORLD)
-    (folder / "still.py").write_text(STILL)
-    autonomy = f"still.py:Still, with: {{ticks: {ticks}}}"
-    (folder / "hover.yaml").write_text(CAMPAIGN.replace("wait, with: {}", autonomy))
-    return folder / "hover.yaml"
-
-
 def command(campaign: Path, out: Path, jobs: int, *options: str) -> list[str]:
     program = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign)]
     return [*program, "--out", str(out), "--jobs", str(jobs), *options]
@@ -148,18 +120,6 @@ def command(campaign: Path, out: Path, jobs: int, *options: str) -> list[str]:
 
 def flown_folder(out: Path) -> Path:
     return next(out.glob("hover/*/campaign.json")).parent
-
-
-def contents(folder: Path) -> dict[str, object]:
-    """Return the files of runs, without the time that each took on the wall."""
-    found: dict[str, object] = {}
-    for path in folder.glob("default/**/*"):
-        name = str(path.relative_to(folder))
-        if path.name == "result.json":
-            found[name] = {**json.loads(path.read_text()), "wall_s": 0}
-        elif path.suffix in {".csv", ".jsonl", ".tlog"}:
-            found[name] = path.read_bytes()
-    return found
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ TOKEN = "bench-of-two-hosts-0123456789abcdef"  # noqa: S105  # of a cluster that
 _OBJECTS = "--object-store-memory=80000000"
 _LIBFAKETIME = Path("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1")
 JOINED_S = 120.0
+STARTED_S = 300.0
 
 
 @dataclass
@@ -52,7 +53,7 @@ class Host:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env=self._environment(more),
+                env=self.environment_of_programs(**more),
                 start_new_session=True,
             )
 
@@ -66,7 +67,7 @@ class Host:
             capture_output=True,
             text=True,
             timeout=timeout_s,
-            env=self._environment(more),
+            env=self.environment_of_programs(**more),
         )
 
     def program(self, *words: str) -> list[str]:
@@ -105,6 +106,12 @@ class Host:
             and not any(word in _line(one) for word in others)
         ]
 
+    def flying_runs(self) -> list[psutil.Process]:
+        """Return the processes that fly a run on this host: what a run server has forked."""
+        servers = [one for one in self.processes() if "multiprocessing.forkserver" in _line(one)]
+        pids = {one.pid for one in servers}
+        return [one for one in servers if one.ppid() in pids]
+
     def end(self) -> None:
         """End every process of this host."""
         for _ in range(20):
@@ -116,7 +123,8 @@ class Host:
                     process.kill()
             time.sleep(0.2)
 
-    def _environment(self, more: Mapping[str, str]) -> dict[str, str]:
+    def environment_of_programs(self, **more: str) -> dict[str, str]:
+        """Return the environment of a program on this host."""
         kept = {name: text for name, text in os.environ.items() if not name.startswith("RAY_")}
         token = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": TOKEN, "RAY_worker_niceness": "0"}
         return {**kept, **token, **_store_access(), **self.environment, **more}
