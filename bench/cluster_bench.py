@@ -12,7 +12,7 @@ import subprocess
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -89,9 +89,10 @@ def account(folder: Path, victim: str, seed: int) -> bool:
         return fine and not names
 
 
-def _resume(first: Host, folder: Path, command: object, hover: Path, victim: str) -> bool:
+def _resume(
+    first: Host, folder: Path, command: Callable[..., list[str]], hover: Path, victim: str
+) -> bool:
     """Resume both campaigns; return whether each run has come to its end."""
-    assert callable(command)
     over = first.run(*command(hover, "--resume"))
     print(f"hover resumed: exit code {over.returncode}, {_verdicts(folder / 'out', 'hover')}")
     if victim != "both programs":
@@ -117,9 +118,8 @@ def _kill(
     second: Host,
 ) -> None:
     if victim == "both programs":
-        for name in programs:
-            # nsenter has become our program: one process.
-            programs[name].kill()
+        for program in programs.values():
+            program.kill()  # nsenter has become our program: one process
     elif victim == "bench server":
         server.kill()
     else:

@@ -8,6 +8,7 @@ and writes its result, and this process ends.
 
 import asyncio
 import os
+import select
 import sys
 import tempfile
 from contextlib import suppress
@@ -100,6 +101,9 @@ class NodeRuns:
         if isinstance(order, RunEnded):
             return order
         worker = await self._workers.start()
+        if _is_deserted(self._commands):
+            await worker.end()
+            return RunEnded(WorkerLost("the node's cluster was gone before the run began"))
         async with asyncio.TaskGroup() as group:
             passing = group.create_task(
                 self._pass_commands(worker, order.folder), name="commands to the run"
@@ -161,6 +165,13 @@ class NodeRuns:
     def _send(self, message: object) -> None:
         with suppress(OSError):  # nobody is there: the run's files say what became of it
             self._reports.send(message)
+
+
+def _is_deserted(commands: Connection) -> bool:
+    """Return whether nobody is at the other end any more, whatever is left to read."""
+    look = select.poll()
+    look.register(commands.fileno(), 0)
+    return any(event & select.POLLHUP for _, event in look.poll(0))
 
 
 def main() -> int:

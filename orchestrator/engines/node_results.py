@@ -22,6 +22,7 @@ from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.store import Store, StoreError, StoreRefusedError, open_store
 from orchestrator.storage.stored_runs import RESULT_FILE, begin_run, read_session, send_run
 
+GIVEN_UP = "the campaign's machine has given the run up"
 RESUMED = "the campaign was resumed by another start meanwhile"
 
 
@@ -125,7 +126,8 @@ class StoredResults:
         order, place = ordered.order, ordered.place
         try:
             # Before the look: who resumes the campaign writes there first, and looks here then.
-            begin_run(self._store, place, platform.node())
+            if not begin_run(self._store, place, platform.node()):
+                return RunEnded(WorkerLost(GIVEN_UP))
             if read_session(self._store, self._campaign.place) != self._campaign.session:
                 return RunEnded(WorkerLost(RESUMED))
             home = Path(tempfile.mkdtemp(prefix="wil-run-"))

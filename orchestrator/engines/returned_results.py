@@ -3,13 +3,21 @@
 import hashlib
 import time
 import uuid
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from orchestrator.campaign.folder.campaign_folder import TakenError, held
+from orchestrator.campaign.folder.campaign_folder import (
+    OutputError,
+    TakenError,
+    held,
+    make_run_folder,
+)
+from orchestrator.campaign.resuming.lost_runs import lost_result
 from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.engines.node_messages import RunEnded
+from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.state.run_setup import RunOrder
@@ -61,17 +69,19 @@ class SharedResults:
         return ended.outcome
 
     def of_lost(self, order: RunOrder, place: str) -> RunResult | str:  # noqa: ARG002
-        """Return the result once nothing flies into its folder."""
-        if not order.folder.is_dir():
-            return "it had not begun"
-        for _ in range(round(_LANDED_S / _LOOK_S)):
-            try:
-                with held(order.folder):
-                    return read_result(order.folder / RESULT_FILE)
-            except TakenError:
+        """Return the result once nothing flies into its folder; without one it is given up.
+
+        An order that was on its way, and begins only now, finds that and does not fly.
+        """
+        had_begun = order.folder.is_dir()
+        try:
+            make_run_folder(order.folder, order.plan.name)
+            for _ in range(round(_LANDED_S / _LOOK_S)):
+                with suppress(TakenError), held(order.folder):
+                    return _result_or_giving_up(order, had_begun=had_begun)
                 time.sleep(_LOOK_S)
-            except (ResultError, OSError) as error:
-                return str(error)
+        except (OutputError, OSError) as error:
+            return str(error)
         return f"it was in flight still after {_LANDED_S:g} s"
 
 
@@ -119,6 +129,18 @@ class FetchedResults:
             return why or read_result(order.folder / RESULT_FILE)
         except (StoreError, ResultError, OSError) as error:
             return str(error)
+
+
+def _result_or_giving_up(order: RunOrder, *, had_begun: bool) -> RunResult | str:
+    """Return what a run has left in its folder, which is held. Raises OSError."""
+    path = order.folder / RESULT_FILE
+    try:
+        return read_result(path)
+    except ResultError as error:
+        why = str(error) if had_begun else "it had not begun"
+        if not path.exists():
+            write_whole(path, to_json(lost_result(order.plan, WorkerLost(why))))
+        return why
 
 
 def _has_come(path: Path, sha256: str) -> bool:

@@ -17,7 +17,7 @@ from orchestrator.model.document_writer import sync_files
 from orchestrator.storage.store import Store, StoreError
 
 RESULT_FILE = "result.json"
-_BEGUN, _SENT = "begun", "sent.json"
+_BEGUN, _SENT, _GIVEN_UP = "begun", "sent.json", "given-up"
 _NEWEST = "newest"
 _PIECE_BYTES = 1 << 20
 _LOOK_S = 1.0
@@ -44,9 +44,14 @@ def read_session(store: Store, campaign: str) -> str:
     return (store.read(f"{campaign}/{_NEWEST}") or b"").decode("utf-8", "replace")
 
 
-def begin_run(store: Store, place: str, node: str) -> None:
-    """Say that a run begins on a node. Raises StoreError."""
+def begin_run(store: Store, place: str, node: str) -> bool:
+    """Say that a run begins on a node; return whether it may. Raises StoreError.
+
+    Who gives it up writes that first, and looks then whether it has begun: one of both sees the
+    other.
+    """
     store.write(f"{place}/{_BEGUN}", node.encode())
+    return store.read(f"{place}/{_GIVEN_UP}") is None
 
 
 def send_run(store: Store, place: str, folder: Path, sent: Callable[[int], None]) -> None:
@@ -97,7 +102,10 @@ def await_run(store: Store, place: str, folder: Path, *, landed_s: float, begun_
         has_begun = has_begun or store.read(f"{place}/{_BEGUN}") is not None
         passed_s = time.monotonic() - start_s
         if not has_begun and passed_s >= begun_s:
-            return "it had not begun"
+            store.write(f"{place}/{_GIVEN_UP}", b"")
+            if store.read(f"{place}/{_BEGUN}") is None:
+                return "it had not begun"
+            has_begun = True
         if passed_s >= landed_s:
             return f"its node has sent nothing to {store.url}/{place} for {landed_s:g} s"
         time.sleep(_LOOK_S)

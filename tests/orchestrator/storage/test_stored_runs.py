@@ -112,12 +112,21 @@ def test_a_lost_node_is_waited_for_only_where_it_has_begun(
     store: Store, flown: Path, tmp_path: Path
 ) -> None:
     here = tmp_path / "here"
-    assert await_run(store, "c/1", here, landed_s=60, begun_s=0) == "it had not begun"
-    begin_run(store, "c/1", "desk")
+    assert begin_run(store, "c/1", "desk")
     assert "has sent nothing" in await_run(store, "c/1", here, landed_s=0, begun_s=0)
     send_run(store, "c/1", flown, ignore)
     assert await_run(store, "c/1", here, landed_s=0, begun_s=0) == ""
     assert contents(here) == FILES
+
+
+def test_a_run_that_was_given_up_does_not_begin_and_one_that_has_begun_is_not_given_up(
+    store: Store, tmp_path: Path
+) -> None:
+    here = tmp_path / "here"
+    assert await_run(store, "c/1", here, landed_s=60, begun_s=0) == "it had not begun"
+    assert not begin_run(store, "c/1", "desk")
+    assert begin_run(store, "c/2", "desk")
+    assert "has sent nothing" in await_run(store, "c/2", here, landed_s=0, begun_s=0)
 
 
 def test_the_newest_start_of_a_campaign_is_what_nodes_read(store: Store) -> None:
