@@ -55,7 +55,10 @@ def main() -> int:
             return compare_hosts(Path(name))
         if given.what == "bench":
             victims = [one for one in BENCH_VICTIMS if one in given.kill] or BENCH_VICTIMS
-            fine = [account(Path(name) / one, one, given.first_seed) for one in victims]
+            fine = [
+                account(Path(name) / one.replace(" ", "-"), one, given.first_seed)
+                for one in victims
+            ]
             return 0 if all(fine) else 1
         bad = 0
         for seed in range(given.first_seed, given.first_seed + given.seeds):
