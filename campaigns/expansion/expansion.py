@@ -18,6 +18,7 @@ from campaigns.expansion.controls import (
     modes_of,
 )
 from campaigns.expansion.omissions import left_out
+from campaigns.expansion.requirements import required_shares, unknown_published
 from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
 from campaigns.schema.bench import BenchRequestPart
 from campaigns.schema.between_runs import BetweenRunsPart
@@ -33,7 +34,7 @@ from campaigns.setup.case_files import (
 from campaigns.setup.case_setup import Setup
 from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
 from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import DECIDED, Requirement, Share, parse_share
+from campaigns.values.acceptance import Requirement, Share
 from campaigns.values.expectation import Expectation
 from campaigns.values.seeds import run_seed
 from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
@@ -132,20 +133,95 @@ class Campaign:
         return (*self.runs, *self.controls)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Read:
+    """A campaign's files, read and found sound. document: with the bench's part of it.
+
+    files, setups: of cases and controls.
+    """
+
+    original: Document
+    document: Document
+    part: CampaignPart
+    bench: Bench | None
+    files: Mapping[str, CaseFiles]
+    setups: Mapping[str, Setup]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Selected:
+    """What the command line selects of a campaign. names: of cases and controls; shares: all.
+
+    runs: the cases and modes that are flown.
+    """
+
+    names: tuple[str, ...]
+    modes: tuple[Mode, ...]
+    shares: Mapping[tuple[str, str], Share]
+    mqtt: MqttSetup | None
+    cases: tuple[str, ...]
+    runs: tuple[tuple[str, Mode], ...]
+    controls: tuple[RunPlan, ...]
+
+
 def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     """Return a campaign file expanded into its runs. Raises BadInput with every problem."""
     options = options or Options()
     original = load(path)
     if is_composition(original):
         return compose(original, options, load_campaign)
+    read = _read(original, options)
+    selected = _select(read, options)
+    part, bench, files, setups = read.part, read.bench, read.files, read.setups
+    doubtful = [
+        one
+        for name in selected.cases
+        for one in caveats_of(files[name], setups[name], tuple(part.modes))
+    ]
+    injected = [f"fault injected: {one}" for name in selected.cases for one in setups[name].faults]
+    odd = list(_odd(part, {name: files[name] for name in selected.names}, setups))
+    odd += control_warnings(read.document, part)
+    flown = {*selected.runs, *((plan.case, plan.mode) for plan in selected.controls)}
+    return Campaign(
+        name=part.campaign,
+        description=part.description,
+        document=read.document,
+        paths=_paths([files[name] for name in selected.names], bench),
+        cases=selected.cases,
+        modes=selected.modes,
+        repetitions=part.most_repetitions,
+        seed=part.seed,
+        setups={name: setups[name] for name in selected.names},
+        runs=tuple(_runs(part, selected, files, options)),
+        requirements=tuple(
+            Requirement(case, mode, selected.shares[case, mode], part.sequential_test)
+            for case, mode in selected.runs
+            if (case, mode) in selected.shares
+        ),
+        left_out=left_out(original, part, flown, selected.shares),
+        mqtt=selected.mqtt,
+        # With a real vehicle a person looks first what went wrong.
+        retries=part.retries if bench is None else 0,
+        test=part.sequential_test,
+        between=part.between_runs,
+        controls=selected.controls,
+        warnings=unique([*doubtful, *odd]),
+        caveats=tuple(dict.fromkeys([one.message for one in doubtful] + injected)),
+        options=options,
+        benches=() if bench is None else (bench,),
+    )
+
+
+def _read(original: Document, options: Options) -> _Read:
+    """Return a campaign's files of every case and control. Raises BadInput with every problem."""
     overrides = _option_overrides(options)
     plain = _with_overrides(original, overrides)
     bench = choose_bench(plain, options.benches)
     complete = completion_of(bench)
-    base = complete(plain)
+    document = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
-    part = gathered(problems, partial(check, base, CampaignPart))
+    part = gathered(problems, partial(check, document, CampaignPart))
     files = _files_of_cases(plain, overrides, problems, complete)
     of_controls = files_of_controls(plain, part, overrides, problems, complete)
     read = partial(
@@ -153,67 +229,48 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         builds=IsolatedBuilds() if options.is_autonomy_isolated else None,
         loads_code=options.loads_code,
     )
-    modes = tuple(part.modes) if part is not None else ()
-    setups = _setups(read, files, modes, problems, warnings)
+    setups = _setups(read, files, () if part is None else tuple(part.modes), problems, warnings)
     if part is not None:
         for name, one in of_controls.items():
             flown = modes_of(part, part.controls[name])
             setups |= _setups(read, {name: one}, flown, problems, warnings)
-        problems += control_problems(base, part, setups)
+        problems += control_problems(document, part, setups)
     if part is None or problems:
         raise BadInput(unique(problems), unique(warnings))
+    return _Read(
+        original=original,
+        document=document,
+        part=part,
+        bench=bench,
+        files=files | of_controls,
+        setups=setups,
+    )
+
+
+def _select(read: _Read, options: Options) -> _Selected:
+    """Return what the command line selects. Raises BadInput with every problem."""
+    part, problems = read.part, list[Problem]()
     names = _select_cases("--case", options.cases, (*part.cases, *part.controls), problems)
-    case_names = tuple(name for name in names if name in part.cases)
     mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
-    shares = _shares(original, base, part, problems)
-    problems += _unknown_published(base, part)
-    mqtt = mqtt_setup(base, part.operator, problems)
+    shares = required_shares(read.original, read.document, part, problems)
+    problems += unknown_published(read.document, part)
+    mqtt = mqtt_setup(read.document, part.operator, problems)
     if problems:
         raise BadInput(unique(problems))
-    doubtful = [
-        one
-        for name in case_names
-        for one in caveats_of(files[name], setups[name], tuple(part.modes))
-    ]
-    injected = [f"fault injected: {one}" for name in case_names for one in setups[name].faults]
-    odd = list(_odd(part, {name: (files | of_controls)[name] for name in names}, setups))
-    odd += control_warnings(base, part)
+    cases = tuple(name for name in names if name in part.cases)
     modes = tuple(mode for mode in part.modes if mode in mode_names)
-    chosen = [(case, mode) for case in case_names for mode in modes]
-    controls = tuple(
-        plan
-        for plan in _controls(part, of_controls, options)
-        if plan.case in names and plan.mode in mode_names
-    )
-    selected = {*chosen, *((plan.case, plan.mode) for plan in controls)}
-    files |= of_controls
-    return Campaign(
-        name=part.campaign,
-        description=part.description,
-        document=base,
-        paths=_paths([files[name] for name in names], bench),
-        cases=case_names,
+    return _Selected(
+        names=names,
         modes=modes,
-        repetitions=part.most_repetitions,
-        seed=part.seed,
-        setups={name: setups[name] for name in names},
-        runs=tuple(_runs(part, chosen, shares, files, options)),
-        requirements=tuple(
-            Requirement(case, mode, shares[case, mode], part.sequential_test)
-            for case, mode in chosen
-            if (case, mode) in shares
-        ),
-        left_out=left_out(original, part, selected, shares),
+        shares=shares,
         mqtt=mqtt,
-        # With a real vehicle a person looks first what went wrong.
-        retries=part.retries if bench is None else 0,
-        test=part.sequential_test,
-        between=part.between_runs,
-        controls=controls,
-        warnings=unique([*doubtful, *odd]),
-        caveats=tuple(dict.fromkeys([one.message for one in doubtful] + injected)),
-        options=options,
-        benches=() if bench is None else (bench,),
+        cases=cases,
+        runs=tuple((case, mode) for case in cases for mode in modes),
+        controls=tuple(
+            plan
+            for plan in _controls(part, read.files, options)
+            if plan.case in names and plan.mode in mode_names
+        ),
     )
 
 
@@ -324,60 +381,11 @@ def _select_cases(
     return tuple(name for name in known if any(fnmatchcase(name, p) for p in patterns))
 
 
-def _unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:
-    """Yield the cases of published counts that the campaign does not have."""
-    for case in part.published.passed if part.published is not None else ():
-        if case not in part.cases:
-            said = f"published names an unknown case '{case}'"
-            path = ("published", "passed", case)
-            yield base.problem(path, said, closest(case, part.cases), key=True)
-
-
-def _shares(
-    original: Document, base: Document, part: CampaignPart, problems: list[Problem]
-) -> dict[tuple[str, str], Share]:
-    """Return the required share of passes of each expanded case and mode; all without `accept`.
-
-    A share is written for the file's own repetitions. Where the command line changes them, it is
-    scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
-    """
-    whole = Share(part.most_repetitions, part.most_repetitions)
-    if part.accept is None:
-        return {(case, mode): whole for case in part.cases for mode in part.modes}
-    written = original.get(("repetitions",), 1)
-    found: dict[tuple[str, str], Share] = {}
-    for case, shares in part.accept.items():
-        if case not in part.cases:
-            said = f"accept names an unknown case '{case}'"
-            meant = closest(case, part.cases)
-            problems.append(base.problem(("accept", case), said, meant, key=True))
-            continue
-        for mode, text in shares.items():
-            path = ("accept", case, mode)
-            share = whole if text == DECIDED else parse_share(text)
-            if mode not in part.modes:
-                said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
-                problems.append(base.problem(path, said, closest(mode, part.modes), key=True))
-            elif (text == DECIDED) != (part.sequential_test is not None):
-                said = "'decided' and `repetitions: {until: decided, ...}` need each other"
-                problems.append(base.problem(path, said))
-            elif text != DECIDED and share.runs != written:
-                said = f"{share} is of {share.runs} runs, but there are {written} repetitions"
-                problems.append(base.problem(path, said))
-            else:
-                found[case, mode] = share.scaled(part.most_repetitions)
-    return found
-
-
 def _runs(
-    part: CampaignPart,
-    chosen: Iterable[tuple[str, Mode]],
-    shares: Mapping[tuple[str, str], Share],
-    files: Mapping[str, CaseFiles],
-    options: Options,
+    part: CampaignPart, selected: _Selected, files: Mapping[str, CaseFiles], options: Options
 ) -> Iterable[RunPlan]:
-    """Yield the planned runs of the chosen cases and modes, repetition by repetition."""
-    for case, mode in chosen:
+    """Yield the planned runs of the selected cases and modes, repetition by repetition."""
+    for case, mode in selected.runs:
         for repetition in range(1, part.most_repetitions + 1):
             seed = run_seed(part.seed, case, repetition)
             yield RunPlan(
@@ -386,7 +394,7 @@ def _runs(
                 mode=mode,
                 repetition=repetition,
                 seed=seed,
-                required=(case, mode) in shares,
+                required=(case, mode) in selected.shares,
                 files=files[case].seeded(seed),
                 loads_code=options.loads_code,
             )

@@ -37,6 +37,7 @@ from orchestrator.engines.travelling_files import (
     relocate_order,
     unpack_files,
 )
+from orchestrator.model.progress import ProgressLimiter
 from orchestrator.model.results import RunResult
 from orchestrator.operator.local_commands import tell_guards
 from orchestrator.state.run_setup import RunOrder
@@ -44,6 +45,8 @@ from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
 _SAY_S = 5.0
+_PROGRESS_S = 0.5
+"""Each message that crosses the cluster costs milliseconds of three processes."""
 
 
 class NodeRuns:
@@ -135,6 +138,7 @@ class NodeRuns:
         self, worker: LocalWorker[RunOrder, RunResult], order: RunOrder
     ) -> RunResult | WorkerLost:
         """Have a worker fly an order, and pass its messages on until the run is done."""
+        limiter = ProgressLimiter(_PROGRESS_S)
         try:
             await worker.begin(order)
             while True:
@@ -142,7 +146,8 @@ class NodeRuns:
                 if isinstance(message, OrderDone):
                     outcome: RunResult | WorkerLost = message.outcome
                     return outcome
-                self._send(message)
+                if limiter.passes(message):
+                    self._send(message)
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
 

@@ -1,5 +1,6 @@
 """What a run tells of itself while it flies; small, frozen, picklable."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -66,3 +67,25 @@ class Happening:
 
 News = Progress | Happening
 Report = Callable[[News], None]
+
+
+class ProgressLimiter:
+    """Lets a run's progress through so often that a person can follow; all that happens, at once.
+
+    A run tells its progress by its own clock, which may be thirty times the wall's: who reads it
+    would spend more time on it than the flight takes. shortest_s: between two, in wall time.
+    """
+
+    def __init__(self, shortest_s: float) -> None:
+        self._shortest_s = shortest_s
+        self._next_s = 0.0
+
+    def passes(self, message: object) -> bool:
+        """Return whether a message is to be passed on now."""
+        if not isinstance(message, Progress):
+            return True
+        now_s = time.monotonic()
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + self._shortest_s
+        return True

@@ -21,9 +21,10 @@ from orchestrator.campaign.workers.left_processes import adopt_descendants, end_
 from orchestrator.campaign.workers.run_server import run_context
 from orchestrator.campaign.workers.run_workers import Fly, Order, OrderDone, Outcome, WorkerLost
 from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.progress import News
+from orchestrator.model.progress import News, ProgressLimiter
 from safety.guard.core.operator_command import OperatorCommand
 
+_PROGRESS_S = 0.1
 _ITSELF = "the run itself: its parent process died"
 
 
@@ -84,8 +85,11 @@ def _work(
     os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
     adopt_descendants()
     inbox = PipeInbox(connection)
+    limiter = ProgressLimiter(_PROGRESS_S)
 
     def report(news: News) -> None:
+        if not limiter.passes(news):
+            return
         # A parent that does not read (SIGSTOP) must not make a flight wait.
         _, writable, _ = select.select([], [connection], [], 0.0)
         if writable:

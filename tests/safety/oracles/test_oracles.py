@@ -34,6 +34,7 @@ def test_a_name_cannot_be_registered_twice() -> None:
         ("time_limit", {"limit_s": -1}),
         ("altitude", {}),
         ("altitude", {"min_m": 3, "max_m": 2}),
+        ("altitude", {"min_m": 2, "max_m": 2}),
         ("link", {"max_gap_s": math.inf}),
         ("landed", {"vehicle": "both"}),
         ("reached", {"direction": "up"}),

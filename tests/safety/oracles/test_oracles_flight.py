@@ -171,6 +171,14 @@ def test_divergence_with_a_limit() -> None:
     assert numbers(judge.result(4.0)) == ("FAIL", 1.0, 0.5, -0.5, 1.0)
 
 
+def test_divergence_exactly_at_its_limit_is_within_it() -> None:
+    judge = build("twin_divergence", max_m=0.5)
+    stage(judge, takeoff=0.0)
+    judge.on_pose(twin(1.0, (0, 0, -1)))
+    assert judge.on_pose(pose(1.0, (0, 0.5, -1))) == ()
+    assert numbers(judge.result(4.0)) == ("PASS", 0.5, 0.5, 0.0, 1.0)
+
+
 def test_a_value_that_is_not_finite_never_reaches_a_result() -> None:
     judge = build("time_limit", limit_s=1)
     result = judge.verdict(passed=True, actual=math.nan, margin=1.0)

@@ -170,6 +170,9 @@ def test_an_estimator_may_be_unsound_for_a_while() -> None:
     # Nothing more is heard: the window's end shows how long it lasted.
     assert [f.text for f in judge.on_stage(stage_sample(5.5))] == ["real: no velocity"]
     assert judge.result(9.0).actual == 1.5
+    # What comes behind the window adds nothing.
+    stage(judge, landed=8.0, end=9.0)
+    assert judge.result(9.0).actual == 1.5
 
 
 def stage_sample(t_s: float) -> StageSample:

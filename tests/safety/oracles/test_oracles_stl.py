@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from safety.fence.geofence import Fence
 from safety.model.oracle_results import Flag, OracleResult
-from safety.model.samples import LinkSample, PoseSample, StateSample
+from safety.model.samples import FenceSample, LinkSample, PoseSample, StateSample
 from safety.model.verdict import DecisiveEvent, decide
 from safety.oracles import Oracle, OracleContext, OracleError
 from safety.oracles.oracle_terms import Stages
@@ -55,6 +56,21 @@ def test_robustness_is_the_margin_of_the_comparison_that_decides() -> None:
     result = judge.result(9.0)
     assert (result.verdict, result.margin) == ("FAIL", -0.25)
     assert (result.actual, result.limit, result.unit, result.at_s) == (0.25, 0.5, "m", 6.0)
+
+
+def test_the_margin_of_a_fence_follows_the_fence_of_the_own_vehicle_alone() -> None:
+    judge = stl("always (fence_margin_m >= 0)")
+    judge.on_pose(pose(0.5, (0, 0, -1)))
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    wide = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-9, 9))
+    judge.on_fence(FenceSample(3.5, "twin", wide))
+    judge.on_pose(pose(4.0, (3.75, 0, -1)))
+    assert judge.result(9.0).margin == 0.25
+    judge.on_fence(
+        FenceSample(4.5, "real", Fence.box(north_m=(-1, 3.5), east_m=(-2, 2), up_m=(-0.5, 2.5)))
+    )
+    judge.on_pose(pose(5.0, (3.375, 0, -1)))
+    assert judge.result(9.0).margin == 0.125
 
 
 def test_times_count_from_the_stage_that_opens_the_window() -> None:

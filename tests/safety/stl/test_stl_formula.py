@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from safety.stl.arithmetic import written
 from safety.stl.formula import (
     Calculation,
     Comparison,
@@ -21,7 +22,7 @@ from safety.stl.formula import (
     children,
     names_of,
 )
-from safety.stl.parser import parse_stl
+from safety.stl.parser import DEEPEST, parse_stl
 from safety.stl.units import SignalKind, require_sound
 
 KINDS = {
@@ -72,6 +73,12 @@ def span(interval: Interval) -> str:
         ("a > 1 or b > 1 and c > 1", "((a > 1) or ((b > 1) and (c > 1)))"),
         ("a -> b -> c", "(a implies (b implies c))"),
         ("a <-> b or c", "(a iff (b or c))"),
+        ("a and b or c", "((a and b) or c)"),
+        ("a or b -> c", "((a or b) implies c)"),
+        ("a -> b or c", "(a implies (b or c))"),
+        ("a -> b <-> c", "((a implies b) iff c)"),
+        ("a and b and c", "((a and b) and c)"),
+        ("a <-> b <-> c", "((a iff b) iff c)"),
         ("not a and b", "((not a) and b)"),
         ("!a || !(b)", "((not a) or (not b))"),
         ("a until[0,5] b and c", "((a until[0,5] b) and c)"),
@@ -182,6 +189,38 @@ def test_units_that_fit(text: str) -> None:
 def test_what_no_person_wrote_is_refused_quickly(text: str) -> None:
     with pytest.raises(StlError, match=r"deep|more than|longer"):
         parse_stl(text)
+
+
+def test_as_deep_as_may_be_is_a_formula() -> None:
+    inner = "(" * DEEPEST + "a" + ")" * DEEPEST
+    assert shape(parse_stl(inner)) == "a"
+    with pytest.raises(StlError, match=f"nested more than {DEEPEST} deep"):
+        parse_stl(f"({inner})")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "up_m - (up_m + clearance_m) >= 1",
+        "up_m - (up_m - clearance_m) >= 1",
+        "up_m + (up_m + clearance_m) >= 1",
+        "(up_m + clearance_m) * 2 >= 1",
+        "2 * (up_m + clearance_m) >= 1",
+        "up_m / (speed_m_s / silence_s) >= 1",
+        "abs(up_m - clearance_m) >= 1",
+    ],
+)
+def test_a_comparison_is_written_as_it_is_read(text: str) -> None:
+    parsed = parse_stl(text)
+    assert isinstance(parsed, Comparison)
+    assert worth(parse_stl(written(parsed))) == worth(parsed)
+
+
+def worth(node: Node) -> float:
+    """Return what is compared, with another number for each name."""
+    assert isinstance(node, Comparison)
+    numbers = {"up_m": 2.0, "clearance_m": 3.0, "speed_m_s": 5.0, "silence_s": 7.0}
+    return float(eval(shape(node.left), {"__builtins__": {"abs": abs}}, numbers))  # noqa: S307
 
 
 words = st.sampled_from(

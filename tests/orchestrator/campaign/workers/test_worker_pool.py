@@ -18,7 +18,7 @@ from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.campaign.workers.worker_pool import Pool
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import News, Progress, Report
+from orchestrator.model.progress import Happening, News, Progress, Report
 from safety.guard.core.operator_command import OperatorCommand
 
 Outcomes = dict[str, "str | WorkerLost"]
@@ -42,6 +42,10 @@ def fly(order: str, report: Report, inbox: Inbox) -> str:
             while (command := inbox.poll()) is None:
                 time.sleep(0.01)
             return f"aborted by {command.who}"
+        case "hurry":
+            for count in range(1000):
+                report(Progress(order, "sim", 1, "goal", count / 2))
+            report(Happening("hurry/sim/1", 500.0, "stage", "landing", "", ""))
     return f"flown {order}"
 
 
@@ -67,6 +71,12 @@ def test_every_order_has_an_outcome_whatever_happens_to_the_others() -> None:
     assert "exit status 7" in lost["exit"]
     assert lost["raise"] == "ValueError: bad luck"
     assert {news.run.partition("/")[0] for news in seen} >= {"a", "b", "c", "raise"}
+
+
+def test_a_run_that_is_faster_than_the_wall_tells_no_more_than_people_can_follow() -> None:
+    _, seen = fly_all(["hurry"])
+    assert 1 <= sum(isinstance(news, Progress) for news in seen) < 100
+    assert [news.word for news in seen if isinstance(news, Happening)] == ["landing"]
 
 
 def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:

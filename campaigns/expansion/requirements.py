@@ -1,0 +1,52 @@
+"""What a campaign requires of its runs: the shares of `accept`, and what was published before."""
+
+from collections.abc import Iterator
+
+from campaigns.schema import CampaignPart
+from campaigns.values.acceptance import DECIDED, Share, parse_share
+from worlds.files.documents import Document, Problem, closest
+
+
+def unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:
+    """Yield the cases of published counts that the campaign does not have."""
+    for case in part.published.passed if part.published is not None else ():
+        if case not in part.cases:
+            said = f"published names an unknown case '{case}'"
+            path = ("published", "passed", case)
+            yield base.problem(path, said, closest(case, part.cases), key=True)
+
+
+def required_shares(
+    original: Document, base: Document, part: CampaignPart, problems: list[Problem]
+) -> dict[tuple[str, str], Share]:
+    """Return the required share of passes of each expanded case and mode; all without `accept`.
+
+    A share is written for the file's own repetitions. Where the command line changes them, it is
+    scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
+    """
+    whole = Share(part.most_repetitions, part.most_repetitions)
+    if part.accept is None:
+        return {(case, mode): whole for case in part.cases for mode in part.modes}
+    written = original.get(("repetitions",), 1)
+    found: dict[tuple[str, str], Share] = {}
+    for case, shares in part.accept.items():
+        if case not in part.cases:
+            said = f"accept names an unknown case '{case}'"
+            meant = closest(case, part.cases)
+            problems.append(base.problem(("accept", case), said, meant, key=True))
+            continue
+        for mode, text in shares.items():
+            path = ("accept", case, mode)
+            share = whole if text == DECIDED else parse_share(text)
+            if mode not in part.modes:
+                said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
+                problems.append(base.problem(path, said, closest(mode, part.modes), key=True))
+            elif (text == DECIDED) != (part.sequential_test is not None):
+                said = "'decided' and `repetitions: {until: decided, ...}` need each other"
+                problems.append(base.problem(path, said))
+            elif text != DECIDED and share.runs != written:
+                said = f"{share} is of {share.runs} runs, but there are {written} repetitions"
+                problems.append(base.problem(path, said))
+            else:
+                found[case, mode] = share.scaled(part.most_repetitions)
+    return found
