@@ -27,20 +27,37 @@ schema: wil/bench/1
 bench: hall-a
 properties: {indoor: true}
 vehicles:
-  real: {link: "udpin://127.0.0.1:14540", autopilot: px4}
+  real:
+    link: udpin://127.0.0.1:14540
+    autopilot: px4
+    sensors: {camera: {type: camera, rate_hz: 5, width_px: 80, height_px: 60, fov_deg: 69}}
 geofence: {box: {north_m: [-9, 9], east_m: [-9, 9], up_m: [-2, 5]}}
 """
 HALL = """\
 schema: wil/campaign/1
 campaign: hall
 bench: hall-a
-vehicles: {twin: {link: embedded, autopilot: px4}}
+vehicles:
+  twin:
+    link: embedded
+    autopilot: px4
+    sensors: {camera: {type: camera, rate_hz: 5, width_px: 80, height_px: 60, fov_deg: 69}}
 world: world.yaml
+recipe: recipe.yaml
 autonomy: {use: still.py:Still, with: {ticks: 300}}
 goal: {altitude_m: 1.2}
 modes: [wil]
 preflight: {failsafe: set}
 oracles: {landed: {}, geofence: {}}
+"""
+RECIPE = """\
+schema: wil/recipe/1
+sensors: {camera: {type: camera, rate_hz: 5}}
+combine:
+  - sensor: camera
+    merge: {overlay: {priority: [real, twin]}}
+    publish: [real, twin]
+    max_skew_ms: 900
 """
 RUNS = {"hover": 6, "hall": 3}
 DOWN_S = 120.0
@@ -52,6 +69,7 @@ def account(folder: Path, victim: str, seed: int) -> bool:
     hover = write_campaign(folder, ticks=2000)
     (folder / "hall.yaml").write_text(HALL)
     (folder / "hall-a.yaml").write_text(BENCH)
+    (folder / "recipe.yaml").write_text(RECIPE)
     (folder / "world.yaml").write_text(WORLD)
     out = folder / "out"
     with two_hosts(folder) as (first, second), cluster_of(first, second, (1, 1)) as address:
