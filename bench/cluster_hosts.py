@@ -167,14 +167,15 @@ def cluster_of(first: Host, second: Host, places: Sequence[int] = (1, 1)) -> Ite
         first.end()
 
 
-def start_head(host: Host, places: int) -> "subprocess.Popen[bytes]":
-    """Start the head of a cluster, and wait until it is up."""
-    return _start_ray(host, places, "--head", f"--port={PORT}", "--include-dashboard=false")
+def start_head(host: Host, places: int, *more: str) -> "subprocess.Popen[bytes]":
+    """Start the head of a cluster, and wait until it is up. more: options of Ray."""
+    head = ("--head", f"--port={PORT}", "--include-dashboard=false")
+    return _start_ray(host, places, *head, *more)
 
 
-def start_node(host: Host, address: str, places: int) -> "subprocess.Popen[bytes]":
-    """Have a host join a cluster, and wait until it has."""
-    return _start_ray(host, places, f"--address={address}")
+def start_node(host: Host, address: str, places: int, *more: str) -> "subprocess.Popen[bytes]":
+    """Have a host join a cluster, and wait until it has. more: options of Ray."""
+    return _start_ray(host, places, f"--address={address}", *more)
 
 
 def start_store(host: Host) -> "subprocess.Popen[bytes]":

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bench.cluster_bench import HALL
 from bench.cluster_files import contents, write_campaign
 from bench.cluster_hosts import (
     STARTED_S,
@@ -24,6 +25,8 @@ from bench.cluster_hosts import (
 
 STORE = "s3://wil/results"
 ROOT = Path(__file__).resolve().parent.parent
+_TWICE = '--resources={"bench:hall-b": 1}'
+"""Both hosts say that they have this bench."""
 FLEE = "import sys; raise ImportError('no such module here')\n"
 JOIN = """\
 import sys, ray
@@ -80,6 +83,10 @@ class _Check:
     def refused(self, what: str, wanted: str, *more: str) -> None:
         """Fly what must be refused with exit code 2 and a remedy."""
         campaign = write_campaign(self.folder / "campaign", ticks=1)
+        self.refused_file(what, wanted, campaign, *more)
+
+    def refused_file(self, what: str, wanted: str, campaign: Path, *more: str) -> None:
+        """Fly a campaign that must be refused with exit code 2, a place or a remedy."""
         code, said = self.fly(campaign, "/tmp/refused", "--engine", self.engine, *more)  # noqa: S108
         self.say(what, code == 2 and wanted in said, f"exit code {code}: {said}")
 
@@ -88,7 +95,7 @@ class _Check:
         """Have the second host join the cluster, with an environment, until the end."""
         before = self.second.environment
         self.second.environment = {**before, **environment}
-        node = start_node(self.second, f"{self.first.address}:6379", 2)
+        node = start_node(self.second, f"{self.first.address}:6379", 2, _TWICE)
         self.second.environment = before
         try:
             yield
@@ -105,13 +112,14 @@ def compare_hosts(folder: Path) -> int:
     bad = 0
     with two_hosts(folder) as (first, second):
         check = _Check(folder, first, second)
-        start_head(first, 2)
+        start_head(first, 2, _TWICE)
         start_store(first)
         _token(check)
         with check.second_node():
             check.over_nodes("shared folder", str(folder / "shared"))
             check.refused("a folder that the other host does not see", "--store")
             check.over_nodes("store", "/tmp/stored", "--store", STORE)  # noqa: S108
+            _benches(check)
             _operators(check)
         _unfit(check)
         bad += check.bad
@@ -148,6 +156,19 @@ def _token(check: _Check) -> None:
         ended.returncode == 2 and "needs a token" in ended.stderr,
         f"exit code {ended.returncode}: {ended.stderr}",
     )
+
+
+def _benches(check: _Check) -> None:
+    """Ask for benches that the cluster does not have, or has twice."""
+    text = HALL.replace("recipe: recipe.yaml\n", "").replace("[wil]", "[sim]")
+    for what, asked, wanted in (
+        ("a bench that there is not", "{name: nowhere, wait_s: 2}", "there is no bench 'nowhere'"),
+        ("a property that no bench has", "{properties: {roof: true}, wait_s: 2}", "'roof'"),
+        ("two benches of one name", "{name: hall-b, wait_s: 2}", "two benches of the name"),
+    ):
+        campaign = write_campaign(check.folder / "benches", ticks=1).with_name("hall.yaml")
+        campaign.write_text(text.replace("bench: hall-a", f"bench: {asked}"))
+        check.refused_file(what, wanted, campaign)
 
 
 def _unfit(check: _Check) -> None:
