@@ -59,7 +59,7 @@ combine:
     publish: [real, twin]
     max_skew_ms: 900
 """
-RUNS = {"hover": 6, "hall": 3}
+RUNS = {"hover": 16, "hall": 3}
 DOWN_S = 120.0
 
 

@@ -116,7 +116,7 @@ def open_store(url: str, limits: StoreLimits | None = None) -> Store:
             "recorded; give them to every node as its environment or its files say (AWS_PROFILE)"
         )
     try:
-        from fsspec.core import url_to_fs  # type: ignore[import-not-found]  # noqa: PLC0415  # of an extra
+        from fsspec.core import url_to_fs  # noqa: PLC0415  # of an extra
     except ImportError as error:
         raise StoreRefusedError(_missing(url, "fsspec")) from error
     options = {"auto_mkdir": True} if parts.scheme in {"file", "local"} else {}
