@@ -127,7 +127,7 @@ class _Trial:
         down_s = time.monotonic() - began_s
         before, finished = self._events(), self._finished()
         flown = self._begun()
-        kept = self._kept()
+        kept = self._count_left_on_nodes()
         if name == "store":
             start_store(first)
         engine = self.engine if victim.engine == "ray" else "local"
@@ -206,7 +206,7 @@ class _Trial:
                 again.add(run)
         return again
 
-    def _kept(self) -> int:
+    def _count_left_on_nodes(self) -> int:
         """Return how many results nodes have kept where the campaign was told."""
         places = re.findall(r"kept in (\w+):(\S+?):", self._text("default/sim/*/result.json"))
         hosts = {host.name: host for host in self.hosts}

@@ -63,11 +63,11 @@ class Store:
                 return None
             return content
 
-        return self._insist(f"{self.url}/{name} cannot be read", read)
+        return self._retry_call(f"{self.url}/{name} cannot be read", read)
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file, in place of an older one."""
-        self._insist(
+        self._retry_call(
             f"{self.url}/{name} cannot be written",
             lambda: self.files.pipe_file(self._path(name), content),
             len(content),
@@ -75,7 +75,7 @@ class Store:
 
     def upload(self, name: str, path: Path) -> None:
         """Write a file from one of this machine."""
-        self._insist(
+        self._retry_call(
             f"{self.url}/{name} cannot be written",
             lambda: self.files.put_file(str(path), self._path(name)),
             path.stat().st_size,
@@ -83,7 +83,7 @@ class Store:
 
     def download(self, name: str, path: Path, size: int) -> None:
         """Write a file's content to one of this machine. size: what it should have."""
-        self._insist(
+        self._retry_call(
             f"{self.url}/{name} cannot be read",
             lambda: self.files.get_file(self._path(name), str(path)),
             size,
@@ -92,7 +92,7 @@ class Store:
     def _path(self, name: str) -> str:
         return f"{self.root}/{name}"
 
-    def _insist(self, failing: str, call: Callable[[], T], size: int = 0) -> T:
+    def _retry_call(self, failing: str, call: Callable[[], T], size: int = 0) -> T:
         """Return what a call returns, at one of its tries."""
         limits, said = self.limits, ""
         for number in range(limits.tries):

@@ -47,7 +47,7 @@ def test_a_run_that_was_finished_counts(order: RunOrder) -> None:
     assert SharedResults().of_lost(order, "") == result
 
 
-def test_a_run_in_flight_is_waited_for_and_then_said_to_be(
+def test_a_run_in_flight_is_waited_for_and_not_given_up(
     order: RunOrder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(returned_results, "_LANDED_S", 0.4)

@@ -72,7 +72,7 @@ def lines(folder: Path) -> list[dict[str, str]]:
     return [json.loads(line) for line in (folder / "ledger.jsonl").read_text().splitlines()]
 
 
-def kept(folder: Path) -> Iterator[Path]:
+def left_on_nodes(folder: Path) -> Iterator[Path]:
     """Yield the results that nodes have kept."""
     return folder.glob("wil-run-*/default/sim/*/result.json")
 
@@ -98,7 +98,7 @@ def test_results_through_a_store_are_the_same_to_the_byte(
     assert not list(node_folders.glob("wil-run-*"))
 
 
-def test_what_cannot_be_sent_is_kept_on_the_node_and_said(
+def test_what_cannot_be_sent_stays_on_the_node_which_the_reason_names(
     tmp_path: Path, store: Path, node_folders: Path
 ) -> None:
     def refuse(_: FakeRay) -> None:
@@ -111,7 +111,7 @@ def test_what_cannot_be_sent_is_kept_on_the_node_and_said(
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
     assert "it is PASS, but its files are not in the store, and kept in" in run.reason
     assert events(flown.folder) == ["begun", "ordered", "lost"]
-    (result,) = kept(node_folders)
+    (result,) = left_on_nodes(node_folders)
     assert str(result.parent) in run.reason
     # A person brings it back: what was finished counts.
     home = flown.folder / "default/sim/1"
@@ -134,7 +134,7 @@ def test_a_store_that_is_gone_when_the_result_is_fetched_leaves_it_on_the_node(
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
     assert "it is PASS, but its files are not here, and kept in" in run.reason
-    (result,) = kept(node_folders)
+    (result,) = left_on_nodes(node_folders)
     assert str(result.parent) in run.reason
 
 
@@ -155,7 +155,7 @@ def test_a_damaged_file_does_not_count(
     (run,) = flown.summary.runs
     assert run.verdict == "ERROR"
     assert "trajectory.csv is not what its node has sent: its SHA-256 is another" in run.reason
-    assert list(kept(node_folders))
+    assert list(left_on_nodes(node_folders))
 
 
 def test_a_worker_that_dies_in_flight_is_waited_for_in_the_store(

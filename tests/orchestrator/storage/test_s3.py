@@ -73,7 +73,7 @@ def test_a_run_comes_back_from_a_bucket(
     assert server.is_running()
 
 
-def test_a_bucket_that_there_is_not_is_said(server: psutil.Process) -> None:
+def test_a_missing_bucket_is_an_error_with_its_name(server: psutil.Process) -> None:
     with pytest.raises(StoreError, match="s3://nowhere/x/gate/1/begun cannot be written"):
         begin_run(open_store("s3://nowhere/x", PATIENT), "gate/1", "desk")
     assert server.is_running()
