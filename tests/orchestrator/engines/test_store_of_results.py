@@ -16,6 +16,7 @@ from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.engines.ray_agents import hire_agents
 from orchestrator.engines.ray_engine import RayEngine
 from orchestrator.storage.store import StoreLimits, open_store
+from orchestrator.storage.stored_runs import fetch_run
 from tests.orchestrator.engines.fake_ray import FakeRay
 from tests.orchestrator.engines.test_ray_engine import Acting, MortalAgent, contents, events
 from tests.orchestrator.hover import write_hover
@@ -141,16 +142,12 @@ def test_a_store_that_is_gone_when_the_result_is_fetched_leaves_it_on_the_node(
 def test_a_damaged_file_does_not_count(
     tmp_path: Path, store: Path, node_folders: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from orchestrator.engines import returned_results
-
-    fetch = returned_results.fetch_run
-
     def damaged(*given: object) -> bool:
         for path in store.rglob("trajectory.csv"):
             path.write_bytes(path.read_bytes()[:-1])
-        return fetch(*given)  # type: ignore[arg-type]
+        return fetch_run(*given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(returned_results, "fetch_run", damaged)
+    monkeypatch.setattr("orchestrator.engines.returned_results.fetch_run", damaged)
     flown = fly(write_hover(tmp_path), tmp_path / "out", store)
     (run,) = flown.summary.runs
     assert run.verdict == "ERROR"
