@@ -3,15 +3,16 @@
     python -m bench.cluster overhead --runs 20
     python -m bench.cluster nodes --runs 200
     python -m bench.cluster hosts
+    python -m bench.cluster clocks
     python -m bench.cluster faults --seeds 3
     python -m bench.cluster bench
 
 `overhead` flies a campaign of short flights by both engines, and compares results to the byte.
 `nodes` does so with a cluster of two nodes on this machine, each with half of the places.
 `hosts` flies over two hosts of this machine (network namespaces) by the commands of
-docs/cluster.md, and commands what flies. `faults` ends one of the campaign's processes there by
-SIGKILL at a seeded moment of a flight, resumes, and counts flights, results and processes that are
-left. `bench` does so with a campaign on a bench beside one over both hosts. These three need root,
+docs/cluster.md, and commands what flies; `clocks` does so with an hour between their clocks.
+`faults` ends one of the campaign's processes there by SIGKILL at a seeded moment of a flight,
+resumes, and counts flights, results and processes that are left. `bench` does so with a campaign on a bench beside one over both hosts. These three need root,
 and the extras cluster, storage and test.
 """
 
@@ -28,12 +29,12 @@ from pathlib import Path
 from bench.cluster_bench import BENCH_VICTIMS, account
 from bench.cluster_faults import VICTIMS, survives
 from bench.cluster_files import contents, write_campaign
-from bench.cluster_hosts_check import compare_hosts
+from bench.cluster_hosts_check import compare_clocks, compare_hosts
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=["overhead", "nodes", "hosts", "faults", "bench"])
+    parser.add_argument("what", choices=["overhead", "nodes", "hosts", "clocks", "faults", "bench"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=0)
@@ -53,6 +54,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir=given.folder) as name:
         if given.what == "hosts":
             return compare_hosts(Path(name))
+        if given.what == "clocks":
+            return compare_clocks(Path(name))
         if given.what == "bench":
             victims = [one for one in BENCH_VICTIMS if one in given.kill] or BENCH_VICTIMS
             fine = [

@@ -15,6 +15,8 @@ modes: [sim]
 oracles: {landed: {}}
 """
 STILL = """\
+import time
+
 from vehicles.autonomy import Command
 from vehicles.setpoints import VelocitySetpoint
 
@@ -28,6 +30,8 @@ class Still:
 
     def act(self, telemetry):
         self.ticks -= 1
+        if self.ticks == 0:
+            print(time.time(), flush=True)
         return Command(VelocitySetpoint((0.0, 0.0, 0.0)), done=self.ticks <= 0)
 """
 

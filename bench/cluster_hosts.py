@@ -1,7 +1,7 @@
 """Two machines on one: network namespaces with addresses, names and a /tmp of their own.
 
-They share processors, disk and (unless libfaketime is there) clock, and nothing else that Ray or
-this program could meet in: no loopback, no sockets, no /tmp. It needs root, `ip` and `unshare`.
+They share processors, disk and clock, and nothing else that Ray or this program could meet in: no
+loopback, no sockets, no /tmp. It needs root, `ip` and `unshare`.
 """
 
 import contextlib
@@ -22,7 +22,6 @@ PORT = 6379
 STORE_PORT = 9000
 TOKEN = "bench-of-two-hosts-0123456789abcdef"  # noqa: S105  # of a cluster that nobody else reaches
 _OBJECTS = "--object-store-memory=80000000"
-_LIBFAKETIME = Path("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1")
 JOINED_S = 120.0
 STARTED_S = 300.0
 
@@ -131,8 +130,8 @@ class Host:
 
 
 @contextmanager
-def two_hosts(logs: Path, *, clock_s: float = 0.0) -> Iterator[tuple[Host, Host]]:
-    """Have two hosts that reach each other. clock_s: by how much the second's clock is ahead."""
+def two_hosts(logs: Path) -> Iterator[tuple[Host, Host]]:
+    """Have two hosts that reach each other."""
     with ExitStack() as stack:
         hosts = [
             stack.enter_context(_host(name, f"10.77.0.{number}", logs))
@@ -145,12 +144,6 @@ def two_hosts(logs: Path, *, clock_s: float = 0.0) -> Iterator[tuple[Host, Host]
             _ip("-n", host.namespace, "addr", "add", f"{host.address}/24", "dev", device)
             _ip("-n", host.namespace, "link", "set", "lo", "up")
             _ip("-n", host.namespace, "link", "set", device, "up")
-        if clock_s:
-            hosts[1].environment = {
-                "LD_PRELOAD": str(_LIBFAKETIME),
-                "FAKETIME": f"{clock_s:+g}s",
-                "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-            }
         yield hosts[0], hosts[1]
 
 
