@@ -12,8 +12,8 @@
 `hosts` flies over two hosts of this machine (network namespaces) by the commands of
 docs/cluster.md, and commands what flies; `clocks` does so with an hour between their clocks.
 `faults` ends one of the campaign's processes there by SIGKILL at a seeded moment of a flight,
-resumes, and counts flights, results and processes that are left. `bench` does so with a campaign on a bench beside one over both hosts. These three need root,
-and the extras cluster, storage and test.
+resumes, and counts flights, results and processes that are left. `bench` does so with a campaign on
+a bench beside one over both hosts. The last four need root, and the extras cluster and test.
 """
 
 import argparse
