@@ -59,14 +59,14 @@ combine:
     publish: [real, twin]
     max_skew_ms: 900
 """
-RUNS = {"hover": 16, "hall": 3}
+RUNS = {"hover": 12, "hall": 3}
 DOWN_S = 120.0
 
 
 def account(folder: Path, victim: str, seed: int) -> bool:
     """Kill in flight, resume, print both ledgers; return whether all is accounted for."""
     folder.mkdir(parents=True)
-    hover = write_campaign(folder, ticks=2000)
+    hover = write_campaign(folder, ticks=500)
     (folder / "hall.yaml").write_text(HALL)
     (folder / "hall-a.yaml").write_text(BENCH)
     (folder / "recipe.yaml").write_text(RECIPE)

@@ -23,7 +23,7 @@ schema: wil/campaign/1
 campaign: hover
 vehicles: {twin: {link: embedded, autopilot: px4}}
 world: world.yaml
-autonomy: {use: still.py:Still, with: {ticks: 2000}}
+autonomy: {use: still.py:Still, with: {ticks: 500}}
 goal: {altitude_m: 1.2}
 modes: [sim]
 oracles: {landed: {}}
