@@ -9,7 +9,7 @@ import sys
 import sysconfig
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from campaigns.expansion.expansion import Campaign
 from orchestrator.campaign.folder.manifest import read_files
 from orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger, first_session
 from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.engines.head_watch import watched_head
 from orchestrator.engines.node_messages import CampaignAnswer, CampaignBrought
 from orchestrator.engines.ray_agents import HiredAgent, hire_agents
 from orchestrator.engines.ray_worker import RayWorker
@@ -204,7 +205,8 @@ def running_ray(address: str | None, *, cpus: int = 0) -> Iterator[Any]:
         else:
             _join(ray, address)
         signal.signal(signal.SIGTERM, before)  # Ray's own would end this program in flight
-        yield ray
+        with nullcontext() if address is None else watched_head(address):
+            yield ray
     finally:
         ray.shutdown()
         signal.signal(signal.SIGTERM, before)
