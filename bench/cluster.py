@@ -2,68 +2,47 @@
 
     python -m bench.cluster overhead --runs 20
     python -m bench.cluster nodes --runs 200
+    python -m bench.cluster hosts
+    python -m bench.cluster clocks
     python -m bench.cluster faults --seeds 3
+    python -m bench.cluster bench
 
 `overhead` flies a campaign of short flights by both engines, and compares results to the byte.
 `nodes` does so with a cluster of two nodes on this machine, each with half of the places.
-`faults` ends the program, a worker of Ray or its raylet by SIGKILL at a seeded moment of a flight,
-resumes, and counts flights, results and processes that are left. It needs the extra `cluster`.
+`hosts` flies over two hosts of this machine (network namespaces) by the commands of
+docs/cluster.md, and commands what flies; `clocks` does so with an hour between their clocks.
+`faults` ends one of the campaign's processes there by SIGKILL at a seeded moment of a flight,
+resumes, and counts flights, results and processes that are left. `bench` does so with a campaign on
+a bench beside one over both hosts. The last four need root, and the extras cluster and test.
 """
 
 import argparse
-import json
 import os
-import random
 import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import psutil
-
-WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
-CAMPAIGN = """\
-schema: wil/campaign/1
-campaign: hover
-vehicles: {twin: {link: embedded, autopilot: px4}}
-world: world.yaml
-autonomy: {use: wait, with: {}}
-goal: {altitude_m: 1.2}
-modes: [sim]
-oracles: {landed: {}}
-"""
-STILL = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
-
-
-class Still:
-    def __init__(self, *, goal, parameters, seed):
-        self.ticks = parameters.get("ticks", 1)
-
-    def perceive(self, reading):
-        pass
-
-    def act(self, telemetry):
-        self.ticks -= 1
-        return Command(VelocitySetpoint((0.0, 0.0, 0.0)), done=self.ticks <= 0)
-"""
-ENDED_S = 120.0
-"""How long what a killed process leaves may go on: it lands."""
-STARTED_S = 400.0
+from bench.cluster_bench import BENCH_VICTIMS, account
+from bench.cluster_faults import VICTIMS, survives
+from bench.cluster_files import contents, write_campaign
+from bench.cluster_hosts_check import compare_clocks, compare_hosts
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=["overhead", "nodes", "faults"])
+    parser.add_argument("what", choices=["overhead", "nodes", "hosts", "clocks", "faults", "bench"])
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--kill", choices=list(VICTIMS), nargs="*", default=list(VICTIMS))
+    parser.add_argument("--folder", default="/var/tmp", help="not beneath /tmp")  # noqa: S108
+    parser.add_argument(
+        "--kill", choices=[*VICTIMS, *BENCH_VICTIMS], nargs="*", default=list(VICTIMS)
+    )
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         if given.what == "overhead":
@@ -71,10 +50,23 @@ def main() -> int:
         if given.what == "nodes":
             with two_nodes(given.jobs) as address:
                 return overhead(Path(name), given.runs, given.jobs, f"ray://{address}")
+    # Where hosts have a /tmp of their own, what they share is elsewhere.
+    with tempfile.TemporaryDirectory(dir=given.folder) as name:
+        if given.what == "hosts":
+            return compare_hosts(Path(name))
+        if given.what == "clocks":
+            return compare_clocks(Path(name))
+        if given.what == "bench":
+            victims = [one for one in BENCH_VICTIMS if one in given.kill] or BENCH_VICTIMS
+            fine = [
+                account(Path(name) / one.replace(" ", "-"), one, given.first_seed)
+                for one in victims
+            ]
+            return 0 if all(fine) else 1
         bad = 0
-        for seed in range(given.seeds):
-            for victim in given.kill:
-                bad += not survives(Path(name) / f"{victim}-{seed}", victim, seed, given.jobs)
+        for seed in range(given.first_seed, given.first_seed + given.seeds):
+            for number, victim in enumerate(given.kill):
+                bad += not survives(Path(name) / f"{number}-{seed}", victim, seed)
         return 1 if bad else 0
 
 
@@ -127,63 +119,6 @@ def overhead(folder: Path, runs: int, jobs: int, ray: str = "ray") -> int:
     return 0 if same else 1
 
 
-def survives(folder: Path, victim: str, seed: int, jobs: int) -> bool:
-    """Kill a victim in flight, resume, and print and return whether all is well."""
-    campaign = write_campaign(folder, ticks=2000)
-    out = folder / "out"
-    flying = subprocess.Popen(  # noqa: S603 - our own program
-        command(campaign, out, jobs, "--engine", "ray", "--repetitions", "4"),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    wait_for(lambda: "ordered" in ledger(out), STARTED_S)
-    time.sleep(random.Random(seed).uniform(0.0, 3.0))  # noqa: S311
-    program = psutil.Process(flying.pid)
-    every = [program, *program.children(recursive=True)]
-    VICTIMS[victim](every).kill()
-    code = flying.wait(STARTED_S)
-    left = psutil.wait_procs(every[1:], timeout=ENDED_S)[1]
-    first = Counter(ledger(out))
-    resumed = subprocess.run(  # noqa: S603 - our own program
-        command(campaign, out, jobs, "--engine", "local", "--repetitions", "4", "--resume"),
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    results = sorted(flown_folder(out).glob("default/sim/*/result.json"))
-    verdicts = Counter(json.loads(one.read_text())["verdict"] for one in results)
-    # Each order is answered for by one folder: a run's own, or one that was set aside.
-    folders = len(list(flown_folder(out).glob("earlier/default/sim/*"))) + len(results)
-    fine = not left and len(results) == 4 and folders <= first["ordered"] + 4
-    print(
-        f"{victim}, seed {seed}: exit code {code}, {dict(first)}; {len(left)} processes left; "
-        f"resumed: exit code {resumed.returncode}, {dict(verdicts)}: {'fine' if fine else 'BAD'}",
-        flush=True,
-    )
-    return fine
-
-
-def named(text: str) -> Callable[[Sequence[psutil.Process]], psutil.Process]:
-    """Return what finds a process whose command line has a text."""
-    return lambda every: next(one for one in every if text in " ".join(one.cmdline()))
-
-
-VICTIMS: dict[str, Callable[[Sequence[psutil.Process]], psutil.Process]] = {
-    "program": lambda every: every[0],
-    "worker": named("ray::NodeAgent"),
-    "raylet": named("raylet/raylet"),
-}
-
-
-def write_campaign(folder: Path, *, ticks: int) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "world.yaml").write_text(WORLD)
-    (folder / "still.py").write_text(STILL)
-    autonomy = f"still.py:Still, with: {{ticks: {ticks}}}"
-    (folder / "hover.yaml").write_text(CAMPAIGN.replace("wait, with: {}", autonomy))
-    return folder / "hover.yaml"
-
-
 def command(campaign: Path, out: Path, jobs: int, *options: str) -> list[str]:
     program = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign)]
     return [*program, "--out", str(out), "--jobs", str(jobs), *options]
@@ -191,33 +126,6 @@ def command(campaign: Path, out: Path, jobs: int, *options: str) -> list[str]:
 
 def flown_folder(out: Path) -> Path:
     return next(out.glob("hover/*/campaign.json")).parent
-
-
-def ledger(out: Path) -> list[str]:
-    """Return the events in a campaign's ledger; none before there is one."""
-    path = next(out.glob("hover/*/ledger.jsonl"), None)
-    lines = [] if path is None else path.read_text().splitlines()
-    return [json.loads(line)["event"] for line in lines]
-
-
-def wait_for(is_so: Callable[[], bool], limit_s: float) -> None:
-    deadline_s = time.monotonic() + limit_s
-    while not is_so():
-        if time.monotonic() > deadline_s:
-            raise TimeoutError("nothing was ordered in time")
-        time.sleep(0.1)
-
-
-def contents(folder: Path) -> dict[str, object]:
-    """Return the files of runs, without the time that each took on the wall."""
-    found: dict[str, object] = {}
-    for path in folder.glob("default/**/*"):
-        name = str(path.relative_to(folder))
-        if path.name == "result.json":
-            found[name] = {**json.loads(path.read_text()), "wall_s": 0}
-        elif path.suffix in {".csv", ".jsonl", ".tlog"}:
-            found[name] = path.read_bytes()
-    return found
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ class FlightRequest:
     arm_real: bool
     arm_actors: bool
     engine: str
+    store: str
     bench_files: tuple[str, ...]
 
 

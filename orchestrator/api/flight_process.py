@@ -124,6 +124,7 @@ def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignO
         out=Path(request.out),
         junit=None if request.junit is None else Path(request.junit),
         engine=request.engine,
+        store=request.store,
         clock=request.clock,
         jobs=request.jobs,
         resume=request.resume,

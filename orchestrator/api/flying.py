@@ -56,6 +56,7 @@ def run(
     arm_actors: bool = False,
     junit: str | Path | None = None,
     engine: str = LOCAL,
+    store: str = "",
     bench_files: Sequence[str | Path] = (),
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
@@ -67,6 +68,7 @@ def run(
     jobs, resume, arm, arm_real, arm_actors, junit: as the options of `wil-campaign run`; nobody is
     asked before an attached vehicle is armed. engine: as of --engine; on a bench of a cluster, for
     which the campaign is given as a file, consent to arm is given on the bench's own terminal.
+    store: as of --store, through which results of a cluster come where no folder is shared.
     bench_files: as of `load`, where the campaign is given as a file. on_result: called with the
     result of each run as it ends; on_message: with sentences for people.
 
@@ -77,6 +79,7 @@ def run(
     request = _request(
         loaded,
         engine=engine,
+        store=store,
         out=out,
         runs=runs,
         clock=clock,
@@ -104,6 +107,7 @@ async def run_async(
     arm_actors: bool = False,
     junit: str | Path | None = None,
     engine: str = LOCAL,
+    store: str = "",
     bench_files: Sequence[str | Path] = (),
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
@@ -118,6 +122,7 @@ async def run_async(
     request = _request(
         loaded,
         engine=engine,
+        store=store,
         out=out,
         runs=runs,
         clock=clock,
@@ -264,6 +269,7 @@ def _request(
     campaign: Campaign | Path,
     *,
     engine: str,
+    store: str,
     out: str | Path,
     runs: Collection[str] | None,
     clock: Clock | None,
@@ -298,5 +304,6 @@ def _request(
         arm_real=arm_real,
         arm_actors=arm_actors,
         engine=engine,
+        store=store,
         bench_files=tuple(str(bench.document.path) for bench in options.benches),
     )

@@ -97,6 +97,7 @@ class CampaignFile(pytest.File):
             jobs=option("--wil-jobs"),
             arm_real=bool(option("--wil-arm-real")),
             engine=str(option("--wil-engine")),
+            store=str(option("--wil-store")),
         )
 
     def _take(self, results: CampaignResults) -> None:

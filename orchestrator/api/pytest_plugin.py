@@ -49,6 +49,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="where runs fly: local, ray or ray://HOST:PORT (default: local)",
     )
     group.addoption(
+        "--wil-store",
+        default="",
+        metavar="URL",
+        help="through which results of a cluster come, without a shared folder: s3://BUCKET/PREFIX",
+    )
+    group.addoption(
         "--wil-bench-file",
         action="append",
         default=[],

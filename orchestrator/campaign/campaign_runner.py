@@ -205,6 +205,7 @@ class _Flight:
             done=self._finish_run,
             ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
             ready=self._ready,
+            begun=lambda order, place: self._controller.begun(order.plan.name, place),
         )
         self._controller = CampaignController(
             campaign=campaign.name,
@@ -258,7 +259,7 @@ class _Flight:
         """Return the campaign's outcome: summary and exit code."""
         summary = self.write_summary(has_ended=True)
         flown = (*summary.runs, *summary.controls)
-        stopped, broken = self._controller.stopped, bool(self._faults.all)
+        stopped, broken = self._controller.ended_by, bool(self._faults.all)
         code = exit_code(
             flown,
             self._campaign.requirements,
@@ -407,7 +408,7 @@ class _Flight:
             real_kind=self._settings.real_kind,
             sensors=sensor_kinds(self._campaign),
             left_out=self._campaign.left_out,
-            stopped=self._controller.stopped,
+            stopped=self._controller.ended_by,
             broken=bool(self._faults.all) if has_ended or self._faults.all else None,
             controls_due=len(self._campaign.controls),
             missing=self._missing(),

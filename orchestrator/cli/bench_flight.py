@@ -15,6 +15,7 @@ from orchestrator.cli.standard_streams import err
 from orchestrator.engines.bench.bench_engine import HiredBench, bench_of_cluster
 from orchestrator.engines.bench.bench_messages import ConsentAsked
 from orchestrator.model.clock import Clock
+from orchestrator.storage.store import Store
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +57,11 @@ def bench_flight(
     jobs: int | None,
     arm: bool,
     select: Callable[[Campaign], Campaign],
+    store: Store | None = None,
 ) -> Iterator[BenchFlight]:
     """Take the bench that a campaign asks for, and get consent there; it is free at the end.
 
-    select: takes runs out of the campaign. Consent is asked for what is left.
+    select: takes runs out of the campaign. Consent is asked for what is left. store: of results.
     Raises BadInput, RefusedError, EngineError.
     """
     if clock not in {None, "wall"} or jobs not in {None, 1}:
@@ -75,7 +77,7 @@ def bench_flight(
         if others:
             names = " and ".join(f"{one.name} ({one.attached})" for one in others)
             raise RefusedError(f"{names}: a bench has one vehicle, the real one", REFUSED)
-        yield BenchFlight(campaign, _clear_at_bench(campaign, hired, arm=arm), hired.engine())
+        yield BenchFlight(campaign, _clear_at_bench(campaign, hired, arm=arm), hired.engine(store))
 
 
 def _clear_at_bench(campaign: Campaign, hired: HiredBench, *, arm: bool) -> Cleared:

@@ -13,13 +13,14 @@ from orchestrator.campaign.campaign_runner import FlyingSettings, planned
 from orchestrator.campaign.folder.bench_lock import held_benches
 from orchestrator.campaign.folder.campaign_folder import require_writable
 from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
-from orchestrator.campaign.workers.run_engine import LocalRunEngine, RunEngine
+from orchestrator.campaign.workers.run_engine import EngineError, LocalRunEngine, RunEngine
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.arming_consent import REFUSED, Cleared, RefusedError, clear
 from orchestrator.cli.bench_flight import bench_flight, is_for_bench
 from orchestrator.cli.clock_choice import shared_of
 from orchestrator.engines.ray_engine import engine_address, ray_engine
 from orchestrator.model.clock import Clock
+from orchestrator.storage.store import Store, StoreRefusedError, open_store
 
 LOCAL = "local"
 """The engine of this machine."""
@@ -37,6 +38,7 @@ class FlightWish:
     out: Path
     junit: Path | None = None
     engine: str = LOCAL
+    store: str = ""
     clock: Clock | None = None
     jobs: int | None = None
     resume: bool = False
@@ -73,6 +75,7 @@ def ready_flight(wish: FlightWish) -> Iterator[tuple[Campaign, FlyingSettings]]:
     EngineError, TakenError.
     """
     if wish.engine == LOCAL:
+        result_store(wish.store, wish.engine)
         with _ready_here(wish) as flight:
             yield flight
         return
@@ -85,12 +88,21 @@ def ready_flight(wish: FlightWish) -> Iterator[tuple[Campaign, FlyingSettings]]:
 
 @contextmanager
 def runs_engine(
-    text: str, campaign: Campaign, cleared: Cleared, *, jobs: int | None, runs: int, again: bool
+    text: str,
+    campaign: Campaign,
+    cleared: Cleared,
+    *,
+    store: str,
+    jobs: int | None,
+    runs: int,
+    again: bool,
 ) -> Iterator[tuple[RunEngine, int]]:
     """Have the engine that a text names; give it with how many of `runs` fly at once.
 
-    jobs: as of --jobs. again: further campaigns are flown by it. Raises EngineError.
+    store, jobs: as of --store and --jobs. again: further campaigns are flown by it. Raises
+    EngineError.
     """
+    place = result_store(store, text)
     if text == LOCAL:
         yield LocalRunEngine(), cleared.jobs
         return
@@ -99,8 +111,22 @@ def runs_engine(
     is_open = address is not None and jobs is None and not shared_of(campaign)
     count = None if is_open else min(cleared.jobs, runs)
     cores = 1 if cleared.clock == "virtual" else 2
-    with ray_engine(address, jobs=count, cores=cores, keeps_agents=again) as engine:
+    with ray_engine(address, jobs=count, cores=cores, keeps_agents=again, store=place) as engine:
         yield engine, len(engine.idle)
+
+
+def result_store(url: str, engine: str) -> Store | None:
+    """Return the store of --store; None without. Raises EngineError for one that is refused."""
+    if not url:
+        return None
+    if engine == LOCAL:
+        raise EngineError(
+            "--store: what --engine local flies is in --out already; leave --store out", 2
+        )
+    try:
+        return open_store(url)
+    except StoreRefusedError as error:
+        raise EngineError(str(error), 2) from error
 
 
 @contextmanager
@@ -126,10 +152,15 @@ def _ready_over_cluster(
     cleared = _clear(campaign, wish)
     settings = wish.settings(cleared)
     runs = len(planned(campaign, settings))
-    with runs_engine(wish.engine, campaign, cleared, jobs=wish.jobs, runs=runs, again=False) as (
-        engine,
-        at_once,
-    ):
+    with runs_engine(
+        wish.engine,
+        campaign,
+        cleared,
+        store=wish.store,
+        jobs=wish.jobs,
+        runs=runs,
+        again=False,
+    ) as (engine, at_once):
         yield campaign, replace(settings, engine=engine, jobs=at_once)
 
 
@@ -145,6 +176,7 @@ def _ready_on_bench(wish: FlightWish, address: str) -> Iterator[tuple[Campaign, 
         jobs=wish.jobs,
         arm=wish.arm,
         select=wish.select,
+        store=result_store(wish.store, wish.engine),
     ) as flight:
         yield flight.campaign, replace(wish.settings(flight.cleared), engine=flight.engine)
 

@@ -35,12 +35,15 @@ def read_facts(content: bytes) -> dict[str, str]:
 class CampaignBrought:
     """A campaign comes to a node. folder: of its results, absolute, and the same on every node.
 
-    session: which start of the campaign this is, as the ledger in that folder says.
+    session: which start of the campaign this is, as the ledger in that folder says. store: the URL
+    to which results go instead, where the folder is not shared; place: the campaign's in it.
     """
 
     folder: str
     session: str
     files: TravellingFiles
+    store: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,18 +55,39 @@ class CampaignAnswer:
 
 @dataclass(frozen=True, slots=True)
 class RunOrdered:
-    """A run is to be flown on the node."""
+    """A run is to be flown on the node. place: its own in the store, where there is one."""
 
     order: RunOrder
+    place: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunSending:
+    """A node sends the files of a run to the store. files: how many it has sent so far."""
+
+    files: int
+
+
+@dataclass(frozen=True, slots=True)
+class RunTaken:
+    """The campaign's machine has done with a run in the store. is_there: it has all of its files.
+
+    place: the run's in the store.
+    """
+
+    place: str
+    is_there: bool
 
 
 @dataclass(frozen=True, slots=True)
 class RunEnded:
     """A run on the node has ended. sha256: of its result.json; "" where it wrote none.
 
-    end_text: what was wrong with the end of its process.
+    end_text: what was wrong with the end of its process. kept: where the node has its files, until
+    it hears RunTaken; "" where the folder is shared.
     """
 
     outcome: RunResult | WorkerLost
     sha256: str = ""
     end_text: str = ""
+    kept: str = ""

@@ -7,15 +7,16 @@ and writes its result, and this process ends.
 """
 
 import asyncio
-import hashlib
 import os
+import select
 import sys
 import tempfile
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from orchestrator.campaign.resuming.run_ledger import newest_session
 from orchestrator.campaign.workers.local_workers import LocalWorker, LocalWorkers, receive_message
 from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.campaign.workers.run_server import start_run_server
@@ -26,7 +27,10 @@ from orchestrator.engines.node_messages import (
     CampaignBrought,
     RunEnded,
     RunOrdered,
+    RunSending,
+    RunTaken,
 )
+from orchestrator.engines.node_results import NodeResults, node_results
 from orchestrator.engines.travelling_files import (
     DamagedFileError,
     place_beneath,
@@ -35,11 +39,12 @@ from orchestrator.engines.travelling_files import (
 )
 from orchestrator.model.progress import ProgressLimiter
 from orchestrator.model.results import RunResult
-from orchestrator.model.results_reader import ResultError, read_result
+from orchestrator.operator.local_commands import tell_guards
 from orchestrator.state.run_setup import RunOrder
+from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
-_RESULT = "result.json"
+_SAY_S = 5.0
 _PROGRESS_S = 0.5
 """Each message that crosses the cluster costs milliseconds of three processes."""
 
@@ -52,7 +57,7 @@ class NodeRuns:
         self._reports = reports
         self._home = home
         self._workers = LocalWorkers[RunOrder, RunResult](fly_order)
-        self._campaign: CampaignBrought | None = None
+        self._results: NodeResults | None = None
 
     async def serve(self) -> None:
         """Do what the messages ask for, until they end."""
@@ -62,53 +67,72 @@ class NodeRuns:
             except (EOFError, OSError):
                 return
             if isinstance(message, CampaignBrought):
-                self._send(CampaignAnswer(self._take_campaign(message)))
+                self._send(CampaignAnswer(await self._take_campaign(message)))
             elif isinstance(message, RunOrdered):
-                self._send(await self._fly(message.order))
+                self._send(await self._fly(message))
+            elif isinstance(message, RunTaken) and self._results is not None:
+                self._results.taken(message)
 
-    def _take_campaign(self, campaign: CampaignBrought) -> str:
+    def close(self) -> None:
+        """Remove what is left of the campaign on this node, and is elsewhere as well."""
+        if self._results is not None:
+            self._results.close()
+
+    async def _take_campaign(self, campaign: CampaignBrought) -> str:
         """Unpack a campaign's files; return why it cannot be flown here, "" where it can."""
+        results = node_results(campaign)
+        if isinstance(results, str):
+            return results
+        if problem := await in_thread(results.problem):
+            return problem
         try:
-            if newest_session(Path(campaign.folder)) != campaign.session:
-                return (
-                    f"it does not see {campaign.folder}: results come back by files; share the "
-                    "folder of --out with every node, under the same path"
-                )
             unpack_files(campaign.files, self._home)
         except (DamagedFileError, OSError) as error:
             return f"the campaign's files cannot be taken: {error}"
         beneath = [str(place_beneath(self._home, Path(f))) for f in campaign.files.search_path]
         sys.path[:0] = [one for one in beneath if one not in sys.path]
-        self._campaign = campaign
+        self.close()
+        self._results = results
         return ""
 
-    async def _fly(self, order: RunOrder) -> RunEnded:
+    async def _fly(self, ordered: RunOrdered) -> RunEnded:
         """Fly a run, unless it was flown already; return how it ended."""
-        refused = self._refusal(order)
-        if refused is not None:
-            return refused
+        results = self._results
+        if results is None:
+            return RunEnded(WorkerLost("the node has no campaign"))
+        order = await in_thread(lambda: results.begin(ordered))
+        if isinstance(order, RunEnded):
+            return order
         worker = await self._workers.start()
+        if _is_deserted(self._commands):
+            await worker.end()
+            return RunEnded(WorkerLost("the node's cluster was gone before the run began"))
         async with asyncio.TaskGroup() as group:
-            passing = group.create_task(self._pass_commands(worker), name="commands to the run")
+            passing = group.create_task(
+                self._pass_commands(worker, order.folder), name="commands to the run"
+            )
             outcome = await self._follow(worker, relocate_order(order, self._home))
             passing.cancel()
-        ended = await worker.end()
-        return RunEnded(outcome, _digest(order.folder / _RESULT), ended)
+        end_text = await worker.end()
+        ended = await self._hand_over(results, ordered, outcome)
+        return replace(ended, end_text=end_text)
 
-    def _refusal(self, order: RunOrder) -> RunEnded | None:
-        """Return how an order ends that must not be flown; None for one that must."""
-        campaign = self._campaign
-        if campaign is None:
-            return RunEnded(WorkerLost("the node has no campaign"))
-        try:
-            if newest_session(Path(campaign.folder)) != campaign.session:
-                return RunEnded(WorkerLost("the campaign was resumed by another start meanwhile"))
-            if not order.folder.is_dir() or not any(order.folder.iterdir()):
-                return None
-            result = read_result(order.folder / _RESULT)
-        except (ResultError, OSError) as error:
-            return RunEnded(WorkerLost(f"its folder is there already, without a result: {error}"))
-        return RunEnded(result, _digest(order.folder / _RESULT))
+    async def _hand_over(
+        self, results: NodeResults, ordered: RunOrdered, outcome: RunResult | WorkerLost
+    ) -> RunEnded:
+        """Hand a run's files over, and say meanwhile that it goes on."""
+        sent = 0
+
+        def count(files: int) -> None:
+            nonlocal sent
+            sent = files
+
+        sending = in_thread(lambda: results.end(ordered, outcome, count))
+        while not sending.done():
+            await asyncio.wait([sending], timeout=_SAY_S)
+            if not sending.done():
+                self._send(RunSending(sent))
+        return sending.result()
 
     async def _follow(
         self, worker: LocalWorker[RunOrder, RunResult], order: RunOrder
@@ -127,19 +151,32 @@ class NodeRuns:
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
 
-    async def _pass_commands(self, worker: LocalWorker[RunOrder, RunResult]) -> None:
-        """Pass commands on to the run; their end is an abort."""
+    async def _pass_commands(self, worker: LocalWorker[RunOrder, RunResult], folder: Path) -> None:
+        """Pass commands on to the run; their end is an abort. folder: the run's.
+
+        An abort goes straight to the run's guard, too, past a run that may hang.
+        """
         try:
             while True:
                 message = await receive_message(self._commands)
-                if isinstance(message, OperatorCommand):
-                    worker.send(message)
+                if not isinstance(message, OperatorCommand):
+                    continue
+                worker.send(message)
+                if message.kind == "abort":
+                    in_thread(partial(tell_guards, folder, message.who))
         except (EOFError, OSError):
             worker.send(OperatorCommand("abort", "the node: its cluster is gone"))
 
     def _send(self, message: object) -> None:
         with suppress(OSError):  # nobody is there: the run's files say what became of it
             self._reports.send(message)
+
+
+def _is_deserted(commands: Connection) -> bool:
+    """Return whether nobody is at the other end any more, whatever is left to read."""
+    look = select.poll()
+    look.register(commands.fileno(), 0)
+    return any(event & select.POLLHUP for _, event in look.poll(0))
 
 
 def main() -> int:
@@ -153,16 +190,10 @@ def main() -> int:
     start_run_server()
     reports.send(node_facts())
     with tempfile.TemporaryDirectory(prefix="wil-campaign-") as home:
-        asyncio.run(NodeRuns(commands, reports, Path(home)).serve())
+        runs = NodeRuns(commands, reports, Path(home))
+        asyncio.run(runs.serve())
+        runs.close()
     return 0
-
-
-def _digest(path: Path) -> str:
-    """Return the SHA-256 of a run's result; "" where there is none."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.node_agent import NodeAgent
 from orchestrator.engines.node_facts import node_facts, unfit_text
 from orchestrator.engines.node_messages import DamagedMessageError, read_facts, read_message
+from orchestrator.model.flight_place import FlightPlace
 
 _HIRED_S = 300.0
 """How long is waited for a place on the cluster, and for the first import of our code there."""
@@ -21,13 +22,22 @@ _CLOSED_S = 30.0
 
 @dataclass(slots=True)
 class HiredAgent:
-    """An agent of ours on a node. actor: Ray's handle. has_campaign: its files are unpacked."""
+    """An agent of ours on a node. actor: Ray's handle. has_campaign: its files are unpacked.
+
+    bench: that it serves; "" for none.
+    """
 
     ray: Any
     actor: Any
     node: str
     has_campaign: bool = False
     is_dead: bool = False
+    bench: str = ""
+
+    @property
+    def place(self) -> FlightPlace:
+        """Where it flies."""
+        return FlightPlace(self.node, self.bench)
 
     async def send(self, message: object) -> None:
         """Send a message to the node's process. Raises OSError, EOFError."""

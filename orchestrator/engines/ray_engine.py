@@ -9,20 +9,24 @@ import sys
 import sysconfig
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign
 from orchestrator.campaign.folder.manifest import read_files
-from orchestrator.campaign.resuming.run_ledger import RunLedger
+from orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger, first_session
 from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.engines.head_watch import watched_head
 from orchestrator.engines.node_messages import CampaignAnswer, CampaignBrought
 from orchestrator.engines.ray_agents import HiredAgent, hire_agents
 from orchestrator.engines.ray_worker import RayWorker
+from orchestrator.engines.returned_results import FetchedResults, ReturnedResults, SharedResults
 from orchestrator.engines.travelling_files import pack_files
+from orchestrator.storage.store import Store, StoreError
+from orchestrator.storage.stored_runs import read_session, write_session
 
 _LOOPBACK = "127.0.0.2"
 """Ray takes 127.0.0.1 for a name of the machine, and puts another of its addresses there."""
@@ -35,7 +39,7 @@ class RayEngine:
     """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run.
 
     bench: whose one agent it is; "" where any node flies. keeps_agents: further campaigns are flown
-    by the same agents.
+    by the same agents. store: through which results come; None: by a folder that all share.
     """
 
     ray: Any
@@ -43,28 +47,58 @@ class RayEngine:
     bench: str = ""
     idle: list[HiredAgent] = field(default_factory=list)
     keeps_agents: bool = False
+    store: Store | None = None
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
         """Return the workers of a campaign, whose files travel to their nodes."""
-        session = uuid.uuid4().hex
+        home, session = folder.absolute(), uuid.uuid4().hex
         try:
-            ledger = RunLedger(folder.absolute(), session)
+            place = self._place(campaign, home, session)
+            ledger = RunLedger(home, session, place)
             files = pack_files(read_files(campaign), _search_path())
         except OSError as error:
             raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
-        brought = CampaignBrought(str(folder.absolute()), session, files)
+        except StoreError as error:
+            raise EngineError(f"the store of results does not serve: {error}") from error
+        brought = CampaignBrought(str(home), session, files)
+        results: ReturnedResults = SharedResults()
+        if self.store is not None and place is not None:
+            brought = replace(brought, store=place.store, place=place.place)
+            results = FetchedResults(self.store, home, place.place)
         nodes = ", ".join(sorted({one.node for one in self.idle}))
         say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files travel")
-        return RayWorkers(engine=self, brought=brought, ledger=ledger)
+        return RayWorkers(engine=self, brought=brought, ledger=ledger, results=results)
+
+    def _place(self, campaign: Campaign, folder: Path, session: str) -> CampaignPlace | None:
+        """Return the campaign's place in the store, where this start is the one that may fly now.
+
+        Raises StoreError, OSError.
+        """
+        if self.store is None:
+            return None
+        first = first_session(folder) or session
+        place = CampaignPlace(self.store.url, f"{campaign.name}/{folder.name}-{first[:12]}")
+        write_session(self.store, place.place, session)
+        if read_session(self.store, place.place) != session:
+            raise StoreError(f"{self.store.url} does not have what was written there")
+        return place
 
 
 class RayWorkers:
     """Starts workers on the cluster for one campaign."""
 
-    def __init__(self, *, engine: RayEngine, brought: CampaignBrought, ledger: RunLedger) -> None:
+    def __init__(
+        self,
+        *,
+        engine: RayEngine,
+        brought: CampaignBrought,
+        ledger: RunLedger,
+        results: ReturnedResults,
+    ) -> None:
         self._engine = engine
         self._brought = brought
         self._ledger = ledger
+        self._results = results
 
     async def start(self) -> RayWorker:
         """Return a worker whose node has the campaign. Raises EngineError."""
@@ -76,7 +110,9 @@ class RayWorkers:
         except (EOFError, OSError) as error:
             agent.kill()
             raise EngineError(f"node {agent.node} is lost: {error}") from error
-        return RayWorker(agent=agent, ledger=self._ledger, give_back=idle.append)
+        return RayWorker(
+            agent=agent, ledger=self._ledger, results=self._results, give_back=idle.append
+        )
 
     async def close(self) -> None:
         """End the agents and what they have unpacked, unless they are kept for what follows."""
@@ -132,17 +168,22 @@ def engine_address(text: str) -> str | None:
 
 @contextmanager
 def ray_engine(
-    address: str | None, *, jobs: int | None, cores: int, keeps_agents: bool = False
+    address: str | None,
+    *,
+    jobs: int | None,
+    cores: int,
+    keeps_agents: bool = False,
+    store: Store | None = None,
 ) -> Iterator[RayEngine]:
     """Start a Ray of this machine for `jobs` runs, or join the one at an address.
 
     jobs: None for as many as the cluster has place for. cores: that a run takes. keeps_agents: for
-    several campaigns, one after the other. Raises EngineError.
+    several campaigns, one after the other. store: of results. Raises EngineError.
     """
     with running_ray(address, cpus=(jobs or 1) * cores) as ray:
         count = jobs or max(1, int(ray.cluster_resources().get("CPU", 0)) // cores)
         agents = hire_agents(ray, count, cores=cores)
-        yield RayEngine(ray, cores, idle=agents, keeps_agents=keeps_agents)
+        yield RayEngine(ray, cores, idle=agents, keeps_agents=keeps_agents, store=store)
 
 
 @contextmanager
@@ -164,7 +205,8 @@ def running_ray(address: str | None, *, cpus: int = 0) -> Iterator[Any]:
         else:
             _join(ray, address)
         signal.signal(signal.SIGTERM, before)  # Ray's own would end this program in flight
-        yield ray
+        with nullcontext() if address is None else watched_head(address):
+            yield ray
     finally:
         ray.shutdown()
         signal.signal(signal.SIGTERM, before)

@@ -1,57 +1,73 @@
 """A worker of the pool that stands on a node of a Ray cluster."""
 
 import asyncio
-import hashlib
-import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 
-from orchestrator.campaign.folder.campaign_folder import TakenError, held
 from orchestrator.campaign.resuming.run_ledger import RunLedger
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from orchestrator.engines.node_messages import RunEnded, RunOrdered
+from orchestrator.engines.node_messages import RunEnded, RunOrdered, RunTaken
 from orchestrator.engines.ray_agents import HiredAgent
+from orchestrator.engines.returned_results import ReturnedResults
 from orchestrator.engines.travelling_files import resolve_order
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.results import RunResult
-from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.state.run_setup import RunOrder
+from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
-_LANDED_S = 120.0
-"""How long a run whose node has lost its worker may go on: it lands."""
-_SHOWN_S = 20.0
-"""How long a shared folder may take to show what a node has written."""
-_LOOK_S = 0.2
+_SAY_S = 5.0
 
 
 class RayWorker:
     """Flies one order by an agent. give_back: takes the agent for the next order."""
 
     def __init__(
-        self, *, agent: HiredAgent, ledger: RunLedger, give_back: Callable[[HiredAgent], None]
+        self,
+        *,
+        agent: HiredAgent,
+        ledger: RunLedger,
+        results: ReturnedResults,
+        give_back: Callable[[HiredAgent], None],
     ) -> None:
         self._agent = agent
         self._ledger = ledger
+        self._results = results
         self._give_back = give_back
         self._order: RunOrder | None = None
+        self._place = ""
         self._messages: deque[object] = deque()
         self._end_text = ""
+        self._fetching: asyncio.Future[RunResult | WorkerLost] | None = None
+
+    @property
+    def place(self) -> FlightPlace:
+        """The agent's node, and its bench."""
+        return self._agent.place
 
     async def begin(self, order: RunOrder) -> None:
         """Enter the order into the ledger, and send it. Raises OSError, EOFError."""
         self._order = resolve_order(order)
-        self._ledger.write("ordered", order.plan.name, self._agent.node)
-        await self._agent.send(RunOrdered(self._order))
+        self._place = self._results.new_place(self._order)
+        self._ledger.write("ordered", order.plan.name, self._agent.node, place=self._place)
+        await self._agent.send(RunOrdered(self._order, self._place))
 
     async def receive(self) -> object:
-        """Return the next message of the run. Raises OSError, EOFError."""
-        if not self._messages:
-            self._messages.extend(await self._agent.receive())
-        message = self._messages.popleft()
-        if not isinstance(message, RunEnded):
-            return message
-        return OrderDone(await self._ended(message))
+        """Return the next message of the run. Raises OSError, EOFError.
+
+        While its files come the messages are empty: nobody takes the run for one that hangs.
+        """
+        if self._fetching is None:
+            if not self._messages:
+                self._messages.extend(await self._agent.receive())
+            message = self._messages.popleft()
+            if not isinstance(message, RunEnded):
+                return message
+            self._fetching = self._fetch(message)
+        await asyncio.wait([self._fetching], timeout=_SAY_S)
+        if not self._fetching.done():
+            return None
+        return OrderDone(await self._ended(self._fetching.result()))
 
     def send(self, command: OperatorCommand) -> None:
         """Pass an operator's command on to the run."""
@@ -71,8 +87,7 @@ class RayWorker:
         why = reason or f"node {self._agent.node} has lost the worker of the run"
         if order is None:
             return WorkerLost(why)
-        loop = asyncio.get_running_loop()
-        found = await loop.run_in_executor(None, _result_on_disk, order.folder)
+        found = await in_thread(lambda: self._results.of_lost(order, self._place))
         if isinstance(found, RunResult) and found.verdict != "ABORTED":
             self._ledger.write("found", order.plan.name, self._agent.node, found.verdict)
             return found
@@ -87,50 +102,21 @@ class RayWorker:
             self._give_back(self._agent)
         return self._end_text
 
-    async def _ended(self, ended: RunEnded) -> RunResult | WorkerLost:
-        """Return the outcome of a run that a node has ended, once its result is on our disk."""
+    def _fetch(self, ended: RunEnded) -> "asyncio.Future[RunResult | WorkerLost]":
+        """Return what becomes the outcome of a run that a node has ended."""
         self._end_text = ended.end_text
-        outcome, order = ended.outcome, self._order
+        order = self._order
         if order is None:
-            return WorkerLost("a node ended a run that it was not given")
-        name, node = order.plan.name, self._agent.node
+            return in_thread(lambda: WorkerLost("a node ended a run that it was not given"))
+        return in_thread(lambda: self._results.of_ended(order, self._place, ended))
+
+    async def _ended(self, outcome: RunResult | WorkerLost) -> RunResult | WorkerLost:
+        """Enter the outcome of a run into the ledger, and tell its node that it is here."""
+        name = "" if self._order is None else self._order.plan.name
         if isinstance(outcome, RunResult):
-            path = order.folder / "result.json"
-            loop = asyncio.get_running_loop()
-            if not await loop.run_in_executor(None, _has_come, path, ended.sha256):
-                outcome = WorkerLost(
-                    f"{path} is not what node {node} wrote, after {_SHOWN_S:g} s; share the folder "
-                    "of --out with every node"
-                )
-        if isinstance(outcome, RunResult):
-            self._ledger.write("ended", name, node, outcome.verdict)
+            self._ledger.write("ended", name, self._agent.node, outcome.verdict)
         else:
-            self._ledger.write("lost", name, node, outcome.reason)
+            self._ledger.write("lost", name, self._agent.node, outcome.reason)
+        if self._place:
+            await self._agent.send(RunTaken(self._place, isinstance(outcome, RunResult)))
         return outcome
-
-
-def _has_come(path: Path, sha256: str) -> bool:
-    """Return whether a file is there with this content, within the time that it may take."""
-    for _ in range(round(_SHOWN_S / _LOOK_S)):
-        try:
-            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
-                return True
-        except OSError:
-            pass
-        time.sleep(_LOOK_S)
-    return False
-
-
-def _result_on_disk(folder: Path) -> RunResult | str:
-    """Return a run's result once nothing flies into its folder; in words where there is none."""
-    if not folder.is_dir():
-        return "it had not begun"
-    for _ in range(round(_LANDED_S / _LOOK_S)):
-        try:
-            with held(folder):
-                return read_result(folder / "result.json")
-        except TakenError:
-            time.sleep(_LOOK_S)
-        except (ResultError, OSError) as error:
-            return str(error)
-    return f"it was in flight still after {_LANDED_S:g} s"

@@ -7,7 +7,7 @@ from typing import Literal
 
 from worlds.frames import Vec3
 
-HappeningKind = Literal["stage", "collision", "decisive", "guard", "answer"]
+HappeningKind = Literal["stage", "collision", "decisive", "guard", "answer", "acknowledged"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,8 @@ class Happening:
 
     kind: a stage was reached; a vehicle touched something; the verdict is settled (word: which);
     the guard did something (word: what); an operator's command was obeyed or refused (word: ok or
-    refused), and its id. vehicle: empty when it concerns all.
+    refused), and its id; one has reached the run (word: which). vehicle: empty when it
+    concerns all.
     """
 
     run: str

@@ -1,12 +1,16 @@
 """The desk: where all commands for a campaign come together, whatever way they came."""
 
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import Happening, News, Progress
 from orchestrator.model.results import RunResult, Stop
+from orchestrator.operator.acknowledgements import Acknowledgements
 from orchestrator.operator.campaign_records import Place
 from orchestrator.operator.operator_log import OperatorLog
 from orchestrator.operator.socket_client import tell
@@ -71,6 +75,11 @@ class CampaignController:
         self._followers: list[Follower] = []
         self._flying: dict[str, Progress] = {}
         self._verdicts: dict[str, str] = {}
+        self._places: dict[str, FlightPlace] = {}
+        self._acknowledgements = Acknowledgements()
+        self._numbers = count(1)
+        self._partly: list[OperatorCommand] = []
+        """Aborts of one node or bench."""
         self._answers: deque[Happening] = deque(maxlen=_MOST_ANSWERS)
         self.log = OperatorLog(path=folder / "operator.jsonl")
         self.held = False
@@ -107,8 +116,19 @@ class CampaignController:
         """Register a follower of the campaign."""
         self._followers.append(follower)
 
+    @property
+    def ended_by(self) -> Stop | None:
+        """Return what stopped the campaign, or parts of it; None where nothing did."""
+        return self.stopped or ("command" if self._partly else None)
+
+    def begun(self, run: str, place: FlightPlace) -> None:
+        """Take that a run is begun somewhere."""
+        self._places[run] = place
+
     def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
         """Execute an operator's command, return what was done. Raises RefusedLineError."""
+        if not command.command_id:
+            command = replace(command, command_id=f"{self.session}/{next(self._numbers)}")
         try:
             done = self._do(command, stop)
         except RefusedLineError as error:
@@ -137,6 +157,8 @@ class CampaignController:
             self._flying[news.run] = news
         elif news.kind == "answer":
             self._take_answer(news)
+        elif news.kind == "acknowledged":
+            self._acknowledgements.take(news.run, news.command_id)
         for follower in self._followers:
             with Contained("news for operators"):
                 follower.news(news)
@@ -154,9 +176,10 @@ class CampaignController:
         may_end: False for a run that was to end before arming.
         """
         name = f"{run.case}/{run.mode}/{run.rep}"
-        self._flying.pop(name, None)
+        place = self._over(name)
         self._verdicts[name] = run.verdict
-        if may_end and run.verdict == "ABORTED" and self.stopped is None:
+        partly = any(place.is_meant(node=one.node, bench=one.bench) for one in self._partly)
+        if may_end and run.verdict == "ABORTED" and self.stopped is None and not partly:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
         for follower in self._followers:
@@ -166,8 +189,14 @@ class CampaignController:
 
     def left(self, name: str) -> None:
         """Take that a flight between runs is over."""
-        self._flying.pop(name, None)
+        self._over(name)
         self._send_status()
+
+    def _over(self, name: str) -> FlightPlace:
+        """Take that a run flies no more; return where it did."""
+        self._flying.pop(name, None)
+        self._acknowledgements.ended(name)
+        return self._places.pop(name, FlightPlace())
 
     def summary(self, state: str) -> dict[str, Any]:
         """Return the controlled campaign's status without its runs in flight."""
@@ -183,7 +212,10 @@ class CampaignController:
 
     def status(self) -> dict[str, Any]:
         """Return the controlled campaign's status."""
-        flying = {name: _plain(one) for name, one in self._flying.items()}
+        flying = {
+            name: {**_plain(one), "place": str(self._places.get(name, ""))}
+            for name, one in self._flying.items()
+        }
         answers = [
             {"id": one.command_id, "run": one.run, "ok": one.word == "ok", "text": one.text}
             for one in self._answers
@@ -193,6 +225,7 @@ class CampaignController:
             "folder": str(self._folder),
             "flying": flying,
             "answers": answers,
+            "acknowledged": self._acknowledgements.plain(),
         }
 
     def _send_status(self) -> None:
@@ -212,6 +245,9 @@ class CampaignController:
                 return self._change_fences(command)
 
     def _abort(self, command: OperatorCommand, stop: Stop) -> str:
+        if command.is_partial:
+            return self._abort_place(command)
+        self._expect(command)
         for guard in self.guards():
             tell(guard.socket, "abort", who=command.who)
         self._fleet.abort(command)
@@ -220,11 +256,34 @@ class CampaignController:
         self.stopped, self.held = stop, False
         return "all vehicles land, and no further run is flown"
 
+    def _abort_place(self, command: OperatorCommand) -> str:
+        """Land what flies on one node or bench, and fly nothing more there."""
+        meant = self._expect(command)
+        what = f"bench {command.bench}" if command.bench else f"node {command.node}"
+        if not meant:
+            there = ", ".join(sorted({str(one) for one in self._places.values()} - {""})) or "none"
+            raise RefusedLineError(f"abort: no run of it flies on {what}; in flight are: {there}")
+        self._partly.append(command)
+        self._fleet.abort(command)
+        return f"{_runs(len(meant))} on {what} will land, and nothing more is flown there"
+
+    def _expect(self, command: OperatorCommand) -> Mapping[str, FlightPlace]:
+        """Return the runs that a command is for, which are to acknowledge it."""
+        meant = {
+            run: place
+            for run, place in self._places.items()
+            if place.is_meant(node=command.node, bench=command.bench)
+        }
+        if meant or not command.is_partial:
+            self._acknowledgements.expect(command, meant)
+        return meant
+
     def _hold(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
         if self.held:
             raise RefusedLineError("hold: all vehicles hold already")
         self.held = True
+        self._expect(command)
         self._fleet.pause()
         return f"held: {_runs(self._fleet.pass_on(command))} in flight; no run is started"
 
@@ -233,6 +292,7 @@ class CampaignController:
         if not self.held:
             raise RefusedLineError("resume: no vehicle holds")
         self.held = False
+        self._expect(command)
         self._fleet.go_on()
         return f"resumed: {_runs(self._fleet.pass_on(command))} in flight"
 

@@ -5,9 +5,10 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
-from orchestrator.operator.campaign_records import Place, Places
-from orchestrator.operator.socket_client import NoAnswerError, ask
+from orchestrator.operator.campaign_records import Place, Places, places
+from orchestrator.operator.socket_client import NoAnswerError, ask, tell
 from safety.guard.core.operator_command import OperatorKind
 
 
@@ -19,6 +20,16 @@ class CommandReply:
     text: str
 
 
+def tell_guards(folder: Path, who: str) -> None:
+    """Have the guards of one results folder land what they guard; waits for no answer."""
+    try:
+        guards = places().beneath(folder).guards
+    except OSError:
+        return  # without the folder of records the run is told by its pipe still
+    for guard in guards:
+        tell(guard.socket, "abort", who=who)
+
+
 def send_command(flying: Places, kind: OperatorKind, who: str) -> Iterator[CommandReply]:
     """Send abort, hold or resume to what flies; yield the replies as they come.
 
@@ -27,6 +38,16 @@ def send_command(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comma
     no campaign is left.
     """
     return _abort(flying, who) if kind == "abort" else _to_campaigns(flying, kind, who)
+
+
+def abort_place(flying: Places, who: str, *, node: str, bench: str) -> Iterator[CommandReply]:
+    """Have campaigns land what they fly on one node or bench of a cluster; yield the replies."""
+    names = {name: text for name, text in (("node", node), ("bench", bench)) if text}
+    for campaign in flying.campaigns:
+        try:
+            yield _reply(campaign, ask(campaign.socket, "abort", who=who, **names))
+        except NoAnswerError as error:
+            yield CommandReply(ok=False, text=str(error))
 
 
 def _abort(flying: Places, who: str) -> Iterator[CommandReply]:

@@ -18,6 +18,7 @@ from orchestrator.campaign.folder.repetitions import runs_due
 from orchestrator.campaign.resuming.lost_runs import IsReal, killed_program_text, lost_result
 from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.resuming.run_ledger import OpenOrder, close_order, open_orders
+from orchestrator.campaign.resuming.unfetched_runs import fetch_stored_runs
 from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.model.document_writer import to_json, write_whole
@@ -61,6 +62,7 @@ def resume_campaign(
     A run with a real vehicle that was begun and has no result is lost: ERROR, on the disk before
     anything flies. Raises ResumeError, OutputError, OSError.
     """
+    fetch_stored_runs(folder, say=say)
     return _Resumption(campaign, folder, rules, say, open_orders(folder)).resume()
 
 

@@ -19,26 +19,41 @@ LedgerEvent = Literal["ordered", "ended", "lost", "found"]
 
 @dataclass(frozen=True, slots=True)
 class OpenOrder:
-    """A run that was ordered, and of which the ledger has no outcome. node: to which it went."""
+    """A run that was ordered, and of which the ledger has no outcome. node: to which it went.
+
+    place: of the run in the store of its start; "" where the node writes into the run's folder.
+    """
 
     session: str
     run: str
     node: str
+    place: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignPlace:
+    """Where the runs of a campaign are in a store. store: its URL. place: beneath it."""
+
+    store: str
+    place: str
 
 
 class RunLedger:
     """Appends to the ledger, each line on the disk before anything else happens. Raises OSError."""
 
-    def __init__(self, folder: Path, session: str) -> None:
+    def __init__(self, folder: Path, session: str, stored: CampaignPlace | None = None) -> None:
         self._folder = folder
         self._session = session
-        _append(folder, {"session": session, "event": "begun"})
+        where = {} if stored is None else {"store": stored.store, "place": stored.place}
+        _append(folder, {"session": session, "event": "begun", **where})
         sync_folder(folder)
 
-    def write(self, event: LedgerEvent, run: str, node: str, text: str = "") -> None:
-        """Add what became of a run. node: where."""
+    def write(
+        self, event: LedgerEvent, run: str, node: str, text: str = "", *, place: str = ""
+    ) -> None:
+        """Add what became of a run. node: where. place: of an ordered run in the store."""
         line = {"session": self._session, "event": event, "run": run, "node": node, "text": text}
-        _append(self._folder, line)
+        _append(self._folder, line | ({"place": place} if place else {}))
 
 
 def close_order(folder: Path, order: OpenOrder, event: LedgerEvent, text: str) -> None:
@@ -49,8 +64,21 @@ def close_order(folder: Path, order: OpenOrder, event: LedgerEvent, text: str) -
 
 def newest_session(folder: Path) -> str:
     """Return the newest start in a campaign's ledger; "" without a ledger. Raises OSError."""
-    begun = (line for line in _lines(folder) if line.get("event") == "begun")
-    return next((str(line.get("session", "")) for line in reversed([*begun])), "")
+    return next(reversed(_sessions(folder)), "")
+
+
+def first_session(folder: Path) -> str:
+    """Return the first start in a campaign's ledger; "" without a ledger. Raises OSError."""
+    return next(iter(_sessions(folder)), "")
+
+
+def campaign_places(folder: Path) -> dict[str, CampaignPlace]:
+    """Return where a campaign's runs are in a store, by each start that had one. Raises OSError."""
+    return {
+        str(line.get("session", "")): CampaignPlace(str(line["store"]), str(line.get("place", "")))
+        for line in _lines(folder)
+        if line.get("event") == "begun" and line.get("store")
+    }
 
 
 def open_orders(folder: Path) -> dict[str, OpenOrder]:
@@ -63,10 +91,15 @@ def open_orders(folder: Path) -> dict[str, OpenOrder]:
         run = str(line.get("run", ""))
         if line.get("event") == "ordered":
             session, node = str(line.get("session", "")), str(line.get("node", ""))
-            found[run] = OpenOrder(session, run, node)
+            found[run] = OpenOrder(session, run, node, str(line.get("place", "")))
         elif run:
             found.pop(run, None)
     return found
+
+
+def _sessions(folder: Path) -> list[str]:
+    """Return the starts in a campaign's ledger, the oldest first."""
+    return [str(line.get("session", "")) for line in _lines(folder) if line.get("event") == "begun"]
 
 
 def _lines(folder: Path) -> Iterator[dict[str, object]]:

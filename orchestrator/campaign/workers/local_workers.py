@@ -20,6 +20,7 @@ from typing import Any, Generic
 from orchestrator.campaign.workers.left_processes import adopt_descendants, end_descendants
 from orchestrator.campaign.workers.run_server import run_context
 from orchestrator.campaign.workers.run_workers import Fly, Order, OrderDone, Outcome, WorkerLost
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import News, ProgressLimiter
 from safety.guard.core.operator_command import OperatorCommand
 
@@ -136,6 +137,11 @@ class LocalWorker(Generic[Order, Outcome]):
     def __init__(self, process: BaseProcess, connection: Connection) -> None:
         self._process = process
         self._connection = connection
+
+    @property
+    def place(self) -> FlightPlace:
+        """This machine."""
+        return FlightPlace()
 
     async def begin(self, order: Order) -> None:
         """Send the order to the process. Raises OSError."""

@@ -1,8 +1,12 @@
 """Flies one order in a worker process: looks up what it names, flies, writes the result."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import cv2
 
-from orchestrator.campaign.folder.campaign_folder import held, make_run_folder
+from orchestrator.campaign.folder.campaign_folder import OutputError, held, make_run_folder
 from orchestrator.campaign.workers.limited_loading import limited_loading
 from orchestrator.campaign.workers.run_output import kept_output
 from orchestrator.model.attempts import after_attempts
@@ -16,6 +20,14 @@ from orchestrator.state.run_setup import RunOrder, RunSetup
 from worlds.files.references import forget_loaded
 
 
+@contextmanager
+def _unflown(folder: Path) -> Iterator[None]:
+    """Raise OutputError where a held folder has a result: who ordered the run has given it up."""
+    if (folder / "result.json").exists():
+        raise OutputError(f"{folder} has a result already: the run was given up, and is not flown")
+    yield
+
+
 def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     """Fly the run of an order and write its result.json; return the result once on the disk.
 
@@ -25,7 +37,7 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # else the runs that a worker flew before this one could tell
     make_run_folder(order.folder, order.plan.name)
-    with held(order.folder), kept_output(order.folder):
+    with held(order.folder), _unflown(order.folder), kept_output(order.folder):
         with limited_loading():
             setup = RunSetup.of(order)
         if order.back is not None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from orchestrator.model.faults import Fault
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from safety.guard.core.operator_command import OperatorCommand
@@ -43,6 +44,10 @@ class OrderDone(Generic[Outcome]):
 
 class Worker(Protocol[OrderT_contra, OutcomeT_co]):
     """A worker that takes one order, reports while it flies, and is ended afterwards (protocol)."""
+
+    @property
+    def place(self) -> FlightPlace:
+        """Where it flies."""
 
     async def begin(self, order: OrderT_contra) -> None:
         """Hand the order over. Raises OSError, EOFError when the worker has ended."""

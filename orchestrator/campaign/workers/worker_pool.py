@@ -18,6 +18,7 @@ from orchestrator.campaign.workers.run_workers import (
     WorkerLost,
     Workers,
 )
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import News, Report
 from safety.guard.core.operator_command import OperatorCommand
 from vehicles.tasks import finish
@@ -49,7 +50,7 @@ class Pool(Generic[Order, Outcome]):
 
     stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
     was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
-    its orders and then did not end as it should.
+    its orders and then did not end as it should. begun: told of an order and where it is flown.
     """
 
     def __init__(
@@ -62,7 +63,10 @@ class Pool(Generic[Order, Outcome]):
         stall_s: float = 60.0,
         ended_badly: Callable[[str], None] = lambda _: None,
         ready: Callable[[Order], Order | None] = lambda order: order,
+        begun: Callable[[Order, FlightPlace], None] = lambda _, __: None,
     ) -> None:
+        self._begun = begun
+        self._barred: list[OperatorCommand] = []
         self._ready = ready
         self._ended_badly = ended_badly
         self._jobs = jobs
@@ -76,7 +80,14 @@ class Pool(Generic[Order, Outcome]):
         self._going.set()
 
     def abort(self, command: OperatorCommand) -> None:
-        """Have every worker's run land as aborted; orders not begun are not flown."""
+        """Have every worker's run land as aborted; orders not begun are not flown.
+
+        One for a node or a bench does so for the workers there alone, and bars the place.
+        """
+        if command.is_partial:
+            self._barred.append(command)
+            self.pass_on(command)
+            return
         self._stopped = command
         self._going.set()
         self.pass_on(command)
@@ -84,10 +95,11 @@ class Pool(Generic[Order, Outcome]):
             busy.hurry()
 
     def pass_on(self, command: OperatorCommand) -> int:
-        """Pass an operator command to every worker's run; return how many there are."""
-        for busy in self._busy:
+        """Pass an operator command to every worker's run that it is for; return how many."""
+        meant = [busy for busy in self._busy if _is_for(command, busy.worker.place)]
+        for busy in meant:
             busy.worker.send(command)
-        return len(self._busy)
+        return len(meant)
 
     def pause(self) -> None:
         """Have the pool begin no order until `go_on`; runs in flight continue."""
@@ -115,6 +127,9 @@ class Pool(Generic[Order, Outcome]):
                 await self._going.wait()
                 if self._stopped is not None or not waiting:
                     break
+                if any(_is_for(command, worker.place) for command in self._barred):
+                    worker.kill()  # no other task gets it, and so ends without its orders
+                    break
                 order = self._ready(waiting.popleft())
                 if order is None:
                     continue
@@ -136,6 +151,7 @@ class Pool(Generic[Order, Outcome]):
         busy = _BusyWorker(worker)
         self._busy.append(busy)
         patience_s = _FIRST_WORD_S
+        self._begun(order, worker.place)
         try:
             await worker.begin(order)
             while True:
@@ -162,3 +178,8 @@ class Pool(Generic[Order, Outcome]):
         finally:
             busy.preparing = None
             self._busy.remove(busy)
+
+
+def _is_for(command: OperatorCommand, place: FlightPlace) -> bool:
+    """Return whether an operator's command is for what flies at a place."""
+    return place.is_meant(node=command.node, bench=command.bench)

@@ -1,19 +1,30 @@
 """`wil-campaign abort | hold | resume`: an operator's commands, by the sockets of this machine."""
 
 import getpass
+import time
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from orchestrator.cli.standard_streams import err, out
-from orchestrator.operator.campaign_records import Places, places
-from orchestrator.operator.local_commands import send_command
+from orchestrator.operator.campaign_records import Place, Places, places
+from orchestrator.operator.local_commands import CommandReply, abort_place, send_command
+from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.core.operator_command import OperatorKind
 from safety.guard.process.runtime_folder import unsafe_folders
 
+_ACKNOWLEDGED_S = 5.0
+_POLL_S = 0.1
 NOBODY = 3
 """The exit code when nothing flies, or nothing obeyed."""
 
 
-def abort(folder: Path | None = None, *, who: str | None = None) -> int:
+def abort(
+    folder: Path | None = None,
+    *,
+    node: str | None = None,
+    bench: str | None = None,
+    who: str | None = None,
+) -> int:
     """Land what flies on this machine, at once; nothing more of its campaigns is flown.
 
     It goes to all guards and campaigns at once, and works when the program that started them is
@@ -23,10 +34,21 @@ def abort(folder: Path | None = None, *, who: str | None = None) -> int:
     ----------
     folder
         Only what writes its results there: a campaign's or a run's folder.
+    node
+        Only the runs on this node of a cluster: they land, nothing more is flown there, and the
+        campaign goes on elsewhere.
+    bench
+        Only the runs on this bench of a cluster.
     who
         Your name, for the record; by default that of your account.
     """
-    return _command("abort", folder, who)
+    if node is None and bench is None:
+        return _command("abort", folder, who)
+    flying = find_campaigns(folder)
+    if flying is None:
+        return NOBODY
+    replies = abort_place(flying, f"cli:{who or account()}", node=node or "", bench=bench or "")
+    return _show(replies, flying)
 
 
 def hold(folder: Path | None = None, *, who: str | None = None) -> int:
@@ -81,11 +103,50 @@ def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
     flying = find_campaigns(folder)
     if flying is None:
         return NOBODY
+    return _show(send_command(flying, kind, f"cli:{who or account()}"), flying)
+
+
+def _show(replies: Iterable[CommandReply], flying: Places) -> int:
+    """Print the replies to a command, and which runs acknowledge it; return the exit code."""
     is_obeyed = False
-    for reply in send_command(flying, kind, f"cli:{who or account()}"):
+    for reply in replies:
         (out if reply.ok else err)(reply.text)
         is_obeyed = is_obeyed or reply.ok
-    return 0 if is_obeyed else NOBODY
+    if not is_obeyed:
+        return NOBODY
+    missing = [run for campaign in flying.campaigns for run in _acknowledgements(campaign)]
+    return NOBODY if missing else 0
+
+
+def _acknowledgements(campaign: Place) -> list[str]:
+    """Print which runs of a campaign acknowledge the newest command; return those that do not.
+
+    A campaign that has ended meanwhile has none in flight.
+    """
+    due_s = time.monotonic() + _ACKNOWLEDGED_S
+    while True:
+        try:
+            found = ask(campaign.socket, "status", who="operator").get("acknowledged")
+        except NoAnswerError:
+            return []
+        if not isinstance(found, dict):
+            return []
+        if not found["waiting"] or time.monotonic() > due_s:
+            break
+        time.sleep(_POLL_S)
+    if found["by"]:
+        out(f"{campaign.name}: acknowledged by {_runs(found['by'])}")
+    if found["waiting"]:
+        err(
+            f"{campaign.name}: not acknowledged within {_ACKNOWLEDGED_S:g} s by "
+            f"{_runs(found['waiting'])}; watch shows what it does"
+        )
+    return list(found["waiting"])
+
+
+def _runs(places: Mapping[str, str]) -> str:
+    """Return runs in words, with where they fly."""
+    return ", ".join(f"{run} on {place}" if place else run for run, place in places.items())
 
 
 def account() -> str:

@@ -76,7 +76,11 @@ class Flights:
     engine
         Where runs fly: local, in processes of this machine; ray, by a Ray that is started here for
         the campaign; ray://HOST:PORT, over the nodes of a Ray cluster that this machine is one of.
-        It needs the extra cluster, and a folder --out that every node sees under the same path.
+        It needs the extra cluster, and a folder --out that every node sees under the same path, or
+        --store.
+    store
+        A URL that every node reaches, s3://BUCKET/PREFIX, through which results come into --out
+        where no folder is shared. It needs the extra storage.
     """
 
     clock: Clock | None = None
@@ -89,6 +93,7 @@ class Flights:
     console: str | None = None
     foxglove: str | None = None
     engine: str = LOCAL
+    store: str = ""
 
 
 _USUAL = Flights()
@@ -141,6 +146,7 @@ def run(
         out=out_,
         junit=junit,
         engine=flights.engine,
+        store=flights.store,
         clock=flights.clock,
         jobs=flights.jobs,
         resume=resume,

@@ -19,7 +19,7 @@ from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.workers.run_engine import EngineError, RunEngine
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
-from orchestrator.cli.engine_flight import LOCAL, runs_engine
+from orchestrator.cli.engine_flight import LOCAL, result_store, runs_engine
 from orchestrator.cli.final_report import write_search_report
 from orchestrator.cli.progress_display import display_of
 from orchestrator.cli.search_text import search_text
@@ -43,6 +43,7 @@ def search(
     jobs: int | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
     engine: str = LOCAL,
+    store: str = "",
     bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
@@ -70,6 +71,8 @@ def search(
         that is a search's folder. Refused when one of its files has changed.
     engine
         Where runs fly, as of `run`: local, ray, or ray://HOST:PORT.
+    store
+        Through which results come, as of `run`: s3://BUCKET/PREFIX.
     bench_file
         A bench of this machine, whose fence the search keeps; may be given several times. Its
         vehicle is not flown by a search.
@@ -79,6 +82,7 @@ def search(
     try:
         if engine != LOCAL:
             engine_address(engine)  # before anything is read
+        result_store(store, engine)
         options = Options(
             seed=seed, sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
         )
@@ -88,7 +92,9 @@ def search(
         require_writable(out_, junit=None)
         cleared = clear(found.flown, clock=clock, jobs=jobs, arm=True, arm_real=False)
         most = most_flights(found.problem(at_once=cleared.jobs))
-        with runs_engine(engine, found.flown, cleared, jobs=jobs, runs=most, again=True) as runs:
+        with runs_engine(
+            engine, found.flown, cleared, store=store, jobs=jobs, runs=most, again=True
+        ) as runs:
             cleared = replace(cleared, jobs=runs[1])
             settings = SearchSettings(
                 out=out_, clock=cleared.clock, at_once=cleared.jobs, resume=resume

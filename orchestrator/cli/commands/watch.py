@@ -66,9 +66,15 @@ def _line(place: Place, status: dict[str, Any]) -> str:
     verdicts = list(status["finished"].values())
     counts = ", ".join(f"{verdicts.count(one)} {one}" for one in sorted(set(verdicts)))
     flying = "; ".join(
-        f"{name}: {run['stage']}, {run['verdict_so_far']} so far"
+        f"{name}{_where(run)}: {run['stage']}, {run['verdict_so_far']} so far"
         for name, run in status["flying"].items()
     )
     held = " (held)" if status["held"] else " (landing)" if status["stopped"] else ""
     done = f"{len(verdicts)} of {status['total']} runs"
     return f"{place.name}{held}: {done}{f' ({counts})' if counts else ''}; {flying or 'none flies'}"
+
+
+def _where(run: dict[str, Any]) -> str:
+    """Return in words where a run flies; "" for this machine."""
+    place = run.get("place")
+    return f" on {place}" if place else ""

@@ -23,6 +23,7 @@ from orchestrator.engines.node_facts import node_facts, unfit_text
 from orchestrator.engines.node_messages import DamagedMessageError, read_facts
 from orchestrator.engines.ray_agents import HiredAgent
 from orchestrator.engines.ray_engine import RayEngine, running_ray
+from orchestrator.storage.store import Store
 from worlds.files.documents import Document, parse
 
 _LOOK_S = 1.0
@@ -37,9 +38,9 @@ class HiredBench:
     bench: Bench
     agent: HiredAgent
 
-    def engine(self) -> RayEngine:
-        """Return the engine that flies on the bench, one run at a time."""
-        return RayEngine(self.agent.ray, 0, self.bench.name, [self.agent])
+    def engine(self, store: Store | None = None) -> RayEngine:
+        """Return the engine that flies on the bench, one run at a time. store: of results."""
+        return RayEngine(self.agent.ray, 0, self.bench.name, [self.agent], store=store)
 
     def ask_consent(self, asked: ConsentAsked) -> ConsentAnswer:
         """Return what the person at the bench answers. Raises EngineError."""
@@ -131,7 +132,7 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
     if why:
         ray.kill(actor, no_restart=True)
         raise EngineError(why, 2)
-    agent = HiredAgent(ray=ray, actor=actor, node=facts["node"])
+    agent = HiredAgent(ray=ray, actor=actor, node=facts["node"], bench=name)
     return HiredBench(_bench_of(facts), agent)
 
 

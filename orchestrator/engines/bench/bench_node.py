@@ -4,9 +4,11 @@ As a program it is `ray`, and ends with its parent: a bench whose server was kil
 longer.
 """
 
+import ipaddress
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -30,11 +32,11 @@ _ENDED_S = 30.0
 
 @contextmanager
 def bench_node(
-    address: str, facts: BenchFacts, socket: Path
+    address: str, facts: BenchFacts, server: Path
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """Have this machine be a node of a cluster with a bench and no other place for runs.
 
-    socket: of the bench's server. Gives the process of the node. Raises EngineError.
+    server: the socket of the bench's server. Gives the process of the node. Raises EngineError.
     """
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(  # noqa: S603  # our own interpreter
@@ -46,7 +48,7 @@ def bench_node(
                     "start",
                     "--block",
                 ),
-                *(f"--address={address}", "--num-cpus=0", "--num-gpus=0"),
+                *(f"--address={address}", "--num-cpus=0", "--num-gpus=0", *_own_address(address)),
                 f"--resources={json.dumps(resources_of(facts))}",
                 "--disable-usage-stats",
             ],
@@ -55,7 +57,7 @@ def bench_node(
             stderr=subprocess.STDOUT,
             # Ctrl-C at the terminal is the server's: it lands first, then ends the node.
             start_new_session=True,
-            env={**os.environ, SOCKET_VARIABLE: str(socket), "RAY_worker_niceness": "0"},
+            env={**os.environ, SOCKET_VARIABLE: str(server), "RAY_worker_niceness": "0"},
         )
         try:
             _require_joined(process, address, output.fileno())
@@ -67,6 +69,22 @@ def bench_node(
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+def _own_address(address: str) -> list[str]:
+    """Return Ray's option with the address of this machine towards a cluster; none on loopback.
+
+    On a network without a default route Ray finds none by itself, and takes 127.0.0.1.
+    """
+    host, _, port = address.rpartition(":")
+    try:
+        family, kind, _, _, where = socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, kind) as end:
+            end.connect(where)  # of datagrams: nothing is sent
+            own = str(end.getsockname()[0])
+    except OSError:
+        return []  # Ray says what is wrong with the address
+    return [] if ipaddress.ip_address(own).is_loopback else [f"--node-ip-address={own}"]
 
 
 def _require_joined(process: "subprocess.Popen[bytes]", address: str, output: int) -> None:

@@ -23,12 +23,15 @@ from orchestrator.engines.node_messages import (
     DamagedMessageError,
     RunEnded,
     RunOrdered,
+    RunTaken,
     read_message,
 )
 from orchestrator.state.run_setup import RunOrder
 from safety.guard.core.operator_command import OperatorCommand
 
 _LOOK_S = 1.0
+_OF_CAMPAIGN = (ConsentAsked, CampaignBrought, RunOrdered, RunTaken, OperatorCommand)
+"""What the machine of a campaign sends."""
 
 
 class BenchServer:
@@ -146,7 +149,7 @@ def _read(content: bytes) -> object:
     message = read_message(content)
     if isinstance(message, RunOrdered) and not isinstance(message.order, RunOrder):
         raise DamagedMessageError(f"an order is a {type(message.order).__name__}")
-    if not isinstance(message, ConsentAsked | CampaignBrought | RunOrdered | OperatorCommand):
+    if not isinstance(message, _OF_CAMPAIGN):
         raise DamagedMessageError(f"{type(message).__name__} is no message of a campaign")
     return message
 

@@ -20,12 +20,13 @@ _POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OperatorHandler:
-    """Handles a run's operator commands. record: called with each command."""
+    """Handles a run's operator commands. record, acknowledge: called with each command."""
 
     inbox: Inbox
     guard: Guard
     fencing: FenceChanges
     record: Callable[[OperatorCommand], None]
+    acknowledge: Callable[[OperatorCommand], None]
 
     async def run(self, alive: Callable[[], None]) -> None:
         """Poll for operator commands until cancelled. alive: called twenty times a second."""
@@ -34,6 +35,7 @@ class OperatorHandler:
             while (command := self.inbox.poll()) is not None:
                 self.record(command)
                 self._pass_on(command)
+                self.acknowledge(command)
             await asyncio.sleep(_POLL_S)
 
     def _pass_on(self, command: OperatorCommand) -> None:
@@ -69,4 +71,10 @@ def operator_handler_of(
         answer=answer,
     )
     pair.guard.on_event(fencing.take)
-    return OperatorHandler(inbox=inbox, guard=pair.guard, fencing=fencing, record=recorder.operator)
+    return OperatorHandler(
+        inbox=inbox,
+        guard=pair.guard,
+        fencing=fencing,
+        record=recorder.operator,
+        acknowledge=reporter.acknowledge,
+    )

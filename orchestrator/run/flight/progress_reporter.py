@@ -45,18 +45,11 @@ class ProgressReporter:
 
     def answer(self, command: OperatorCommand, ok: bool, text: str) -> None:
         """Report the outcome of an operator's command."""
-        self._report(
-            Happening(
-                run=self._plan.name,
-                t_s=asyncio.get_running_loop().time(),
-                kind="answer",
-                word="ok" if ok else "refused",
-                vehicle="",
-                text=text,
-                command_id=command.command_id,
-                who=command.who,
-            )
-        )
+        self._reply(command, "answer", "ok" if ok else "refused", text)
+
+    def acknowledge(self, command: OperatorCommand) -> None:
+        """Report that an operator's command has reached the run."""
+        self._reply(command, "acknowledged", command.kind, "")
 
     async def follow(
         self,
@@ -84,6 +77,20 @@ class ProgressReporter:
                 )
             )
             await asyncio.sleep(PROGRESS_S)
+
+    def _reply(self, command: OperatorCommand, kind: HappeningKind, word: str, text: str) -> None:
+        self._report(
+            Happening(
+                run=self._plan.name,
+                t_s=asyncio.get_running_loop().time(),
+                kind=kind,
+                word=word,
+                vehicle="",
+                text=text,
+                command_id=command.command_id,
+                who=command.who,
+            )
+        )
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         self._tell("stage", stage, "", "", t_s)

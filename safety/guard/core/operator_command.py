@@ -11,7 +11,8 @@ class OperatorCommand:
     """An operator's command: what, who ("Ctrl-C", "mqtt:anna"), and for the record why.
 
     document: for geofence, what the new fences are: the text of YAML, a plan or GeoJSON.
-    command_id: by which it is answered, where the answer takes time.
+    command_id: by which it is answered, where the answer takes time. node, bench: of an abort that
+    is for the runs there alone.
     """
 
     kind: OperatorKind
@@ -19,3 +20,10 @@ class OperatorCommand:
     reason: str = ""
     document: str = ""
     command_id: str = ""
+    node: str = ""
+    bench: str = ""
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether it is for the runs of one node or bench alone."""
+        return bool(self.node or self.bench)

@@ -1,6 +1,7 @@
 """What an operator's socket hears and answers: one JSON object a line; pure.
 
 Asked: {"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
+or {"command": "abort", "node": "desk", "who": "anna"}, which a campaign takes, or with "bench"
 or {"command": "geofence", "geofence": "the text of a file", "id": "a1", "who": "anna"}
 Answered: {"ok": true, "command": "abort", "text": "...", ...}
 """
@@ -17,7 +18,7 @@ _LONGEST_WHO = 64
 Query = Literal["status", "watch"]
 _QUERIES: frozenset[str] = frozenset(get_args(Query))
 _WORDS = (*get_args(OperatorKind), *get_args(Query))
-_KEYS = frozenset({"command", "who", "token", "geofence", "id"})
+_KEYS = frozenset({"command", "who", "token", "geofence", "id", "node", "bench"})
 
 
 class RefusedLineError(ValueError):
@@ -56,7 +57,12 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
 def _command(kind: OperatorKind, who: str, asked: Mapping[str, Any]) -> OperatorCommand:
     """Return the operator command of a parsed line. Raises RefusedLineError."""
     if kind != "geofence":
-        return OperatorCommand(kind, who)
+        node, bench = asked.get("node", ""), asked.get("bench", "")
+        if not isinstance(node, str) or not isinstance(bench, str):
+            raise RefusedLineError("node and bench are names")
+        if kind != "abort" and (node or bench):
+            raise RefusedLineError(f"{kind}: node and bench are for abort alone")
+        return OperatorCommand(kind, who, node=node, bench=bench)
     document, command_id = asked.get("geofence"), asked.get("id")
     if not isinstance(document, str) or not isinstance(command_id, str):
         raise RefusedLineError("geofence is the text of a file, and id anything not used before")

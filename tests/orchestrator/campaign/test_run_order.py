@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.folder.campaign_folder import OutputError
 from orchestrator.campaign.resuming.lost_runs import lost_result
 from orchestrator.campaign.workers import run_order
 from orchestrator.campaign.workers.run_workers import WorkerLost
@@ -32,3 +33,19 @@ def test_a_result_is_written_though_somebody_removed_the_folder(
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
     assert run_order.fly_order(order, lambda _: None, NoCommands()) == result
     assert read_result(folder / "result.json") == result
+
+
+def test_an_order_whose_folder_has_a_result_is_not_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    folder = tmp_path / "out" / plan.name
+    folder.mkdir(parents=True)
+    (folder / "result.json").write_text("given up")
+    flown: list[object] = []
+    monkeypatch.setattr(run_order, "fly", lambda *given: flown.append(given))
+    order = RunOrder(plan=plan, folder=folder, clock="virtual")
+    with pytest.raises(OutputError, match="was given up, and is not flown"):
+        run_order.fly_order(order, lambda _: None, NoCommands())
+    assert not flown
+    assert (folder / "result.json").read_text() == "given up"

@@ -14,8 +14,9 @@ import pytest
 
 from orchestrator.campaign.workers.limited_loading import LoadingTimeoutError, limited_loading
 from orchestrator.campaign.workers.local_workers import LocalWorkers, PipeInbox
-from orchestrator.campaign.workers.run_workers import WorkerLost
+from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.campaign.workers.worker_pool import Pool
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Happening, News, Progress, Report
 from safety.guard.core.operator_command import OperatorCommand
@@ -282,3 +283,78 @@ def test_a_guard_that_still_lands_outlives_a_run_that_failed(tmp_path: Path) -> 
         for process in (guard, below_guard):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
+
+
+class PlacedWorker:
+    """A worker on a node: an order of its own kind waits for a command, others are done at once."""
+
+    def __init__(self, node: str) -> None:
+        self.place = FlightPlace(node)
+        self.killed = False
+        self._order = ""
+        self._command: asyncio.Future[OperatorCommand] = asyncio.get_running_loop().create_future()
+
+    async def begin(self, order: str) -> None:
+        self._order = order
+
+    async def receive(self) -> object:
+        if self._order == "wait":
+            return OrderDone(f"aborted by {(await self._command).who} on {self.place}")
+        return OrderDone(f"flown on {self.place}")
+
+    def send(self, command: OperatorCommand) -> None:
+        self._command.set_result(command)
+
+    def kill(self) -> None:
+        self.killed = True
+
+    async def outcome_of_lost(self, reason: str) -> WorkerLost:
+        return WorkerLost(reason)
+
+    async def end(self) -> str:
+        return ""
+
+
+class PlacedWorkers:
+    """Starts workers on two nodes in turn."""
+
+    def __init__(self) -> None:
+        self.started: list[PlacedWorker] = []
+
+    async def start(self) -> PlacedWorker:
+        self.started.append(PlacedWorker(("first", "second")[len(self.started) % 2]))
+        return self.started[-1]
+
+    async def close(self) -> None:
+        pass
+
+
+async def test_an_abort_of_a_node_lands_its_run_and_bars_it_for_the_rest() -> None:
+    outcomes: dict[str, object] = {}
+    places: dict[str, str] = {}
+    workers = PlacedWorkers()
+    pool = Pool[str, str](
+        jobs=2,
+        workers=workers,
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+        begun=lambda order, place: places.__setitem__(order, str(place)),
+    )
+
+    async def abort_soon() -> None:
+        while "wait" not in places:  # noqa: ASYNC110 - sets no event
+            await asyncio.sleep(0)
+        pool.abort(OperatorCommand("abort", "anna", node=places["wait"]))
+
+    async with asyncio.timeout(10), asyncio.TaskGroup() as group:
+        group.create_task(abort_soon())
+        group.create_task(pool.fly(["wait", "b", "c", "d", "e"]))
+    barred = places["wait"]
+    assert outcomes["wait"] == f"aborted by anna on {barred}"
+    began = list(places)
+    after = began[began.index("wait") + 1 :]
+    assert set(outcomes) == {"wait", "b", "c", "d", "e"} or any(
+        one.killed for one in workers.started
+    )
+    late = [name for name in after if outcomes[name] == f"flown on {barred}"]
+    assert not late

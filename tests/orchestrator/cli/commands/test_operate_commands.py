@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 
 from orchestrator.cli import main
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import Happening, Progress
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.campaign_records import Place, Places
 from orchestrator.operator.operator_channels import open_operator_channels
+from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 
 Said = tuple[int, str, str]
@@ -147,3 +149,38 @@ async def test_watch_shows_what_flies_until_it_is_over(
     assert lines.count("gate: 0 of 4 runs; large/wil/1: goal, PASS so far") == 1
     statuses = [json.loads(line) for line in lines if line.startswith("{")]
     assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"
+
+
+async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_not(
+    cli: Cli, controller: CampaignController, fleet: FakeFleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.cli.commands.operate._ACKNOWLEDGED_S", 0.3)
+    for run, node in (("large/wil/1", "first"), ("large/wil/2", "second")):
+        controller.begun(run, FlightPlace(node))
+    pass_on = fleet.pass_on
+
+    def acknowledging(command: OperatorCommand) -> int:
+        asyncio.get_running_loop().call_soon(
+            controller.news,
+            Happening("large/wil/1", 1.0, "acknowledged", "", "", "", command.command_id, "anna"),
+        )
+        return pass_on(command)
+
+    monkeypatch.setattr(fleet, "pass_on", acknowledging)
+    code, out, err = await cli("hold")
+    assert code == 3
+    assert "gate: acknowledged by large/wil/1 on first\n" in out
+    assert "gate: not acknowledged within 0.3 s by large/wil/2 on second" in err
+
+
+async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
+    cli: Cli, controller: CampaignController, fleet: FakeFleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("orchestrator.cli.commands.operate._ACKNOWLEDGED_S", 0.1)
+    controller.begun("large/wil/1", FlightPlace("first"))
+    assert (await cli("abort", "--node", "third"))[0] == 3
+    assert not fleet.aborted
+    code, out, err = await cli("abort", "--node", "first")
+    assert "gate: 1 run on node first will land, and nothing more is flown there" in out
+    assert (code, fleet.aborted[0].node) == (3, "first")  # for nobody acknowledges it here
+    assert "large/wil/1 on first" in err

@@ -1,0 +1,233 @@
+"""A campaign on a bench and one over both hosts, killed in flight and resumed: their ledgers.
+
+The bench is on the second host, served on a terminal; an embedded vehicle behind a socket is its
+hardware, and flies with a twin. The campaigns' programs are on the first host.
+"""
+
+import json
+import os
+import pty
+import random
+import subprocess
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psutil
+
+from bench.cluster_files import WORLD, write_campaign
+from bench.cluster_hosts import STARTED_S, Host, cluster_of, two_hosts, wait_for
+
+BENCH_VICTIMS = ["both programs", "bench server", "bench raylet"]
+BENCH = """\
+schema: wil/bench/1
+bench: hall-a
+properties: {indoor: true}
+vehicles:
+  real:
+    link: udpin://127.0.0.1:14540
+    autopilot: px4
+    sensors: {camera: {type: camera, rate_hz: 5, width_px: 80, height_px: 60, fov_deg: 69}}
+geofence: {box: {north_m: [-9, 9], east_m: [-9, 9], up_m: [-2, 5]}}
+"""
+HALL = """\
+schema: wil/campaign/1
+campaign: hall
+bench: hall-a
+vehicles:
+  twin:
+    link: embedded
+    autopilot: px4
+    sensors: {camera: {type: camera, rate_hz: 5, width_px: 80, height_px: 60, fov_deg: 69}}
+world: world.yaml
+recipe: recipe.yaml
+autonomy: {use: still.py:Still, with: {ticks: 300}}
+goal: {altitude_m: 1.2}
+modes: [wil]
+preflight: {failsafe: set}
+oracles: {landed: {}, geofence: {}}
+"""
+RECIPE = """\
+schema: wil/recipe/1
+sensors: {camera: {type: camera, rate_hz: 5}}
+combine:
+  - sensor: camera
+    merge: {overlay: {priority: [real, twin]}}
+    publish: [real, twin]
+    max_skew_ms: 900
+"""
+RUNS = {"hover": 12, "hall": 3}
+DOWN_S = 120.0
+
+
+def account(folder: Path, victim: str, seed: int) -> bool:
+    """Kill in flight, resume, print both ledgers; return whether all is accounted for."""
+    folder.mkdir(parents=True)
+    hover = write_campaign(folder, ticks=500)
+    (folder / "hall.yaml").write_text(HALL)
+    (folder / "hall-a.yaml").write_text(BENCH)
+    (folder / "recipe.yaml").write_text(RECIPE)
+    (folder / "world.yaml").write_text(WORLD)
+    out = folder / "out"
+    with two_hosts(folder) as (first, second), cluster_of(first, second, (1, 1)) as address:
+        engine = ("--engine", f"ray://{address}")
+        vehicle = second.program("vehicle", "px4", "--link", "udpout://127.0.0.1:14540")
+        second.start("vehicle", *vehicle)
+        with _served(second, folder / "hall-a.yaml", *engine) as server:
+
+            def command(file: Path, *more: str) -> list[str]:
+                count = str(RUNS[file.stem])
+                words = ("run", str(file), "--out", str(out), "--repetitions", count, *engine)
+                return first.program(*words, *more)
+
+            programs = {
+                name: first.start(name, *command(folder / f"{name}.yaml"))
+                for name in ("hall", "hover")
+            }
+            wait_for(lambda: _is_second_in_flight(out), STARTED_S, "the second run on the bench")
+            time.sleep(random.Random(seed).uniform(0.0, 6.0))  # noqa: S311
+            began_s = time.monotonic()
+            _kill(victim, programs, server, second)
+            codes = {name: program.wait(STARTED_S) for name, program in programs.items()}
+            wait_for(lambda: not _flies(out), DOWN_S, "the landing")
+            print(
+                f"{victim}, seed {seed}: exit codes {codes}, nothing in flight after "
+                f"{time.monotonic() - began_s:.0f} s; {_down(out)}",
+                flush=True,
+            )
+            fine = _resume(first, folder, command, hover, victim)
+        left = [*first.flying(), *second.flying()]
+        names = [" ".join(one.cmdline())[:100] for one in left if "vehicle px4" not in _line(one)]
+        print(f"processes left: {names or 'none'}", flush=True)
+        for name in RUNS:
+            _show_ledger(out, name)
+        return fine and not names
+
+
+def _resume(
+    first: Host, folder: Path, command: Callable[..., list[str]], hover: Path, victim: str
+) -> bool:
+    """Resume both campaigns; return whether each run has come to its end."""
+    over = first.run(*command(hover, "--resume"))
+    print(f"hover resumed: exit code {over.returncode}, {_verdicts(folder / 'out', 'hover')}")
+    if victim != "both programs":
+        return bool(over.returncode == 0)
+    hall = folder / "hall.yaml"
+    ended = first.run(*command(hall, "--resume"))
+    verdicts = _verdicts(folder / "out", "hall")
+    print(f"hall resumed: exit code {ended.returncode}, {verdicts}", flush=True)
+    again = [run for run, verdict in verdicts.items() if verdict != "PASS"]
+    named = [word for run in again for word in ("--again", run)]
+    last = first.run(*command(hall, "--resume", *named))
+    verdicts = _verdicts(folder / "out", "hall")
+    print(f"hall with --again {again}: exit code {last.returncode}, {verdicts}", flush=True)
+    if last.returncode:
+        print(ended.stderr[-1500:], last.stderr[-1500:], flush=True)
+    return bool(over.returncode == last.returncode == 0 and len(verdicts) == RUNS["hall"])
+
+
+def _kill(
+    victim: str,
+    programs: dict[str, "subprocess.Popen[bytes]"],
+    server: psutil.Process,
+    second: Host,
+) -> None:
+    if victim == "both programs":
+        for program in programs.values():
+            program.kill()  # nsenter has become our program: one process
+    elif victim == "bench server":
+        server.kill()
+    else:
+        raylets = [one for one in second.processes() if "raylet/raylet" in _line(one)]
+        max(raylets, key=lambda one: one.create_time()).kill()
+
+
+@contextmanager
+def _served(host: Host, file: Path, *engine: str) -> Iterator[psutil.Process]:
+    """Serve a bench on a terminal of its own, at which somebody consents to everything."""
+    pid, terminal = pty.fork()
+    words = host.command(*host.program("bench", "serve", str(file), *engine))
+    if pid == 0:
+        os.execvpe(words[0], words, host.environment_of_programs())  # noqa: S606
+    shown = host.logs / "bench-terminal.log"
+
+    def consent() -> None:
+        with shown.open("ab", buffering=0) as stream, suppress(OSError):
+            while text := os.read(terminal, 4096):
+                stream.write(text)
+                if b"take off? [y/N]" in text:
+                    os.write(terminal, b"y\n")
+
+    threading.Thread(target=consent, daemon=True).start()
+    process = psutil.Process(pid)
+    try:
+        wait_for(lambda: "Ctrl-C ends it" in shown.read_text(), STARTED_S, "the bench")
+        yield process
+    finally:
+        with suppress(psutil.Error):
+            process.terminate()
+            process.wait(60)
+        with suppress(OSError):
+            os.close(terminal)
+
+
+def _newest(out: Path, name: str) -> Path | None:
+    return max(out.glob(f"{name}/*"), default=None)
+
+
+def _is_second_in_flight(out: Path) -> bool:
+    """Return whether the second run of the bench has been given its goal."""
+    folder = _newest(out, "hall")
+    log = None if folder is None else folder / "default/wil/2/log.jsonl"
+    return log is not None and log.is_file() and '"goal"' in log.read_text()
+
+
+def _flies(out: Path) -> bool:
+    """Return whether a run on the bench is without its end still."""
+    folder = _newest(out, "hall")
+    if folder is None:
+        return False
+    runs = [path.parent for path in folder.glob("default/wil/*/log.jsonl")]
+    return any(not (run / "result.json").is_file() for run in runs)
+
+
+def _down(out: Path) -> str:
+    """Return what the guards say of the vehicles of the run that was in flight."""
+    folder = _newest(out, "hall")
+    log = None if folder is None else folder / "default/wil/2/guard.jsonl"
+    if log is None or not log.is_file():
+        return "no guard"
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    ends = [line for line in lines if line.get("vehicle") and "down" in json.dumps(line)]
+    return ", ".join(str(line.get("text") or line) for line in ends[-2:]) or str(lines[-2:])
+
+
+def _verdicts(out: Path, name: str) -> dict[str, str]:
+    folder = _newest(out, name)
+    if folder is None:
+        return {}
+    runs = json.loads((folder / "summary.json").read_text())["runs"]
+    return {f"{one['case']}/{one['mode']}/{one['rep']}": one["verdict"] for one in runs}
+
+
+def _show_ledger(out: Path, name: str) -> None:
+    """Print what the ledger has of each run."""
+    folder = _newest(out, name)
+    if folder is None:
+        return
+    lines = [json.loads(line) for line in (folder / "ledger.jsonl").read_text().splitlines()]
+    starts = [line["session"] for line in lines if line["event"] == "begun"]
+    print(f"ledger of {name}: {dict(Counter(line['event'] for line in lines))}")
+    for line in lines:
+        start = starts.index(line["session"]) + 1
+        words = (line["event"], line.get("run", ""), line.get("node", ""), line.get("text", ""))
+        print(f"  start {start}: {' | '.join(one for one in words if one)}", flush=True)
+
+
+def _line(process: psutil.Process) -> str:
+    with suppress(psutil.Error):
+        return " ".join(process.cmdline())
+    return ""

@@ -1,0 +1,159 @@
+"""How results of nodes come to the machine of a campaign: by a shared folder, or by a store."""
+
+import hashlib
+import time
+import uuid
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from orchestrator.campaign.folder.campaign_folder import (
+    OutputError,
+    TakenError,
+    held,
+    make_run_folder,
+)
+from orchestrator.campaign.resuming.lost_runs import lost_result
+from orchestrator.campaign.workers.run_workers import WorkerLost
+from orchestrator.engines.node_messages import RunEnded
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import ResultError, read_result
+from orchestrator.state.run_setup import RunOrder
+from orchestrator.storage.store import Store, StoreError
+from orchestrator.storage.stored_runs import RESULT_FILE, await_run, digest_of, fetch_run
+
+_LANDED_S = 120.0
+"""How long a run whose node has lost its worker may go on: it lands."""
+_BEGUN_S = 10.0
+"""How long an order that was on its way to a lost node may take to begin."""
+_SHOWN_S = 20.0
+"""How long a shared folder may take to show what a node has written."""
+_LOOK_S = 0.2
+
+
+class ReturnedResults(Protocol):
+    """How the results of a campaign's runs come here (protocol). What blocks runs in a thread."""
+
+    def new_place(self, order: RunOrder) -> str:
+        """Return a place for an order's files in the store; "" where there is none."""
+
+    def of_ended(self, order: RunOrder, place: str, ended: RunEnded) -> RunResult | WorkerLost:
+        """Return the outcome of a run that a node has ended, once its files are here."""
+
+    def of_lost(self, order: RunOrder, place: str) -> RunResult | str:
+        """Return the result of a run whose node is lost; in words why there is none."""
+
+
+class SharedResults:
+    """The nodes write into the runs' folders."""
+
+    def new_place(self, order: RunOrder) -> str:  # noqa: ARG002  # its folder is its place
+        """Return no place."""
+        return ""
+
+    def of_ended(
+        self,
+        order: RunOrder,
+        place: str,  # noqa: ARG002
+        ended: RunEnded,
+    ) -> RunResult | WorkerLost:
+        """Return the outcome, once the result is on our disk as the node has written it."""
+        path = order.folder / RESULT_FILE
+        if isinstance(ended.outcome, RunResult) and not _has_come(path, ended.sha256):
+            return WorkerLost(
+                f"{path} is not what the node wrote, after {_SHOWN_S:g} s; share the folder of "
+                "--out with every node"
+            )
+        return ended.outcome
+
+    def of_lost(self, order: RunOrder, place: str) -> RunResult | str:  # noqa: ARG002
+        """Return the result once nothing flies into its folder; without one it is given up.
+
+        An order that was on its way, and begins only now, finds that and does not fly.
+        """
+        had_begun = order.folder.is_dir()
+        try:
+            make_run_folder(order.folder, order.plan.name)
+            for _ in range(round(_LANDED_S / _LOOK_S)):
+                with suppress(TakenError), held(order.folder):
+                    return _result_or_giving_up(order, had_begun=had_begun)
+                time.sleep(_LOOK_S)
+        except (OutputError, OSError) as error:
+            return str(error)
+        return f"it was in flight still after {_LANDED_S:g} s"
+
+
+@dataclass(frozen=True, slots=True)
+class FetchedResults:
+    """The nodes send to a store. campaign: the campaign's folder here; place: beneath the store."""
+
+    store: Store
+    campaign: Path
+    place: str
+
+    def new_place(self, order: RunOrder) -> str:
+        """Return a place that no other order has."""
+        run = order.folder.relative_to(self.campaign).as_posix()
+        return f"{self.place}/{run}/{uuid.uuid4().hex[:12]}"
+
+    def of_ended(self, order: RunOrder, place: str, ended: RunEnded) -> RunResult | WorkerLost:
+        """Return the outcome, once all files are here and have the digests that were sent."""
+        if not ended.kept:
+            return ended.outcome
+        try:
+            is_there = fetch_run(self.store, place, order.folder, _ignore)
+            path = order.folder / RESULT_FILE
+            if isinstance(ended.outcome, WorkerLost):
+                return ended.outcome
+            if not is_there:
+                why = f"{self.store.url}/{place} has nothing of it any more"
+            elif digest_of(path) != ended.sha256:
+                why = f"{path} is not what the node wrote: its SHA-256 is another"
+            else:
+                return ended.outcome
+        except (StoreError, OSError) as error:
+            why = str(error)
+        if isinstance(ended.outcome, WorkerLost):
+            return WorkerLost(f"{ended.outcome.reason}; its files are kept in {ended.kept}: {why}")
+        return WorkerLost(
+            f"it is {ended.outcome.verdict}, but its files are not here, and kept in {ended.kept}: "
+            f"{why}"
+        )
+
+    def of_lost(self, order: RunOrder, place: str) -> RunResult | str:
+        """Return the result that a node sends after it has lost its worker."""
+        try:
+            why = await_run(self.store, place, order.folder, landed_s=_LANDED_S, begun_s=_BEGUN_S)
+            return why or read_result(order.folder / RESULT_FILE)
+        except (StoreError, ResultError, OSError) as error:
+            return str(error)
+
+
+def _result_or_giving_up(order: RunOrder, *, had_begun: bool) -> RunResult | str:
+    """Return what a run has left in its folder, which is held. Raises OSError."""
+    path = order.folder / RESULT_FILE
+    try:
+        return read_result(path)
+    except ResultError as error:
+        why = str(error) if had_begun else "it had not begun"
+        if not path.exists():
+            write_whole(path, to_json(lost_result(order.plan, WorkerLost(why))))
+        return why
+
+
+def _has_come(path: Path, sha256: str) -> bool:
+    """Return whether a file is there with this content, within the time that it may take."""
+    for _ in range(round(_SHOWN_S / _LOOK_S)):
+        try:
+            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+                return True
+        except OSError:
+            pass
+        time.sleep(_LOOK_S)
+    return False
+
+
+def _ignore(_: int) -> None:
+    """Take how far it has come."""
