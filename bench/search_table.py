@@ -134,9 +134,8 @@ class TableFlyer:
             with tempfile.TemporaryDirectory() as folder:
                 campaign = self._search.batch_campaign(batch)
                 runs = self._engine.fly(campaign, Path(folder)).runs
-            self._append(
-                (one, runs[f"{one.variant.name}/{one.mode}/{one.repetition}"]) for one in now
-            )
+            names = {f"{one.variant.name}/{one.mode}/{one.repetition}": one for one in now}
+            self._append((one, runs[name]) for name, one in names.items() if name in runs)
             print(f"{len(waiting)} flights to go", flush=True)
 
     def _append(self, flown: Iterable[tuple[Flight, RunResult]]) -> None:
@@ -147,6 +146,8 @@ class TableFlyer:
             if is_new:
                 writer.writerow((*FIELDS, *self._names))
             for flight, result in flown:
+                if result.verdict == "ABORTED":
+                    continue
                 found = outcome_of(self._search, result)
                 value = "" if found.value is None else f"{found.value:.4f}"
                 head = (flight.variant.name, flight.repetition, found.verdict, found.cause, value)
