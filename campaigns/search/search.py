@@ -95,14 +95,14 @@ class Search:
                 return
             yield from self._look([variant for _, variant in proposed], mode, "explore")
             for number, variant in proposed:
-                self._strategy.tell(number, self._told(self._tried[variant.name], mode))
+                self._strategy.tell(number, self._strategy_value(self._tried[variant.name], mode))
             if is_last and self._problem.stop_after is not None:
                 yield from self._confirm_all(mode)
                 if self._is_enough:
                     self._ended = f"{self._problem.stop_after} confirmed (stop_after)"
                     return
 
-    def _told(self, tried: TriedVariant, mode: Mode) -> float | None:
+    def _strategy_value(self, tried: TriedVariant, mode: Mode) -> float | None:
         """Return the value that a strategy is told; None where no flight proved anything.
 
         A flight that passed without a margin came near nothing: it is as good as the best so far.

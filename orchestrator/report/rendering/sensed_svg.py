@@ -81,7 +81,7 @@ def _disc(place: dict[str, float], share: float, *, is_failed: bool, title: str)
     return element(
         "circle",
         {
-            "class": "confirmed" if is_failed else "seen",
+            "class": "seen failed" if is_failed else "seen",
             "cx": round(place["x"] + place["width"] / 2.0, 2),
             "cy": round(place["y"] + place["height"] / 2.0, 2),
             "r": round(radius, 2),

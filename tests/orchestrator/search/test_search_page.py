@@ -60,6 +60,7 @@ def test_the_page_draws_what_each_sensor_saw_and_where_flights_failed() -> None:
     assert "What the sensors saw" in html
     assert html.count('class="unexplored"') >= 2 * 48 - 2
     assert html.count("1 flights, 1 of them failed") == 4
+    assert html.count('class="seen failed"') == 2
     assert "&lt;gate&gt; by camera</bdi>: seen in 1 of 1 flights, as near as 0.75 m" in html
     assert "intruder by camera</bdi>: seen in none of 2 flights" in html
 
