@@ -93,7 +93,7 @@ def _sensed(one: SensedCoverage) -> dict[str, Any]:
         "flights": one.flights,
         "seen_in": one.seen,
         "nearest_m": one.nearest_m,
-        "largest_share": one.largest_share,
+        "largest_share": one.largest_share if one.object else None,
         "distinct_readings": one.reduced,
         "last_new_in_flight": one.newest,
         "sectors": one.sectors,
