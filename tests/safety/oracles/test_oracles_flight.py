@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import pytest
 
@@ -55,7 +56,7 @@ def test_altitude_band() -> None:
     [({"max_m": 2.0}, 2.0, 0.0), ({"min_m": 0.5}, 0.5, 0.0), ({"min_m": 0.0}, 0.5, 0.5)],
 )
 def test_altitude_exactly_at_its_limit_and_above_zero(
-    limits: dict[str, float], up_m: float, margin_m: float
+    limits: dict[str, Any], up_m: float, margin_m: float
 ) -> None:
     judge = build("altitude", **limits)
     stage(judge, takeoff=0.0, at_height=0.5, goal=1.0)
