@@ -28,12 +28,10 @@ LIMITS = StoreLimits(tries=2, pauses_s=(0.1,), answer_s=5.0)
 
 
 @pytest.fixture(autouse=True)
-def node_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Have a folder of this test alone for what nodes write."""
-    folder = tmp_path / "node"
-    folder.mkdir()
-    monkeypatch.setenv("TMPDIR", str(folder))
-    return folder
+def node_folders(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Have a folder of this test alone for what nodes write, sockets too: their paths are short."""
+    monkeypatch.setenv("TMPDIR", str(short_folder))
+    return short_folder
 
 
 @pytest.fixture
