@@ -153,6 +153,7 @@ def _served(host: Host, file: Path, *engine: str) -> Iterator[psutil.Process]:
     if pid == 0:
         os.execvpe(words[0], words, host.environment_of_programs())  # noqa: S606
     shown = host.logs / "bench-terminal.log"
+    shown.touch()
 
     def consent() -> None:
         with shown.open("ab", buffering=0) as stream, suppress(OSError):
