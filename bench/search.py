@@ -1,27 +1,30 @@
 """Flights to the first confirmed failure: TPE beside Sobol and random points, over seeds.
 
     python -m bench.search made-up --seeds 20
-    python -m bench.search gate --seeds 5 --budget 30 --jobs 2
-    python -m bench.search intruder --seeds 5
+    python -m bench.search gate --seeds 20
+    python -m bench.search gate --seeds 3 --flown
 
-`made-up` flies nothing: a corner of six numbers fails, with noise, so that it takes seconds. The
-others fly the shipped searches in mode sim, under virtual time.
+`made-up` flies nothing: a corner of six numbers fails, with noise. The others are the shipped
+searches in mode sim. Their flights come from a table of flights that were flown (bench/tables, by
+bench.search_table): each is one of those of the nearest point, drawn by the seed. With --flown each
+is flown, under virtual time.
 """
 
 import argparse
+import math
 import statistics
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from campaigns.expansion.expansion import Options
+from bench.search_table import flight_seed, load_table, shipped_search, summary
 from campaigns.schema.search import StrategyName
 from campaigns.search.learning_strategies import make_strategy
 from campaigns.search.model import Batch, Findings, FlightOutcome, SearchProblem
 from campaigns.search.search import Search
-from campaigns.search.search_file import load_search
 from campaigns.search.space import Parameter, Space
 from campaigns.values.seeds import run_seed
 from orchestrator.campaign.workers.run_server import start_run_server
@@ -30,7 +33,6 @@ from orchestrator.search.engine import BatchEngine
 from orchestrator.search.search_runner import SearchSettings, fly_search
 
 STRATEGIES: tuple[StrategyName, ...] = ("tpe", "sobol", "random")
-CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 NOISE = 0.05
 """Standard deviation of a made-up margin under another seed."""
 Find = Callable[[StrategyName, int], Findings]
@@ -63,15 +65,45 @@ def made_up(budget: int, jobs: int) -> Find:
         return outcomes
 
     def find(strategy: StrategyName, seed: int) -> Findings:
-        search = Search(problem, make_strategy(strategy, space, seed))
-        steps = search.steps()
-        outcomes: list[FlightOutcome] | None = None
-        while True:
-            try:
-                batch = next(steps) if outcomes is None else steps.send(outcomes)
-            except StopIteration:
-                return search.findings
-            outcomes = fly(batch, seed)
+        return drive(problem, strategy, seed, lambda batch: fly(batch, seed))
+
+    return find
+
+
+def drive(
+    problem: SearchProblem,
+    strategy: StrategyName,
+    seed: int,
+    fly: Callable[[Batch], list[FlightOutcome]],
+) -> Findings:
+    """Return what a search finds whose batches are not flown."""
+    search = Search(problem, make_strategy(strategy, problem.space, seed))
+    steps = search.steps()
+    outcomes: list[FlightOutcome] | None = None
+    while True:
+        try:
+            batch = next(steps) if outcomes is None else steps.send(outcomes)
+        except StopIteration:
+            return search.findings
+        outcomes = fly(batch)
+
+
+def looked_up(name: str, budget: int, jobs: int) -> Find:
+    """Return a shipped search whose flights come from the table of flown ones.
+
+    Of these problems no point of the table was refused, so that nothing asks for that again.
+    """
+    table = load_table(shipped_search(name, seed=0), name)
+    print(summary(table))
+
+    def find(strategy: StrategyName, seed: int) -> Findings:
+        search = shipped_search(name, seed=seed, sets=_sets(strategy, budget))
+
+        def fly(batch: Batch) -> list[FlightOutcome]:
+            return [table.outcome(f.variant.values, flight_seed(seed, f)) for f in batch.flights]
+
+        problem = replace(search.problem(at_once=jobs), refuse=lambda _: "")
+        return drive(problem, strategy, seed, fly)
 
     return find
 
@@ -81,14 +113,7 @@ def flown(name: str, budget: int, jobs: int) -> Find:
     start_run_server()
 
     def find(strategy: StrategyName, seed: int) -> Findings:
-        sets = (
-            f"search.strategy={strategy}",
-            f"search.budget={{sim: {budget}}}",
-            f"search.confirm.most={budget}",
-            "search.stop_after=1",
-            "search.reduce=0",
-        )
-        search = load_search(CAMPAIGNS / f"search-{name}.yaml", Options(seed=seed, sets=sets))
+        search = shipped_search(name, seed=seed, sets=_sets(strategy, budget))
         with tempfile.TemporaryDirectory() as folder:
             engine = BatchEngine(
                 clock="virtual", jobs=jobs, real_kind="embedded", watcher=SilentDisplay()
@@ -99,20 +124,33 @@ def flown(name: str, budget: int, jobs: int) -> Find:
     return find
 
 
+def _sets(strategy: StrategyName, budget: int) -> tuple[str, ...]:
+    """Return what a shipped search is set to: until its first confirmed failure."""
+    return (
+        f"search.strategy={strategy}",
+        f"search.budget={{sim: {budget}}}",
+        f"search.confirm.most={budget}",
+        "search.stop_after=1",
+        "search.reduce=0",
+    )
+
+
 def flights_of(findings: Findings) -> int:
     """Return how many flights a search flew."""
     return sum(cost.flights for cost in findings.costs.values())
 
 
 def row(strategy: str, found: Sequence[Findings]) -> str:
-    """Return the figures of a strategy: how often it found one, and in how many flights."""
-    flights = sorted(flights_of(one) for one in found if one.confirmed)
-    if not flights:
-        return f"{strategy:<8} {0:>3}/{len(found)}  none confirmed"
-    median = statistics.median(flights)
-    return (
-        f"{strategy:<8} {len(flights):>3}/{len(found)}  {median:>6g}  {flights[0]}..{flights[-1]}"
-    )
+    """Return the figures of a strategy: how often it found one, and in how many flights.
+
+    The median of all seeds takes those that found none for later than any; spread: quartiles of it.
+    """
+    flights = sorted(flights_of(one) if one.confirmed else math.inf for one in found)
+    least, most = flights[0], max((one for one in flights if one < math.inf), default=math.inf)
+    low, high = (flights[int(share * (len(flights) - 1))] for share in (0.25, 0.75))
+    figures = "  ".join(f"{one:>6g}" for one in (statistics.median(flights), low, high))
+    confirmed = sum(one < math.inf for one in flights)
+    return f"{strategy:<8} {confirmed:>3}/{len(found)}  {figures}  {least:g}..{most:g}"
 
 
 def main() -> None:
@@ -121,14 +159,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--budget", type=int, default=60, help="flights that look for a failure")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--flown", action="store_true", help="fly, in place of the table")
+    parser.add_argument("--strategies", nargs="+", choices=STRATEGIES, default=STRATEGIES)
     given = parser.parse_args()
     if given.problem == "made-up":
         find = made_up(given.budget, given.jobs)
     else:
-        find = flown(given.problem, given.budget, given.jobs)
+        find = (flown if given.flown else looked_up)(given.problem, given.budget, given.jobs)
     print("flights to the first confirmed failure, those that confirm it included")
-    print("strategy found  median  least..most")
-    for strategy in STRATEGIES:
+    print("strategy found  median  quartiles       least..most")
+    for strategy in given.strategies:
         found = [find(strategy, seed) for seed in range(1, given.seeds + 1)]
         print(row(strategy, found), flush=True)
 

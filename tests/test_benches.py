@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns.search.model import FlightOutcome, Variant
+from campaigns.search.space import Parameter, Space
+
 BENCH = Path(__file__).parents[1] / "bench"
 
 
@@ -90,3 +93,66 @@ def test_results_of_faults_are_kept_as_they_come_and_not_injected_again(
     # Seed 10 would end the injector now: it is kept, and with it the figures of before.
     assert inject(range(10, 14)) == ["PASS"] * 4
     assert len((keep / "real.jsonl").read_text().splitlines()) == 4
+
+
+_ONE_BOX = {"north1": 10, "east1": 0, "long1": 4, "wide1": 2, "turned1": 0} | {
+    "there2": "none",
+    "there3": "none",
+}
+_SECOND = {"there2": "Wv", "north2": 10, "east2": 4, "long2": 2, "wide2": 2, "turned2": 45}
+
+
+@pytest.mark.parametrize("benchmark", ["competition"], indirect=True)
+def test_a_test_of_the_competition_is_scored_by_its_rules(benchmark: Any) -> None:
+    def scored(values: dict[str, Any], *near_m: float) -> Any:
+        return benchmark.Scored(
+            name="v",
+            standing="confirmed",
+            boxes=len(benchmark.box_numbers(values)),
+            nearest_m=near_m,
+            minutes=0.5,
+            footprint=benchmark.footprint(values),
+        )
+
+    near_m = (0.0, 0.24, 0.25, 0.99, 1.0, 1.49, 1.5, float("inf"))
+    assert [benchmark.points_of(one) for one in near_m] == [5, 5, 2, 2, 1, 1, 0, 0]
+    one, two = scored(_ONE_BOX, 0.0, 0.9, 2.0), scored(_ONE_BOX | _SECOND, 0.0, 0.9, 2.0)
+    # (5 + 2 + 0) / 3 x 10 / (1 x 0.5), and a quarter of it with two boxes.
+    assert one.score == pytest.approx(46.67, abs=0.01)
+    assert two.score == pytest.approx(one.score / 4.0)
+    assert one.touched == 1
+    across = scored(_ONE_BOX | {"turned1": 90}, 0.0)
+    cell_m2 = 0.01
+    assert one.footprint.sum() * cell_m2 == pytest.approx(8.0, abs=0.3)
+    assert two.footprint.sum() * cell_m2 == pytest.approx(12.0, abs=0.5)
+    assert benchmark.diversity([one, across]) == pytest.approx(1.0 - 4.0 / 12.0, abs=0.03)
+    assert benchmark.diversity([one, one]) == 0.0
+    assert benchmark.diversity([one]) is None
+
+
+@pytest.mark.parametrize("benchmark", ["search_table"], indirect=True)
+def test_a_flight_of_the_table_is_one_of_the_nearest_point(benchmark: Any) -> None:
+    def outcome(value: float) -> FlightOutcome:
+        return FlightOutcome(verdict="FAIL" if value <= 0.0 else "PASS", value=value)
+
+    points = tuple(
+        benchmark.TablePoint(
+            variant=Variant(name=f"t{index:04d}", values={"x": x}),
+            outcomes=tuple(map(outcome, values)),
+        )
+        for index, (x, values) in enumerate(
+            [(0.0, [0.9]), (0.3, [0.1, -0.1, 0.2]), (0.7, [0.5]), (1.0, [0.7])]
+        )
+    )
+    table = benchmark.Table(Space(parameters=(Parameter(name="x", keys=("x",)),)), points)
+    assert {table.outcome({"x": 0.1}, seed).value for seed in range(20)} == {0.9}
+    assert {table.outcome({"x": 0.4}, seed).value for seed in range(40)} == {0.1, -0.1, 0.2}
+    assert table.outcome({"x": 0.4}, 7) == table.outcome({"x": 0.45}, 7)
+    # Of a point that fails once in three flights it is a third that counts.
+    assert "8.3 % of the space fails: 1 points at least once, 0 of them" in benchmark.summary(table)
+    flown = {one.variant.name: list(one.outcomes) for one in points}
+    again = benchmark.missing([one.variant for one in points], flown)
+    assert [(one.variant.name, one.repetition) for one in again] == [("t0001", 4), ("t0001", 5)]
+    del flown["t0002"]
+    (first,) = benchmark.missing([one.variant for one in points], flown)
+    assert (first.variant.name, first.repetition) == ("t0002", 1)

@@ -21,6 +21,7 @@ Definition = tuple[str, str]
 PUBLIC = {
     "campaigns.api": "what users' files import",
     "campaigns.autonomies.avoid": "campaign files name it",
+    "campaigns.autonomies.detour": "campaign files name it",
     "campaigns.autonomies.follow": "campaign files name it",
     "campaigns.autonomies.gate": "campaign files name it",
     "campaigns.autonomies.place": "campaign files name it",

@@ -7,6 +7,7 @@ from typing import Literal
 
 from campaigns.schema import Mode
 from campaigns.search.gap import ModeGap
+from campaigns.search.sensed import SensedView
 from campaigns.search.space import Space, Values
 from campaigns.statistics.proportions import Interval
 
@@ -55,7 +56,8 @@ class FlightOutcome:
     """What came of a flight. value: normalised margin, at most 0 where it failed.
 
     None where it shows nothing: INVALID, ERROR, or an objective without a margin. cause: what
-    decided a FAIL, as "reached/real". duration_s: of the flight; wall_s: on this machine.
+    decided a FAIL, as "reached/real". duration_s: of the flight; wall_s: on this machine. sensed:
+    what its sensors had before them; empty where nobody looked.
     """
 
     verdict: FlownVerdict
@@ -64,6 +66,7 @@ class FlightOutcome:
     reason: str = ""
     duration_s: float = 0.0
     wall_s: float = 0.0
+    sensed: tuple[SensedView, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +111,10 @@ class TriedVariant:
     def failed(self, mode: Mode) -> bool:
         """Return whether a flight of the mode failed."""
         return any(one.verdict == "FAIL" for one in self.outcomes.get(mode, ()))
+
+    def passed(self, mode: Mode) -> bool:
+        """Return whether a flight of the mode passed."""
+        return any(one.verdict == "PASS" for one in self.outcomes.get(mode, ()))
 
     def failed_last(self, modes: Sequence[Mode]) -> bool:
         """Return whether a flight failed in the last of these modes that proved anything."""
@@ -170,7 +177,7 @@ class Findings:
     """What a search found. modes: those that it flies, the dearest last. ended: why, in words.
 
     refused: variants never flown, and why. cases: those flown again. costs: by mode and purpose.
-    gaps: between each mode and the next one.
+    gaps: between each mode and the next one. flown: what came of each flight, in their order.
     """
 
     modes: tuple[Mode, ...]
@@ -180,6 +187,7 @@ class Findings:
     costs: Mapping[tuple[Mode, Purpose], Cost]
     gaps: tuple[ModeGap, ...]
     ended: str
+    flown: tuple[FlightOutcome, ...] = ()
 
     @property
     def open_failures(self) -> tuple[TriedVariant, ...]:

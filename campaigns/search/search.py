@@ -47,6 +47,7 @@ class Search:
         self._cases: list[FailingCase] = []
         self._costs: dict[tuple[Mode, Purpose], Cost] = {}
         self._gaps: list[ModeGap] = []
+        self._flown: list[FlightOutcome] = []
         self._batches = 0
         self._ended = ""
         """Why nothing more is proposed; empty while something is."""
@@ -70,6 +71,7 @@ class Search:
             costs=dict(self._costs),
             gaps=tuple(self._gaps),
             ended=self._ended,
+            flown=tuple(self._flown),
         )
 
     @property
@@ -93,12 +95,23 @@ class Search:
                 return
             yield from self._look([variant for _, variant in proposed], mode, "explore")
             for number, variant in proposed:
-                self._strategy.tell(number, self._tried[variant.name].value(mode))
+                self._strategy.tell(number, self._strategy_value(self._tried[variant.name], mode))
             if is_last and self._problem.stop_after is not None:
                 yield from self._confirm_all(mode)
                 if self._is_enough:
                     self._ended = f"{self._problem.stop_after} confirmed (stop_after)"
                     return
+
+    def _strategy_value(self, tried: TriedVariant, mode: Mode) -> float | None:
+        """Return the value that a strategy is told; None where no flight proved anything.
+
+        A flight that passed without a margin came near nothing: it is as good as the best so far.
+        """
+        value = tried.value(mode)
+        if value is not None or not tried.passed(mode):
+            return value
+        known = (one.value(mode) for one in self._tried.values())
+        return max((one for one in known if one is not None), default=None)
 
     def _proposals(self, count: int) -> list[tuple[int, Variant]]:
         """Return proposals that can be flown, by number; none: the strategy has no other."""
@@ -262,6 +275,7 @@ class Search:
         outcomes = tuple((yield batch))
         if len(outcomes) != len(batch.flights):
             raise ValueError(f"{len(outcomes)} outcomes of {len(batch.flights)} flights")
+        self._flown += outcomes
         for outcome in outcomes:
             cost = self._costs.get((mode, purpose), Cost())
             self._costs[mode, purpose] = cost.plus(outcome)

@@ -8,6 +8,7 @@ from campaigns.search.search_campaign import SearchCampaign
 from orchestrator.model.document_writer import write_whole
 from orchestrator.recording.timestamps import utc_text
 from orchestrator.report.rendering.search_page import SearchPage, render_search
+from orchestrator.search.search_document import sensed_of
 from orchestrator.search.search_runner import SearchOutcome
 
 FILE_NAME = "report.html"
@@ -23,6 +24,7 @@ def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
         ended=outcome.ended,
         files=outcome.files,
         coverage=coverage_of(search.space, [one.variant.values for one in findings.tried]),
+        sensed=sensed_of(findings),
     )
     path = outcome.folder / FILE_NAME
     write_whole(path, render_search(page, search.space, findings, made_utc=utc_text(time.time())))

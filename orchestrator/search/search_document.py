@@ -6,6 +6,7 @@ from typing import Any
 from campaigns.search.coverage import coverage_of
 from campaigns.search.model import FailingCase, Findings, TriedVariant
 from campaigns.search.search_campaign import SearchCampaign
+from campaigns.search.sensed import EDGES_M, SensedCoverage, sensed_coverage
 
 FILE_NAME = "search.json"
 
@@ -69,11 +70,40 @@ def search_document(
             for (mode, purpose), cost in findings.costs.items()
         ],
         "coverage": _coverage(search, findings),
+        "sensed": [_sensed(one) for one in sensed_of(findings)],
         "variants": [_variant(one) for one in findings.tried],
         "refused": [
             {"name": one.name, "values": dict(one.values), "reason": why}
             for one, why in findings.refused
         ],
+    }
+
+
+def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
+    """Return what the sensors had before them in all flights that proved something."""
+    proven = (one for one in findings.flown if one.verdict in {"PASS", "FAIL"})
+    return sensed_coverage((one.sensed, one.verdict == "FAIL") for one in proven)
+
+
+def _sensed(one: SensedCoverage) -> dict[str, Any]:
+    """Return what a sensor had before it."""
+    return {
+        "sensor": one.sensor,
+        "object": one.object,
+        "flights": one.flights,
+        "seen_in": one.seen,
+        "nearest_m": one.nearest_m,
+        "largest_share": one.largest_share if one.object else None,
+        "distinct_readings": one.reduced,
+        "last_new_in_flight": one.newest,
+        "sectors": one.sectors,
+        "edges_m": list(EDGES_M),
+        "cells": [
+            {"sector": sector, "level": level, "flights": count, "failed": failed}
+            for (sector, level), count in one.cells.items()
+            for failed in (one.failed.get((sector, level), 0),)
+        ],
+        "of_cells": one.of_cells,
     }
 
 

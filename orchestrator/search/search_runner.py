@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from campaigns.expansion.expansion import RunPlan
 from campaigns.search.learning_strategies import make_strategy
 from campaigns.search.model import Batch, Findings, Flight, FlightOutcome
 from campaigns.search.search import Search
@@ -20,6 +21,7 @@ from orchestrator.search.engine import Engine
 from orchestrator.search.failure_file import FOLDER, failure_text
 from orchestrator.search.ledger import Ledger
 from orchestrator.search.search_document import FILE_NAME, search_document
+from orchestrator.search.sensed_views import sensed_views
 
 SEARCHES = "search"
 """The folder of a campaign's searches, beneath that of its results."""
@@ -155,16 +157,21 @@ class _Flown:
         names = ", ".join(dict.fromkeys(one.variant.name for one in batch.flights))
         self._say(f"batch {batch.number}, {batch.purpose} in {batch.mode}: {names}")
         folder = self._folder / _FLIGHTS / f"{batch.number:04d}"
-        result = self._engine.fly(self._search.batch_campaign(batch), folder)
+        campaign = self._search.batch_campaign(batch)
+        result = self._engine.fly(campaign, folder)
         if result.stopped is not None:
             return result.stopped
-        outcomes = tuple(self._outcome(result.runs[_run_name(one)]) for one in batch.flights)
+        plans = {plan.name: plan for plan in campaign.runs}
+        outcomes = tuple(
+            self._outcome(result.runs[name], plans[name], folder / name)
+            for name in map(_run_name, batch.flights)
+        )
         self._ledger.finish(batch, outcomes, is_broken=result.is_broken)
         return outcomes
 
-    def _outcome(self, result: RunResult) -> FlightOutcome:
-        """Return a run's result as the search takes it."""
-        return self._search.objective.outcome(
+    def _outcome(self, result: RunResult, plan: RunPlan, folder: Path) -> FlightOutcome:
+        """Return a run's result, and what its sensors saw, as the search takes it."""
+        found = self._search.objective.outcome(
             verdict=result.verdict,
             results=result.oracles,
             vehicle=result.subject,
@@ -173,6 +180,7 @@ class _Flown:
             duration_s=result.duration_s or 0.0,
             wall_s=result.wall_s,
         )
+        return replace(found, sensed=sensed_views(plan, folder))
 
     def _write(self, findings: Findings, ended: str) -> None:
         """Write the campaign files of confirmed failures, and search.json."""

@@ -7,8 +7,10 @@ from markupsafe import Markup
 
 from campaigns.search.coverage import SpaceCoverage
 from campaigns.search.model import Findings
+from campaigns.search.sensed import SensedCoverage
 from campaigns.search.space import Space, Values
 from orchestrator.report.rendering.page_parts import environment, policy, resource
+from orchestrator.report.rendering.sensed_svg import sensed_panels
 from orchestrator.report.rendering.space_svg import space_panels
 
 
@@ -22,6 +24,7 @@ class SearchPage:
     ended: str
     files: Mapping[str, str]
     coverage: SpaceCoverage
+    sensed: tuple[SensedCoverage, ...] = ()
 
 
 def render_search(page: SearchPage, space: Space, findings: Findings, *, made_utc: str) -> str:
@@ -39,6 +42,7 @@ def render_search(page: SearchPage, space: Space, findings: Findings, *, made_ut
             page=page,
             findings=findings,
             panels=space_panels(space, findings),
+            seen=sensed_panels(page.sensed),
             constraints=[one.text for one in space.constraints],
             values_text=values_text,
             farthest="" if page.coverage.farthest is None else values_text(page.coverage.farthest),

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from campaigns.search.gap import ModeGap, passed_on
-from campaigns.search.model import FlightOutcome, Variant
+from campaigns.search.model import Batch, FlightOutcome, Variant
 from campaigns.search.search import EXHAUSTED, SPENT, Search, failure_name, most_flights
 from campaigns.search.space import Parameter, Space, Values
 from campaigns.search.strategies import FixedStrategy, Proposal, fixed_points
@@ -113,6 +113,26 @@ def test_what_cannot_be_flown_is_not_and_what_shows_nothing_tells_the_strategy_n
     for proposal in strategy.asked:
         x, y = number(proposal.values, "x"), number(proposal.values, "y")
         assert strategy.given[proposal.number] == (1.0 if x >= 0.0 and y >= 0.0 else None)
+
+
+def test_a_flight_that_came_near_nothing_is_as_good_as_the_best() -> None:
+    space = plane()
+
+    def fly_far(batch: Batch) -> list[FlightOutcome]:
+        """Above 0 nothing is near, and a margin is unknown; below it is what x says."""
+        xs = [number(one.variant.values, "x") for one in batch.flights]
+        return [FlightOutcome(verdict="PASS", value=None if x > 0.0 else 1.0 + x) for x in xs]
+
+    strategy = Recorded(space)
+    search = Search(problem(space, budget={"sim": 12}, at_once=1), strategy)
+    drive(search, fly_far)
+    best: float | None = None
+    for proposal in strategy.asked:
+        x = number(proposal.values, "x")
+        if x <= 0.0:
+            best = 1.0 + x if best is None else max(best, 1.0 + x)
+        assert strategy.given[proposal.number] == (best if x > 0.0 else 1.0 + x)
+    assert best is not None
 
 
 def test_a_space_in_which_nothing_can_be_flown_ends_the_search_with_the_reason() -> None:

@@ -2,12 +2,19 @@
 
 from campaigns.search.coverage import coverage_of
 from campaigns.search.model import Findings, Variant
+from campaigns.search.sensed import SensedCoverage, SensedView, sensed_coverage
 from campaigns.search.space import Parameter, Space, Values
 from orchestrator.report.rendering.search_page import SearchPage, render_search
 from tests.campaigns.search.made_up import corner, number, plane, problem, searched
 
 
-def page_of(space: Space, findings: Findings, *, campaign: str = "gate") -> str:
+def page_of(
+    space: Space,
+    findings: Findings,
+    *,
+    campaign: str = "gate",
+    sensed: tuple[SensedCoverage, ...] = (),
+) -> str:
     page = SearchPage(
         campaign=campaign,
         strategy="sobol",
@@ -15,6 +22,7 @@ def page_of(space: Space, findings: Findings, *, campaign: str = "gate") -> str:
         ended=findings.ended,
         files={one.variant.name: f"failures/{one.variant.name}.yaml" for one in findings.confirmed},
         coverage=coverage_of(space, [one.variant.values for one in findings.tried]),
+        sensed=sensed,
     )
     return render_search(page, space, findings, made_utc="2026-11-22T20:00:00Z")
 
@@ -39,6 +47,22 @@ def test_the_page_draws_each_pair_of_parameters_with_every_variant_in_it() -> No
     assert html.count('class="own"') == 3
     assert f'href="./failures/{case.variant.name}.yaml"' in html
     assert f'<td>explore</td><td class="num">{len(findings.tried)}</td>' in html
+
+
+def test_the_page_draws_what_each_sensor_saw_and_where_flights_failed() -> None:
+    findings, _ = searched(problem(plane(), budget={"sim": 4}), corner, strategy="sobol")
+    seen = SensedView(sensor="camera", object="<gate>", cells=((0, 1), (7, 5)), nearest_m=0.75)
+    never = SensedView(sensor="camera", object="intruder")
+    html = page_of(plane(), findings)
+    assert "What the sensors saw" not in html
+    sensed = sensed_coverage([((seen, never), True), ((never,), False)])
+    html = page_of(plane(), findings, sensed=sensed)
+    assert "What the sensors saw" in html
+    assert html.count('class="unexplored"') >= 2 * 48 - 2
+    assert html.count("1 flights, 1 of them failed") == 4
+    assert html.count('class="seen failed"') == 2
+    assert "&lt;gate&gt; by camera</bdi>: seen in 1 of 1 flights, as near as 0.75 m" in html
+    assert "intruder by camera</bdi>: seen in none of 2 flights" in html
 
 
 def test_names_from_a_file_are_text() -> None:

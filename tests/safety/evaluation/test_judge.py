@@ -254,6 +254,9 @@ def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str
         return {o.name for o in build_oracles(uses, seen, **options) if o.required}
 
     assert "collision_always" in names()
+    near = registry["clearance"].parameters.model_construct(min_m=0.1)
+    uses = [OracleUse("clearance", "clearance", near)]
+    assert "collision_always" in names()
     assert "collision_always" not in names(collision_always=False)
 
 

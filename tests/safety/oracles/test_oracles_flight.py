@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import pytest
 
@@ -48,6 +49,20 @@ def test_altitude_band() -> None:
     result = judge.result(9.0)
     assert (result.verdict, result.limit, result.at_s) == ("FAIL", (0.5, 2.0), 7.0)
     assert result.margin == pytest.approx(-0.2)
+
+
+@pytest.mark.parametrize(
+    ("limits", "up_m", "margin_m"),
+    [({"max_m": 2.0}, 2.0, 0.0), ({"min_m": 0.5}, 0.5, 0.0), ({"min_m": 0.0}, 0.5, 0.5)],
+)
+def test_altitude_exactly_at_its_limit_and_above_zero(
+    limits: dict[str, Any], up_m: float, margin_m: float
+) -> None:
+    judge = build("altitude", **limits)
+    stage(judge, takeoff=0.0, at_height=0.5, goal=1.0)
+    judge.on_pose(pose(2.0, (0, 0, -up_m)))
+    result = judge.result(3.0)
+    assert (result.verdict, result.margin) == ("PASS", margin_m)
 
 
 def test_altitude_with_one_limit() -> None:

@@ -35,6 +35,22 @@ def test_beside_the_gate_is_not_through_and_the_way_back_does_not_count() -> Non
     assert judge.result(12.0).verdict == "PASS"
 
 
+def test_a_gate_out_of_turn_is_noted_once_where_it_was_flown_through() -> None:
+    judge = reached(("ring", "gate"))
+    stage(judge, goal=2.0)
+    fly(judge, (2.0, 0.8, -1), (4.0, 0.8, -1))
+    assert "before" not in judge.result(9.0).detail
+    fly(judge, (4.0, 0, -1), (2.0, 0, -1), start_s=6.0)
+    assert "flew through gate before ring" in judge.result(9.0).detail
+
+
+def test_a_gate_that_was_reached_may_be_flown_through_again() -> None:
+    judge = reached(("gate", "ring"))
+    stage(judge, goal=2.0)
+    fly(judge, (2, 0, -1), (4, 0, -1), (2, 0, -1))
+    assert "before" not in judge.result(9.0).detail
+
+
 def test_gates_count_in_order_only() -> None:
     judge = reached(("ring", "gate"))
     stage(judge, goal=2.0)

@@ -165,6 +165,15 @@ def test_a_lost_vehicle_lands_the_other_and_is_commanded_blindly(pair: Any) -> N
     assert pair.kinds() == ["lost", "heard"]
 
 
+def test_a_simulator_that_ended_is_told_and_the_other_vehicle_lands(pair: Any) -> None:
+    pair.apply(pair.core.vehicle_gone("twin", "twin: its simulator ended", pair.t_s))
+    assert pair.core.latched == "lost"
+    (event,) = [one for one in pair.events if one.kind == "lost"]
+    assert (event.vehicle, event.text) == ("twin", "twin: its simulator ended")
+    pair.fly(20.0)
+    assert not pair.vehicles["real"].armed
+
+
 def test_a_vehicle_is_received_by_its_own_system_only(pair: Any) -> None:
     pair.vehicles["real"].mute = True
     stranger = pair.vehicles["twin"].heartbeat()

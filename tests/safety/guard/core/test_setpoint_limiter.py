@@ -242,6 +242,13 @@ def test_what_cannot_be_limited_is_not_passed(raw: bytes) -> None:
     assert event.text.endswith("is not forwarded")
 
 
+def test_a_position_that_may_lead_anywhere_is_told_and_not_passed() -> None:
+    core = make_core(speed_m_s=1.0)  # and nobody knows where the vehicle is
+    (event,) = core.from_orchestrator("real", local(0b110111111000, 1, x=3.0), 0.0)
+    assert isinstance(event, GuardEvent)
+    assert event.text == "real: a position setpoint at an unknown position is not forwarded"
+
+
 def make_core(**limits: Any) -> GuardCore:
     vehicle = GuardedVehicle(
         autopilot=Px4(), target=Target(1), fence=FENCE, limits=SetpointLimits(**limits)

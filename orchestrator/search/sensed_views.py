@@ -1,0 +1,224 @@
+"""What the sensors of a flown run had before them, from its judge log and its world's geometry.
+
+The views are cast from the poses by which the run was judged, five times a second while the goal
+was flown: without the sensor's noise, and the same whether an image was rendered or is live.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.expansion.expansion import RunPlan
+from campaigns.search.sensed import SECTORS, Cell, SensedView, level_of
+from campaigns.values.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    LidarPointsSetup,
+    LidarSetup,
+    SensorSetup,
+)
+from orchestrator.recording.judge_log_file import FILE_NAME
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from safety.evaluation.judge_log import ActorPose, JudgeLogError, WorldEvent, read_judge_log
+from safety.model.samples import PoseSample, StageSample
+from vehicles.sensors.beams import Directions, RayHits, grid_directions, plane_directions
+from vehicles.sensors.world_views import WorldRays
+from worlds.camera import Intrinsics
+from worlds.frames import Pose, matrix_from_quat
+from worlds.scene.scene import Scene
+from worlds.scene.track import RunHistory
+
+_EVERY_S = 0.2
+_COLUMNS, _ROWS = 48, 12
+"""Rays of an image: as many across and up as tell sectors and shares."""
+_BESIDE_M = 0.5
+"""Ranging sensors: how far above and below the vehicle a thing may be and count: the floor is in
+nobody's way."""
+_OVER = frozenset({"land", "landed", "end"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Eye:
+    """A sensor's rays. directions: (rays, 3) unit vectors; sectors: (rays,) which each is in.
+
+    pose: of the sensor, from that of the body. seeks: whether it is asked for objects, by name.
+    """
+
+    sensor: str
+    directions: Directions
+    sectors: NDArray[np.int64]
+    pose: Callable[[Pose], Pose]
+    seeks: bool
+
+
+@dataclass(slots=True)
+class _Views:
+    """What was before one sensor so far: of whatever is nearest, or of one object."""
+
+    cells: set[Cell] = field(default_factory=set)
+    reduced: set[str] = field(default_factory=set)
+    nearest_m: float = math.inf
+    largest_share: float = 0.0
+
+
+def sensed_views(plan: RunPlan, folder: Path) -> tuple[SensedView, ...]:
+    """Return what a flown run had before its sensors; nothing where its judge log is unreadable.
+
+    folder: of the run.
+    """
+    setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
+    events = RunHistory()
+    eyes = [one for each in setup.vehicle(setup.subject).sensors if (one := _eye(each)) is not None]
+    scene = _scene(setup)
+    names = {one.object_id: one.name for one in scene.objects if not one.is_room}
+    found = {(eye.sensor, name): _Views() for eye in eyes for name in _sought(eye, names)}
+    rays = WorldRays(scene=scene, events=events)
+    try:
+        with (folder / FILE_NAME).open("rb") as stream:
+            for sample in _moments(stream, setup.subject, events):
+                for eye in eyes:
+                    pose = eye.pose(sample.pose)
+                    hits = rays(pose, eye.directions, sample.t_s)
+                    if eye.seeks:
+                        _note_objects(eye, names, found, hits)
+                    else:
+                        _note_nearest(eye, pose, found[eye.sensor, ""], hits)
+    except (OSError, JudgeLogError):
+        return ()
+    return tuple(
+        SensedView(
+            sensor=sensor,
+            object=name,
+            sectors=SECTORS,
+            cells=tuple(sorted(views.cells)),
+            reduced=tuple(sorted(views.reduced)),
+            nearest_m=None if math.isinf(views.nearest_m) else round(views.nearest_m, 3),
+            largest_share=round(views.largest_share, 4),
+        )
+        for (sensor, name), views in found.items()
+    )
+
+
+def _sought(eye: _Eye, names: Mapping[int, str]) -> tuple[str, ...]:
+    """Return the objects that are counted of a sensor; "" is whatever is nearest."""
+    return tuple(names.values()) if eye.seeks else ("",)
+
+
+def _scene(setup: RunSetup) -> Scene:
+    """Return all that the subject's sensors may show in the run's mode."""
+    if setup.mode != "wil":
+        return setup.judged_scene
+    virtual = setup.virtual_scene
+    physical = tuple(thing for thing in setup.real_scene.objects if thing.name not in virtual)
+    return Scene((*virtual.objects, *physical))
+
+
+def _moments(stream: BinaryIO, subject: str, events: RunHistory) -> Iterator[PoseSample]:
+    """Yield poses of the subject while the goal was flown; the history goes along."""
+    due_s = math.inf
+    for sample in read_judge_log(stream):
+        match sample:
+            case WorldEvent(t_s, name):
+                events[name] = t_s
+            case ActorPose(t_s, name, pose, velocity):
+                events.add_pose(name, t_s, pose, velocity)
+            case StageSample(t_s, stage):
+                if stage == "goal":
+                    due_s = min(due_s, t_s)
+                elif stage in _OVER:
+                    return
+            case PoseSample(t_s, vehicle):
+                if vehicle == subject and t_s >= due_s:
+                    due_s = max(due_s + _EVERY_S, t_s)
+                    yield sample
+
+
+def _note_nearest(eye: _Eye, pose: Pose, views: _Views, hits: RayHits) -> None:
+    """Note how near the nearest thing at the vehicle's height is in each sector."""
+    ranges_m = hits.ranges_m.astype(float)
+    met = np.isfinite(ranges_m)
+    down = eye.directions @ matrix_from_quat(pose.q_wxyz)[2]
+    beside = np.zeros(len(ranges_m), bool)
+    beside[met] = np.abs(down[met] * ranges_m[met]) <= _BESIDE_M
+    nearest = np.full(SECTORS, np.inf)
+    np.minimum.at(nearest, eye.sectors[beside], ranges_m[beside])
+    levels = [level_of(one) for one in nearest.tolist()]
+    views.reduced.add("".join(map(str, levels)))
+    views.cells.update(enumerate(levels))
+    views.nearest_m = min(views.nearest_m, float(nearest.min()))
+
+
+def _note_objects(
+    eye: _Eye,
+    names: Mapping[int, str],
+    found: Mapping[tuple[str, str], _Views],
+    hits: RayHits,
+) -> None:
+    """Note in which sector and how far objects are, and how much of the picture they fill."""
+    for number in np.unique(hits.object_ids).tolist():
+        if number not in names:
+            continue
+        hit, views = hits.object_ids == number, found[eye.sensor, names[number]]
+        nearest_m = float(hits.ranges_m[hit].min())
+        views.cells.add((round(float(eye.sectors[hit].mean())), level_of(nearest_m)))
+        views.nearest_m = min(views.nearest_m, nearest_m)
+        views.largest_share = max(views.largest_share, float(hit.mean()))
+
+
+def _eye(sensor: SensorSetup) -> _Eye | None:
+    """Return a sensor's rays; None for one that looks nowhere."""
+    match sensor:
+        case CameraSetup():
+            directions, columns = _image_rays(sensor.intrinsics)
+            return _Eye(
+                sensor=sensor.name,
+                directions=directions,
+                sectors=columns,
+                pose=sensor.mount.camera_pose,
+                seeks=True,
+            )
+        case DepthSetup():
+            directions, columns = _image_rays(sensor.intrinsics)
+            return _ranging(sensor.name, directions, columns, sensor.mount.camera_pose)
+        case LidarSetup():
+            pattern = sensor.pattern
+            directions = plane_directions(pattern.start_angle_rad, pattern.step_rad, pattern.beams)
+            beams = np.arange(pattern.beams) * SECTORS // pattern.beams
+            return _ranging(sensor.name, directions, beams, lambda body: body.compose(sensor.mount))
+        case LidarPointsSetup():
+            grid = sensor.pattern
+            turn = 2.0 * math.pi * np.arange(grid.columns) / grid.columns - math.pi
+            rings = np.linspace(grid.lowest_rad, grid.highest_rad, grid.rings)
+            directions = grid_directions(turn, rings)
+            turned = np.repeat(np.arange(grid.columns) * SECTORS // grid.columns, grid.rings)
+            return _ranging(
+                sensor.name, directions, turned, lambda body: body.compose(sensor.mount)
+            )
+    return None
+
+
+def _ranging(
+    name: str,
+    directions: Directions,
+    sectors: NDArray[np.int64],
+    pose: Callable[[Pose], Pose],
+) -> _Eye:
+    """Return the rays of a ranging sensor."""
+    return _Eye(sensor=name, directions=directions, sectors=sectors, pose=pose, seeks=False)
+
+
+def _image_rays(lens: Intrinsics) -> tuple[Directions, NDArray[np.int64]]:
+    """Return rays through a grid of an image's pixels, and the sector of each; without its lens."""
+    u, v = np.meshgrid(
+        (np.arange(_COLUMNS) + 0.5) * lens.width_px / _COLUMNS,
+        (np.arange(_ROWS) + 0.5) * lens.height_px / _ROWS,
+    )
+    right, down = (u - lens.cx_px) / lens.fx_px, (v - lens.cy_px) / lens.fy_px
+    rays = np.stack([np.ones_like(right), right, down], axis=-1).reshape(-1, 3)
+    columns = np.tile(np.arange(_COLUMNS) * SECTORS // _COLUMNS, _ROWS)
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True), columns
