@@ -59,7 +59,7 @@ combine:
     publish: [real, twin]
     max_skew_ms: 900
 """
-RUNS = {"hover": 12, "hall": 3}
+RUNS = {"hover": 8, "hall": 3}
 DOWN_S = 120.0
 
 
@@ -153,6 +153,7 @@ def _served(host: Host, file: Path, *engine: str) -> Iterator[psutil.Process]:
     if pid == 0:
         os.execvpe(words[0], words, host.environment_of_programs())  # noqa: S606
     shown = host.logs / "bench-terminal.log"
+    shown.touch()
 
     def consent() -> None:
         with shown.open("ab", buffering=0) as stream, suppress(OSError):
@@ -179,10 +180,10 @@ def _newest(out: Path, name: str) -> Path | None:
 
 
 def _is_second_in_flight(out: Path) -> bool:
-    """Return whether the second run of the bench has been given its goal."""
+    """Return whether the second run of the bench has been told to take off."""
     folder = _newest(out, "hall")
     log = None if folder is None else folder / "default/wil/2/log.jsonl"
-    return log is not None and log.is_file() and '"goal"' in log.read_text()
+    return log is not None and log.is_file() and '"takeoff"' in log.read_text()
 
 
 def _flies(out: Path) -> bool:

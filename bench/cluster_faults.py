@@ -79,7 +79,7 @@ VICTIMS = {
     "program": Victim("orchestrator.cli run", 0),
     "worker": Victim("ray::NodeAgent", 1),
     "node process": Victim("orchestrator.engines.node_process", 1),
-    "raylet": Victim("raylet/raylet", 1),
+    "raylet": Victim("raylet/raylet", 1, "local"),
     "raylet here": Victim("raylet/raylet", 0, "local"),
     "head": Victim("gcs_server", 0, "local"),
     "store": Victim("moto.server", 0),
