@@ -69,8 +69,8 @@ def fly(posts: Posts, *, until_s: float = 70.0, **parameters: object) -> Flown:
             waiting.append(depth_image(pose, t_s, posts))
         while waiting and waiting[0].arrived_s <= t_s:
             autonomy.perceive(waiting.popleft())
-        vn, ve, vd = velocity.tolist()
-        command = autonomy.act(Telemetry(t_s, pose, (vn, ve, vd)))
+        v_north, v_east, v_down = velocity.tolist()
+        command = autonomy.act(Telemetry(t_s, pose, (v_north, v_east, v_down)))
         flown.flight.commands.append(command)
         if command.done:
             break
