@@ -11,13 +11,14 @@ from typing import Self
 import shapely
 
 from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, Region, require_finite
-from safety.fence.stopping import Motion, stopping_path, velocities_ahead
+from safety.fence.stopping import Motion, longest_path_m, stopping_path, velocities_ahead
 from worlds.frames import Vec3, lerp
 
 __all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon"]
 
 _SHORTEST_STEP_M = 0.01
 """How finely the way ahead is looked at close to a boundary."""
+_ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +128,9 @@ class Fence:
         margin_m = self.margin_m(place)
         if margin_m < keep_m:
             return Breach(margin_m, False, place, self.boundary(place))
+        longest_m = longest_path_m(motion, latency_s=latency_s, braking_m_s2=braking_m_s2)
+        if longest_m < margin_m - keep_m - _ROUNDING_M:
+            return None  # Nearly always; the paths themselves take ten times as long.
         for then in velocities_ahead(motion, latency_s=latency_s, braking_m_s2=braking_m_s2):
             path = stopping_path(motion, then, latency_s=latency_s, braking_m_s2=braking_m_s2)
             if path.length_m <= margin_m - keep_m:

@@ -3,9 +3,9 @@
 World frame, NED, metres and seconds.
 """
 
+import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from worlds.frames import Vec3, add, norm, scale, subtract
@@ -14,6 +14,7 @@ __all__ = [
     "AccelerationEstimate",
     "Motion",
     "StoppingPath",
+    "longest_path_m",
     "stopping_path",
     "velocities_ahead",
 ]
@@ -29,8 +30,7 @@ _APART_S = 0.05
 """How far apart the velocities are that are kept, whatever the rate of their source."""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """A vehicle's position and velocity in the world frame, and what moves it on.
 
     acceleration_ned_m_s2: as observed. commanded_ned_m_s: the velocity that it is commanded; None
@@ -68,6 +68,21 @@ def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -
         goes_on = (north * _GOES_ON[0], east * _GOES_ON[1], down * _GOES_ON[2])
         change = scale(goes_on, latency_s)
         yield add(velocity, _at_most(change, 0.5 * most))
+
+
+def longest_path_m(motion: Motion, *, latency_s: float, braking_m_s2: float) -> float:
+    """Return a length that no stopping path of this motion exceeds.
+
+    Of all velocities ahead: one towards a commanded velocity is no faster than the faster of the
+    two, one by an acceleration no faster than both together.
+    """
+    speed_m_s = math.hypot(*motion.velocity_ned_m_s)
+    if motion.commanded_ned_m_s is not None:
+        speed_m_s = max(speed_m_s, math.hypot(*motion.commanded_ned_m_s))
+    else:
+        gained = min(math.hypot(*motion.acceleration_ned_m_s2), braking_m_s2)
+        speed_m_s += 0.5 * gained * latency_s
+    return speed_m_s * (latency_s + speed_m_s / (2.0 * braking_m_s2))
 
 
 def stopping_path(

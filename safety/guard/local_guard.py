@@ -31,6 +31,7 @@ from vehicles.tasks import Contained
 
 TICK_HZ = 20.0
 _LOGGED = (ToOrchestrator, ToVehicle)
+_RECORDING = Contained("the record of frames")
 
 Record = Callable[[str, float, bytes], None]
 """Takes a vehicle's name, the run clock's time and one whole frame, of either direction."""
@@ -205,7 +206,7 @@ class LocalGuard:
             else:
                 self._write(output)
         if self._record is not None:
-            with Contained("the record of frames"):
+            with _RECORDING:
                 events += self._write_down(self._record, outputs, t_s)
         for event in events:
             self.events.append(event)

@@ -41,9 +41,13 @@ class TelemetryStreams:
             session.on_payload(line.message_id, partial(self._on_message, line.message_id))
 
     def ask(self) -> None:
-        """Request all telemetry streams of the plan."""
-        for line in self._plan:
-            self._session.send(self._autopilot.ask_interval(self._target, line))
+        """Request all telemetry streams of the plan.
+
+        In one packet: an autopilot that counts a stream's periods from its request then sends what
+        has the same rate together, and whoever passes it on is woken once for it.
+        """
+        asked = [self._autopilot.ask_interval(self._target, line) for line in self._plan]
+        self._session.send_together(asked)
 
     def ask_missing(self, now_s: float) -> None:
         """Request again telemetry streams that are missing or too slow."""

@@ -4,7 +4,8 @@ import asyncio
 import errno
 import socket
 from collections.abc import Callable
-from typing import NamedTuple, Self, cast
+from dataclasses import dataclass
+from typing import Self, cast
 
 from vehicles.links.link import LinkError, Receiver
 from vehicles.links.link_strings import LinkAddress
@@ -21,7 +22,8 @@ _NO_MAVLINK = 0
 _Address = tuple[str, int]
 
 
-class _Source(NamedTuple):
+@dataclass(slots=True)
+class _Source:
     """A UDP sender: its address, and when it was last received."""
 
     address: _Address
@@ -45,6 +47,8 @@ class UdpLink(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._sources: dict[int | _Address, _Source] = {}
+        self._peers: tuple[_Address, ...] = ()
+        """The addresses of all of them, the silent ones included."""
         self._trouble = ""
         self._rival: Callable[[str], None] | None = None
         self.rivals: dict[_Address, str] = {}
@@ -83,7 +87,7 @@ class UdpLink(asyncio.DatagramProtocol):
         if self._address.kind == "udpout":
             transport.sendto(data)
         else:
-            for address in self._addresses():
+            for address in self._peers:
                 transport.sendto(data, address)
 
     async def __aenter__(self) -> Self:
@@ -123,8 +127,11 @@ class UdpLink(asyncio.DatagramProtocol):
         if source is not None and source.address != addr and now_s - source.heard_s <= _SILENT_S:
             self._let_go(key, addr, source.address)
             return
-        if source is not None or self._has_place(now_s):
+        if source is not None and source.address == addr:
+            source.heard_s = now_s
+        elif source is not None or self._has_place(now_s):
             self._sources[key] = _Source(addr, now_s)
+            self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
         if self._receiver is not None:
             self._receiver(data, now_s)
 
@@ -137,10 +144,6 @@ class UdpLink(asyncio.DatagramProtocol):
             return False
         del self._sources[key]
         return True
-
-    def _addresses(self) -> list[_Address]:
-        """Return the addresses of all UDP peers, the silent ones included."""
-        return list(dict.fromkeys(source.address for source in self._sources.values()))
 
     def _let_go(self, key: "int | _Address", rival: _Address, believed: _Address) -> None:
         if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:

@@ -16,6 +16,8 @@ _SIGNATURE_BYTES = 13
 
 # pymavlink has it from fastcrc where that is installed; its own wrapper costs thrice as much.
 _crc_in_c: Callable[[bytes, int], int] | None = getattr(mavlink, "mcrf4xx", None)
+_new_tuple = tuple.__new__
+"""Makes a named tuple of its fields in half the time that its own constructor takes."""
 
 
 class Frame(NamedTuple):
@@ -139,15 +141,41 @@ def _nothing_but_frames(data: bytes) -> tuple[tuple[Frame, ...], frozenset[tuple
     frames: list[Frame] = []
     at, end = 0, len(data)
     while at < end:
-        length = _frame_length(data, at) if end - at >= 3 else 0
-        if not 0 < length <= end - at:
-            return (), frozenset()
-        frame = _frame(data, at, length)
-        if not _is_sound(frame):
+        frame = _sound_frame(data, at, end)
+        if frame is None:
             return (), frozenset()
         frames.append(frame)
-        at += length
+        at += len(frame.raw)
     return tuple(frames), frozenset([(frame.system, frame.component) for frame in frames])
+
+
+def _sound_frame(buffer: bytes, at: int, end: int) -> Frame | None:
+    """Return the frame with a right checksum that starts here; None when there is none."""
+    if end - at < 12 or buffer[at] != _MAGIC_V2 or buffer[at + 2]:
+        return _rare_frame(buffer, at, end)
+    # Nearly all frames are of this kind, and every process of a flight reads hundreds a second:
+    # in one piece this takes half the time that it takes in steps.
+    tail = at + 10 + buffer[at + 1]
+    if tail + 2 > end:
+        return None
+    message_id = buffer[at + 7] | buffer[at + 8] << 8 | buffer[at + 9] << 16
+    extra = _CRC_EXTRAS.get(message_id)
+    if extra is None:
+        return None
+    if checksum(buffer[at + 1 : tail], extra) != buffer[tail] | buffer[tail + 1] << 8:
+        return None
+    raw = buffer if at == 0 and tail + 2 == end else buffer[at : tail + 2]
+    head = (raw, message_id, buffer[at + 5], buffer[at + 6], buffer[at + 4], 2, False)
+    return _new_tuple(Frame, head)
+
+
+def _rare_frame(buffer: bytes, at: int, end: int) -> Frame | None:
+    """Return a sound frame of MAVLink 1, or a signed one, that starts here; None without."""
+    length = _frame_length(buffer, at) if end - at >= 3 else 0
+    if not 0 < length <= end - at:
+        return None
+    frame = _frame(buffer, at, length)
+    return frame if _is_sound(frame) else None
 
 
 def _is_sound(frame: Frame) -> bool:

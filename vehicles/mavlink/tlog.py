@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Self
 
 _FLUSH_S = 1.0
+_stamp = struct.Struct(">Q")
 
 
 class TlogWriter:
@@ -25,7 +26,7 @@ class TlogWriter:
 
     def write(self, t_s: float, frame: bytes) -> None:
         """Append one frame at the run clock's t_s to the tlog. Raises OSError."""
-        self._file.write(struct.pack(">Q", round((self._epoch_s + t_s) * 1e6)) + frame)
+        self._file.write(_stamp.pack(round((self._epoch_s + t_s) * 1e6)) + frame)
         if t_s - self._last_flush_s >= _FLUSH_S:
             self._last_flush_s = t_s
             self._file.flush()

@@ -247,7 +247,7 @@ class Contingency:
     @property
     def started(self) -> bool:
         """Return whether the contingency was started."""
-        return self.phase not in {Phase.IDLE, Phase.PAUSE}
+        return self.phase is not Phase.IDLE and self.phase is not Phase.PAUSE
 
     @property
     def down(self) -> bool:

@@ -118,11 +118,13 @@ class GuardCore:
         out: list[Output] = [ToOrchestrator(name, raw)]
         if supervised.vehicle.gcs:
             out.append(ToGcs(name, raw))
-        target = supervised.vehicle.target
-        own = [f for f in frames if f.system == target.system and f.component == target.component]
-        if own:
-            out += self._on_heartbeat(supervised, t_s)
-        for frame in own:
+        target, heard = supervised.vehicle.target, False
+        for frame in frames:
+            if frame.system != target.system or frame.component != target.component:
+                continue
+            if not heard:
+                heard = True
+                out += self._on_heartbeat(supervised, t_s)
             if frame.message_id in _READ:
                 out += self._read_frame(supervised, frame, t_s)
         return tuple(out)

@@ -17,7 +17,6 @@ from vehicles.autopilots.autopilot import (
 from vehicles.mavlink.framing import Frame, with_payload
 from vehicles.poses.anchor import Anchor
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from worlds.frames import Vec3
 
 LOCAL_NED = 84
 SETPOINTS = frozenset({82, LOCAL_NED, 86})
@@ -31,17 +30,17 @@ def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
 
     anchor: where the autopilot's local frame lies in the world; None takes it for the world's.
     """
-    if frame.message_id != LOCAL_NED or len(frame.payload) > _layout.size:
+    if frame.message_id != LOCAL_NED or len(payload := frame.payload) > _layout.size:
         return None
-    _, *numbers, mask, _, _, kind = _layout.unpack(_pad_payload(frame))
-    x, y, z, vx, vy, vz, _, _, _, yaw, yaw_rate = numbers
-    needed = (
-        *_used_axes(mask, IGNORE_POSITION, (x, y, z)),
-        *_used_axes(mask, IGNORE_VELOCITY, (vx, vy, vz)),
+    _, x, y, z, vx, vy, vz, _, _, _, yaw, yaw_rate, mask, _, _, kind = _layout.unpack(
+        payload.ljust(_layout.size, b"\0")
     )
     if kind != _MAV_FRAME_LOCAL_NED or mask & IGNORE_ACCELERATION != IGNORE_ACCELERATION:
         return None
-    if not all(map(math.isfinite, needed)):
+    # What its type mask ignores as a whole may be anything.
+    needed = 0.0 if mask & IGNORE_POSITION == IGNORE_POSITION else x + y + z
+    needed += 0.0 if mask & IGNORE_VELOCITY == IGNORE_VELOCITY else vx + vy + vz
+    if not math.isfinite(needed):
         return None
     heading = None if mask & IGNORE_YAW else yaw
     if mask & IGNORE_VELOCITY == IGNORE_VELOCITY and not mask & IGNORE_POSITION:
@@ -66,11 +65,6 @@ def rewritten(frame: Frame, given: Setpoint, anchor: Anchor | None) -> bytes:
 def _pad_payload(frame: Frame) -> bytes:
     """Return a setpoint frame's payload padded to its full size."""
     return frame.payload.ljust(_layout.size, b"\0")
-
-
-def _used_axes(mask: int, bits: int, values: Vec3) -> Vec3:
-    """Return a setpoint's values; zeros where its type mask ignores them all."""
-    return (0.0, 0.0, 0.0) if mask & bits == bits else values
 
 
 def _in_world(local: Setpoint, anchor: Anchor | None) -> Setpoint:

@@ -17,7 +17,6 @@ _LATER, _GENTLER = 2.0, 0.4
 """A vehicle follows its setpoints by about the latency late: held to the same braking, it would be
 faster than the fence's own prediction allows, and the guard would take over."""
 _STANDING = (0.0, 0.0, 0.0)
-_COMING_DOWN = frozenset({Mode.LAND, Mode.RTL})
 
 
 class SupervisedVehicle:
@@ -60,7 +59,8 @@ class SupervisedVehicle:
     @property
     def fence(self) -> Fence | None:
         """Return the fence supervised now: without floor for takeoff, landing, standing."""
-        low = self.seen.landed is True or self.seen.mode in _COMING_DOWN
+        seen = self.seen
+        low = seen.landed is True or seen.mode is Mode.LAND or seen.mode is Mode.RTL
         return self._low_fence if low else self.vehicle.fence
 
     def breach(self, t_s: float) -> Breach | None:

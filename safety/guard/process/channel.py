@@ -81,6 +81,9 @@ class Channel(Generic[Received]):
 
         last: what waits is to be taken before it. replaces: the key of what need not be sent now.
         """
+        if not self._waiting:
+            self._send([message])
+            return
         self._waiting.pop(replaces, None)
         waiting = self._take_waiting()
         self._send([*waiting, message] if last else [message, *waiting])

@@ -22,7 +22,8 @@ class ChannelLink:
         self._last = last
         self.channel = channel
         self._receiver: Receiver | None = None
-        self._open = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        """While open."""
 
     @property
     def name(self) -> str:
@@ -35,20 +36,19 @@ class ChannelLink:
 
     def write(self, data: bytes) -> None:
         """Send bytes over the channel's link; lost when the other end is gone."""
-        if self._open and self.channel is not None:
-            message = Bytes(self._index, asyncio.get_running_loop().time(), data)
-            self.channel.send(message, last=self._last)
+        if self._loop is not None and self.channel is not None:
+            self.channel.send(Bytes(self._index, self._loop.time(), data), last=self._last)
 
     def arrive(self, data: bytes, t_s: float) -> None:
         """Deliver bytes that the channel received for this vehicle's link."""
-        if self._open and self._receiver is not None:
+        if self._loop is not None and self._receiver is not None:
             self._receiver(data, t_s)
 
     async def __aenter__(self) -> Self:
         """Open this end of the channel's link."""
-        self._open = True
+        self._loop = asyncio.get_running_loop()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         """Close this end of the channel's link."""
-        self._open = False
+        self._loop = None

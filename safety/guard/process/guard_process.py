@@ -67,6 +67,7 @@ from safety.guard.process.run_clock_factory import run_clock_of
 from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
 from safety.model.samples import PoseSample
 from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
+from vehicles.clocks.quick_loop import quick_loop
 from vehicles.errors import VehicleError
 from vehicles.links.link import Link
 from vehicles.links.link_conditions import under_conditions
@@ -432,6 +433,8 @@ def main(arguments: list[str]) -> int:
     os.set_inheritable(hold, False)
     end = socket.socket(fileno=channel)
     end.set_inheritable(False)
-    with asyncio.Runner(loop_factory=PacedLoop if SCALED in arguments[3:] else None) as runner:
+    with asyncio.Runner(
+        loop_factory=PacedLoop if SCALED in arguments[3:] else quick_loop
+    ) as runner:
         guard = GuardProcess(end=end, lifeline=lifeline, scheduling=rise_above_load())
         return runner.run(guard.run())

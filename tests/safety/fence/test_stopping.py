@@ -3,11 +3,14 @@
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from safety.fence.geofence import Fence
 from safety.fence.stopping import (
     AccelerationEstimate,
     Motion,
+    longest_path_m,
     stopping_path,
     velocities_ahead,
 )
@@ -16,6 +19,10 @@ from worlds.frames import Vec3
 HERE: Vec3 = (0.0, 0.0, -1.0)
 STANDING: Vec3 = (0.0, 0.0, 0.0)
 HALL = Fence.box(north_m=(-9, 2), east_m=(-9, 9), up_m=(0, 4))
+
+
+speed = st.floats(-12, 12)
+vector = st.tuples(speed, speed, speed)
 
 
 def breaks(motion: Motion) -> bool:
@@ -129,3 +136,15 @@ def test_no_more_velocities_are_kept_than_are_compared() -> None:
     for i in range(5000):
         estimate.update((math.sin(i), 0.0, 0.0), i / 1000)
     assert len(estimate._kept) <= 8
+
+
+@given(vector, vector, st.none() | vector, st.floats(0, 2), st.floats(0.1, 10))
+def test_no_path_is_longer_than_the_longest_one(
+    velocity: Vec3, acceleration: Vec3, commanded: Vec3 | None, late: float, brake: float
+) -> None:
+    """What is nearer to a boundary than this is looked at; all else is no breach."""
+    motion = Motion(HERE, velocity, acceleration, commanded)
+    most_m = longest_path_m(motion, latency_s=late, braking_m_s2=brake)
+    for then in velocities_ahead(motion, latency_s=late, braking_m_s2=brake):
+        path = stopping_path(motion, then, latency_s=late, braking_m_s2=brake)
+        assert path.length_m <= most_m * (1.0 + 1e-12) + 1e-9

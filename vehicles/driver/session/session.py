@@ -1,6 +1,6 @@
 """The MAVLink conversation with one vehicle over one link."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +49,7 @@ class Session:
         self, *, link: Link, own: Target, speak: Callable[[Any], None] | None = None
     ) -> None:
         self.link = link
-        self._speak = self._write if speak is None else speak
+        self._speak = speak
         self.own = own
         self.target: Target | None = None
         self.heard: dict[Target, ReceivedMessage] = {}
@@ -63,7 +63,7 @@ class Session:
 
     def speak_plainly(self) -> None:
         """Write frames in the session from now on: the command backend is gone."""
-        self._speak = self._write
+        self._speak = None
 
     def on(self, message_id: int, handler: Handler) -> None:
         """Register a handler of one of the vehicle's messages in the session."""
@@ -83,7 +83,18 @@ class Session:
 
     def send(self, message: Any) -> None:
         """Send a message in the session."""
-        self._speak(message)
+        if self._speak is None:
+            self.link.write(self.codec.pack(message))
+        else:
+            self._speak(message)
+
+    def send_together(self, messages: Iterable[Any]) -> None:
+        """Send messages in the session, as one packet where it writes frames."""
+        if self._speak is None:
+            self.link.write(b"".join([self.codec.pack(message) for message in messages]))
+        else:
+            for message in messages:
+                self._speak(message)
 
     def received(self, data: bytes, t_s: float) -> None:
         """Take the link's bytes into the session."""
@@ -97,9 +108,6 @@ class Session:
                         self.on_arrival(t_s)
                     self.last_heard_s = t_s
                 self._hand_on(frame, t_s)
-
-    def _write(self, message: Any) -> None:
-        self.link.write(self.codec.pack(message))
 
     def _note(self, frame: Frame, t_s: float) -> None:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
