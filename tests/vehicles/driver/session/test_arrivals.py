@@ -16,25 +16,25 @@ def longest_s(times_s: list[float]) -> float:
 
 
 @given(_GAPS_S, st.integers(1, 60))
-def test_silences_are_told_as_long_as_they_were(gaps_s: list[float], taken_each: int) -> None:
+def test_silences_are_returned_as_long_as_they_were(gaps_s: list[float], taken_each: int) -> None:
     """Whenever it is read: beyond the step the longest silence is the true one, else none is."""
-    arrivals, times_s, told_s = Arrivals(), [0.0], [0.0]
+    arrivals, times_s, returned_s = Arrivals(), [0.0], [0.0]
     arrivals.note(0.0)
     for count, gap_s in enumerate(gaps_s, 1):
         times_s.append(times_s[-1] + gap_s)
         arrivals.note(times_s[-1])
         if count % taken_each == 0:
-            told_s += [t_s for t_s in arrivals.take() if t_s > told_s[-1]]
-    told_s += [t_s for t_s in arrivals.take() if t_s > told_s[-1]]
-    assert set(told_s) <= set(times_s)
-    assert told_s[-1] == times_s[-1]
+            returned_s += [t_s for t_s in arrivals.take() if t_s > returned_s[-1]]
+    returned_s += [t_s for t_s in arrivals.take() if t_s > returned_s[-1]]
+    assert set(returned_s) <= set(times_s)
+    assert returned_s[-1] == times_s[-1]
     if longest_s(times_s) > STEP_S:
-        assert longest_s(told_s) == longest_s(times_s)
+        assert longest_s(returned_s) == longest_s(times_s)
     else:
-        assert longest_s(told_s) <= STEP_S
+        assert longest_s(returned_s) <= STEP_S
 
 
-def test_nothing_is_told_twice() -> None:
+def test_nothing_is_returned_twice() -> None:
     arrivals = Arrivals()
     assert arrivals.take() == ()
     for number in range(11):
