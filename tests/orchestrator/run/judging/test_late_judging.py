@@ -23,7 +23,7 @@ from worlds.frames import Pose
 PERIOD_S = 0.05
 
 
-class Heard:
+class LateJudge:
     """A judge with the oracle of a link, and a vehicle whose bytes have the time of arrival."""
 
     def __init__(self, folder: Path) -> None:
@@ -57,25 +57,25 @@ class Heard:
 
 
 @pytest.fixture
-def heard(tmp_path: Path) -> Heard:
-    return Heard(tmp_path)
+def late(tmp_path: Path) -> LateJudge:
+    return LateJudge(tmp_path)
 
 
-def test_a_vehicle_that_was_heard_all_the_time_was_not_silent(heard: Heard) -> None:
+def test_a_vehicle_that_sent_all_the_time_was_not_silent(late: LateJudge) -> None:
     """Seen with two ArduCopters at three times real time on a busy machine, and FAILed for it."""
-    heard.sends(0.0, 1.0)
-    heard.runner.last_state(1.0)
-    heard.judge.stage(StageSample(1.0, "takeoff"))
-    heard.sends(1.0, 4.0)
-    heard.runner.last_state(4.0)
-    assert heard.flags() == []
+    late.sends(0.0, 1.0)
+    late.runner.last_state(1.0)
+    late.judge.stage(StageSample(1.0, "takeoff"))
+    late.sends(1.0, 4.0)
+    late.runner.last_state(4.0)
+    assert late.flags() == []
 
 
-def test_silence_is_found_however_late_the_judge_looks(heard: Heard) -> None:
-    heard.sends(0.0, 1.0)
-    heard.runner.last_state(1.0)
-    heard.judge.stage(StageSample(1.0, "takeoff"))
-    heard.sends(1.0, 2.0)
-    heard.sends(3.75, 6.0)
-    heard.runner.last_state(6.0)
-    assert heard.flags() == ["twin was silent for 1.8 s, more than 1 s"]
+def test_silence_is_found_however_late_the_judge_looks(late: LateJudge) -> None:
+    late.sends(0.0, 1.0)
+    late.runner.last_state(1.0)
+    late.judge.stage(StageSample(1.0, "takeoff"))
+    late.sends(1.0, 2.0)
+    late.sends(3.75, 6.0)
+    late.runner.last_state(6.0)
+    assert late.flags() == ["twin was silent for 1.8 s, more than 1 s"]
