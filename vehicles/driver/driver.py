@@ -143,6 +143,14 @@ class Driver:
             local=self._estimates.local,
         )
 
+    def take_arrivals(self) -> tuple[float, ...]:
+        """Return when the vehicle was heard since the last call (run clock), thinned.
+
+        One caller alone: what it took is gone. No silence between them is longer than it was, but
+        for 0.2 s (`Arrivals`).
+        """
+        return self._session.arrivals.take()
+
     @property
     def reported_s(self) -> Mapping[ReportName, float]:
         """Return when each of the vehicle's reports last arrived (run clock)."""

@@ -64,7 +64,6 @@ class OracleRunner:
         self._watch = watch
         self._tape = tape
         self._contexts: list[VehicleContext] = []
-        self._heard_s: dict[str, float] = {}
         self._judged: defaultdict[str, JudgedTimes] = defaultdict(JudgedTimes)
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events_passed_on = 0
@@ -162,9 +161,8 @@ class OracleRunner:
         state = context.driver.state
         if state.last_heard_s is None:
             return
-        if state.last_heard_s > self._heard_s.get(context.name, -1.0):
-            self._heard_s[context.name] = state.last_heard_s
-            heard = LinkSample(state.last_heard_s, context.name)
+        for heard_s in context.driver.take_arrivals():
+            heard = LinkSample(heard_s, context.name)
             self._tape(heard)
             self._take(self._judge.received(heard))
         for name, reported_s in context.driver.reported_s.items():

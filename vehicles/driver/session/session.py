@@ -7,6 +7,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import Target
+from vehicles.driver.session.arrivals import Arrivals
 from vehicles.links.link import Link
 from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import Frame
@@ -54,6 +55,7 @@ class Session:
         self.target: Target | None = None
         self.heard: dict[Target, ReceivedMessage] = {}
         self.last_heard_s: float | None = None
+        self.arrivals = Arrivals()
         self.codec = Codec(system_id=own.system, component_id=own.component)
         self.on_arrival: Callable[[float], None] | None = None
         """Called with the time of each arrival of the target, before its messages."""
@@ -107,6 +109,7 @@ class Session:
                     if self.on_arrival is not None:
                         self.on_arrival(t_s)
                     self.last_heard_s = t_s
+                    self.arrivals.note(t_s)
                 self._hand_on(frame, t_s)
 
     def _note(self, frame: Frame, t_s: float) -> None:

@@ -272,3 +272,23 @@ def test_unknown_modes_fail(rig: Any, virtually: Scenario) -> None:
             assert await r.command(176, 0, GUIDED) == mavlink.MAV_RESULT_DENIED
 
     virtually(scenario())
+
+
+def test_a_velocity_is_flown_whatever_the_waypoint_speed_is(rig: Any, virtually: Scenario) -> None:
+    """As ArduCopter 4.7 in SITL: WPNAV_SPEED 120 cm/s, 2.5 m/s asked for, 2.52 m/s flown."""
+
+    async def scenario() -> None:
+        slow = {"WPNAV_SPEED": 120.0, "WPNAV_SPEED_UP": 50.0}
+        async with copter(rig, parameters=slow) as r:
+            await r.hover()
+            await r.stream(6.0, mask=VELOCITY_MASK, velocity=(2.5, 0.0, 0.0))
+            assert r.speed_m_s == pytest.approx(2.5, abs=0.15)
+            await r.stream(4.0, mask=VELOCITY_MASK)
+            before_m = r.height_m
+            await r.stream(4.0, mask=VELOCITY_MASK, velocity=(0.0, 0.0, -1.0))
+            assert r.height_m - before_m == pytest.approx(3.3, abs=0.4)
+            await r.stream(4.0, mask=VELOCITY_MASK)
+            await r.stream(3.0, mask=POSITION_MASK, position=(-30.0, 0.0, -3.0))
+            assert r.speed_m_s == pytest.approx(1.2, abs=0.1)
+
+    virtually(scenario())
