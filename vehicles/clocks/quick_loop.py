@@ -13,6 +13,12 @@ from heapq import heappop
 from typing import Any
 
 _EVENTS_A_TURN = 16
+_OF_LOOP = frozenset(
+    ("_ready", "_scheduled", "_stopping", "_debug")
+    + ("_timer_cancelled_count", "_clock_resolution", "_selector")
+)
+_OF_SELECTOR = frozenset(("_fd_to_key", "_selector"))
+"""What a quick loop uses of asyncio's own loop and of its selector."""
 _MANY_CANCELLED = 50
 """So many cancelled timers are left to asyncio's own turn, which drops them all."""
 
@@ -76,5 +82,17 @@ class QuickLoop(asyncio.SelectorEventLoop):
 
 
 def quick_loop() -> asyncio.AbstractEventLoop:
-    """Return a quick loop, or asyncio's own where the system has no epoll."""
-    return QuickLoop() if hasattr(selectors, "EpollSelector") else asyncio.new_event_loop()
+    """Return a quick loop, or asyncio's own where that is built otherwise, or there is no epoll."""
+    if not hasattr(selectors, "EpollSelector") or not _is_as_expected():
+        return asyncio.new_event_loop()
+    return QuickLoop()
+
+
+def _is_as_expected() -> bool:
+    """Return whether asyncio's own loop and selector have the parts that a quick loop uses."""
+    loop = asyncio.SelectorEventLoop(selectors.EpollSelector())
+    try:
+        has_parts = vars(loop).keys() >= _OF_LOOP and hasattr(loop, "_run_once")
+        return has_parts and vars(vars(loop)["_selector"]).keys() >= _OF_SELECTOR
+    finally:
+        loop.close()

@@ -155,3 +155,12 @@ def test_without_epoll_the_loop_is_asyncio_s(monkeypatch: pytest.MonkeyPatch) ->
     loop = quick_loop()
     loop.close()
     assert not isinstance(loop, QuickLoop)
+
+
+def test_where_asyncio_is_built_otherwise_the_loop_is_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("vehicles.clocks.quick_loop._OF_SELECTOR", {"_fd_to_key", "_renamed"})
+    loop = quick_loop()
+    loop.close()
+    assert not isinstance(loop, QuickLoop)

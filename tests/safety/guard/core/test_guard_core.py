@@ -165,7 +165,7 @@ def test_a_lost_vehicle_lands_the_other_and_is_commanded_blindly(pair: Any) -> N
     assert pair.kinds() == ["lost", "heard"]
 
 
-def test_a_simulator_that_ended_is_told_and_the_other_vehicle_lands(pair: Any) -> None:
+def test_a_simulator_that_ended_is_reported_and_the_other_vehicle_lands(pair: Any) -> None:
     pair.apply(pair.core.vehicle_gone("twin", "twin: its simulator ended", pair.t_s))
     assert pair.core.latched == "lost"
     (event,) = [one for one in pair.events if one.kind == "lost"]

@@ -242,7 +242,7 @@ def test_what_cannot_be_limited_is_not_passed(raw: bytes) -> None:
     assert event.text.endswith("is not forwarded")
 
 
-def test_a_position_that_may_lead_anywhere_is_told_and_not_passed() -> None:
+def test_a_position_that_may_lead_anywhere_is_reported_and_not_passed() -> None:
     core = make_core(speed_m_s=1.0)  # and nobody knows where the vehicle is
     (event,) = core.from_orchestrator("real", local(0b110111111000, 1, x=3.0), 0.0)
     assert isinstance(event, GuardEvent)
