@@ -14,8 +14,15 @@ from typing import Any
 
 _EVENTS_A_TURN = 16
 _OF_LOOP = frozenset(
-    ("_ready", "_scheduled", "_stopping", "_debug")
-    + ("_timer_cancelled_count", "_clock_resolution", "_selector")
+    {
+        "_clock_resolution",
+        "_debug",
+        "_ready",
+        "_scheduled",
+        "_selector",
+        "_stopping",
+        "_timer_cancelled_count",
+    }
 )
 _OF_SELECTOR = frozenset(("_fd_to_key", "_selector"))
 """What a quick loop uses of asyncio's own loop and of its selector."""
