@@ -112,7 +112,7 @@ ONE_PLACE = [
     (
         "use: pilot.py:Pilot",
         "use: @gaet",
-        "there is no autonomy 'gaet' (there are avoid, follow, gate, place, straight",
+        "there is no autonomy 'gaet' (there are avoid, detour, follow, gate, place, straight",
     ),
     (
         "with: {speed_m_s: 0.8}",
