@@ -74,6 +74,7 @@ async def test_the_operator_holds_and_gives_another_fence_and_then_aborts(tmp_pa
         assert aborted.code == 0, aborted.why
         # The run's guard and the campaign answer on sockets of their own, in either order.
         assert sorted(aborted.out.splitlines()) == [
+            "gate: acknowledged by large/sim/1",
             "gate: all vehicles land, and no further run is flown",
             "large/sim/1: all vehicles are being landed",
         ]
