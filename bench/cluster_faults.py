@@ -15,9 +15,9 @@ from pathlib import Path
 
 import psutil
 
+from bench.cluster_files import WORLD
 from bench.cluster_hosts import Host, cluster_of, start_store, two_hosts, wait_for
 
-WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
 CAMPAIGN = """\
 schema: wil/campaign/1
 campaign: hover
