@@ -46,8 +46,9 @@ class GuardConfig:
     folder: of the run, where it writes its journal and each vehicle's .tlog; run: what people
     call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
     command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
-    after the orchestrator's end vehicles that can break nothing are given to come down. pace: of
-    the scaled clock; None for the wall's.
+    after the orchestrator's end vehicles that can break nothing are given to come down, and how
+    long an orchestrator that says nothing is waited for once nothing flies. pace: of the scaled
+    clock; None for the wall's.
     """
 
     run: str

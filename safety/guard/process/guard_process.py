@@ -103,6 +103,7 @@ class GuardProcess:
         self._faults: list[BaseException] = []
         self._guarding = False
         self._lost = False
+        self._unheard = 0
         self._children: dict[str, ChildProcess] = {}
         self._starts: set[asyncio.Task[None]] = set()
         self._names: tuple[str, ...] = ()
@@ -259,12 +260,17 @@ class GuardProcess:
         if core.latched is None and rest:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
+        self._unheard += 1
+        if rest and self._unheard * STATUS_S > self._guard_config.patience_s:
+            # Stopped, or in a debugger: its end of the channel is open, and may be so for ever.
+            self._lose("nothing came from the orchestrator for a long time, and nothing flies")
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
         # With a tick of the shell's, so that the process wakes once for both.
         since_s = time.monotonic() - self._shell.started_s
         call_wall_later(STATUS_S - since_s % STATUS_S, self._send_status)
 
     def _take(self, message: ToGuard) -> None:
+        self._unheard = 0
         match message:
             case Bytes(index, _, data) if index < len(self._links):
                 self._links[index].arrive(data, asyncio.get_running_loop().time())
@@ -377,10 +383,15 @@ class GuardProcess:
         if not self._chartered.done():
             self._chartered.set_result(None)
         elif self._names:
+            self._lose("the orchestrator's end of the pipe is closed")
+        self._over.set()
+
+    def _lose(self, text: str) -> None:
+        if not self._lost:
             self._lost = True
             if self._clock is not None:
                 self._clock.leave(ORCHESTRATOR)
-            self._note("orphaned", text="the orchestrator's end of the pipe is closed")
+            self._note("orphaned", text=text)
         self._over.set()
 
     def _on_end_request(self, number: signal.Signals) -> None:

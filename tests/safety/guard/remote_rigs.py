@@ -132,13 +132,16 @@ async def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> float
     return loop.time()
 
 
-async def start_orchestrator(folder: Path) -> tuple[asyncio.subprocess.Process, dict[str, int]]:
+async def start_orchestrator(
+    folder: Path, *, patience_s: float = 120.0
+) -> tuple[asyncio.subprocess.Process, dict[str, int]]:
     """Start this file as a program; returns it and the process ids, once all are in the air."""
     program = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
         "tests.safety.guard.remote_rigs",
         str(folder),
+        str(patience_s),
         stdout=asyncio.subprocess.PIPE,
         cwd=ROOT,
     )
@@ -148,12 +151,13 @@ async def start_orchestrator(folder: Path) -> tuple[asyncio.subprocess.Process, 
     return program, json.loads(line)
 
 
-async def _orchestrate(folder: Path, last: Callable[[], Awaitable[Any]]) -> None:
-    async with RemoteFlight(folder, up_m=0.6, settings=GuardSettings()) as flight:
+async def _orchestrate(folder: Path, patience_s: float, last: Callable[[], Awaitable[Any]]) -> None:
+    settings = GuardSettings()
+    async with RemoteFlight(folder, up_m=0.6, settings=settings, patience_s=patience_s) as flight:
         sys.stdout.write(json.dumps({"guard": flight.guard.pid, **flight.pids}) + "\n")
         sys.stdout.flush()
         await last()
 
 
 if __name__ == "__main__":
-    asyncio.run(_orchestrate(Path(sys.argv[1]), asyncio.Event().wait))
+    asyncio.run(_orchestrate(Path(sys.argv[1]), float(sys.argv[2]), asyncio.Event().wait))

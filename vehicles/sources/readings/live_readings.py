@@ -87,6 +87,9 @@ class LiveReadings:
         """Take a reading that has just arrived. skipped: how many never came before it."""
         self._seq += 1 + skipped
         self.missed += skipped
+        if 0.0 < reading.t_s - reading.arrived_s <= _EARLY_S:
+            # What is here was sampled before.
+            reading = replace(reading, t_s=reading.arrived_s)
         if (why := self._fault(reading)) is not None:
             self._damaged += 1
             self.complaint = why

@@ -60,6 +60,18 @@ def test_what_is_spoiled_is_never_handed_on(bad: ImuReading, said: str) -> None:
     assert said in live.complaint
 
 
+def test_what_a_mapped_clock_puts_after_its_arrival_was_sampled_at_the_latest_then() -> None:
+    async def taken() -> list[float]:
+        live = source()
+        live.offer(imu(1.0, arrived_s=0.97))
+        live.offer(imu(1.02, arrived_s=1.0))
+        live.offer(imu(1.03, arrived_s=1.0))
+        live.offer(imu(1.04))
+        return [(await anext(live)).t_s for _ in range(3)]
+
+    assert run_virtual(taken()) == [0.97, 1.0, 1.04]
+
+
 def test_a_source_that_sends_only_what_is_of_no_use_has_stalled() -> None:
     async def stalls(live: LiveReadings) -> str:
         async def feed() -> None:
