@@ -13,6 +13,7 @@ is flown, under virtual time.
 import argparse
 import math
 import statistics
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -119,7 +120,10 @@ def flown(name: str, budget: int, jobs: int) -> Find:
                 clock="virtual", jobs=jobs, real_kind="embedded", watcher=SilentDisplay()
             )
             settings = SearchSettings(out=Path(folder), clock="virtual", at_once=jobs)
-            return fly_search(search, settings, engine, lambda _: None).findings
+            found = fly_search(search, settings, engine, lambda _: None).findings
+        what = f"{flights_of(found)} flights, {'found' if found.confirmed else 'found none'}"
+        print(f"{strategy} seed {seed}: {what}", file=sys.stderr, flush=True)
+        return found
 
     return find
 
@@ -167,10 +171,14 @@ def main() -> None:
     else:
         find = (flown if given.flown else looked_up)(given.problem, given.budget, given.jobs)
     print("flights to the first confirmed failure, those that confirm it included")
-    print("strategy found  median  quartiles       least..most")
-    for strategy in given.strategies:
-        found = [find(strategy, seed) for seed in range(1, given.seeds + 1)]
-        print(row(strategy, found), flush=True)
+    print("strategy found  median  quartiles       least..most", flush=True)
+    found: dict[StrategyName, list[Findings]] = {strategy: [] for strategy in given.strategies}
+    # Seed by seed, so that flights that are cut short compare all the same.
+    for seed in range(1, given.seeds + 1):
+        for strategy, findings in found.items():
+            findings.append(find(strategy, seed))
+    for strategy, findings in found.items():
+        print(row(strategy, findings))
 
 
 if __name__ == "__main__":
