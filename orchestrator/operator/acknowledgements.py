@@ -1,10 +1,32 @@
 """Which runs have acknowledged the newest command of an operator."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from orchestrator.model.flight_place import FlightPlace
 from safety.guard.core.operator_command import OperatorCommand
+
+WITHIN_S = 5.0
+"""What is in flight and has not acknowledged a command for so long is named."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """Who has acknowledged a command, and who has not yet: runs, each with where it flies."""
+
+    command: OperatorCommand
+    by: Mapping[str, str]
+    waiting: Mapping[str, str]
+
+    def plain(self) -> dict[str, Any]:
+        """Return it as plain values for an operator."""
+        return {
+            "command": self.command.kind,
+            "who": self.command.who,
+            "by": dict(self.by),
+            "waiting": dict(self.waiting),
+        }
 
 
 class Acknowledgements:
@@ -30,13 +52,18 @@ class Acknowledgements:
         """Take that a run is over: nobody waits for it any more."""
         self._waiting.pop(run, None)
 
-    def plain(self) -> dict[str, Any] | None:
-        """Return it as plain values for an operator; None before the first command."""
+    @property
+    def newest(self) -> Acknowledged | None:
+        """Return who has acknowledged the newest command; None before the first."""
         if self._command is None:
             return None
-        return {
-            "command": self._command.kind,
-            "who": self._command.who,
-            "by": {run: str(place) for run, place in self._by.items()},
-            "waiting": {run: str(place) for run, place in self._waiting.items()},
-        }
+        return Acknowledged(self._command, _in_words(self._by), _in_words(self._waiting))
+
+
+def runs_text(places: Mapping[str, str]) -> str:
+    """Return runs in words, with where they fly."""
+    return ", ".join(f"{run} on {place}" if place else run for run, place in places.items())
+
+
+def _in_words(places: Mapping[str, FlightPlace]) -> dict[str, str]:
+    return {run: str(place) for run, place in places.items()}

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import Happening, News, Progress
 from orchestrator.model.results import RunResult, Stop
-from orchestrator.operator.acknowledgements import Acknowledgements
+from orchestrator.operator.acknowledgements import Acknowledged, Acknowledgements
 from orchestrator.operator.campaign_records import Place
 from orchestrator.operator.operator_log import OperatorLog
 from orchestrator.operator.socket_client import tell
@@ -111,6 +111,11 @@ class CampaignController:
         if self.stopped is not None:
             return "landing"
         return "held" if self.held else "flying"
+
+    @property
+    def acknowledged(self) -> Acknowledged | None:
+        """Return who has acknowledged the newest command; None before the first."""
+        return self._acknowledgements.newest
 
     def follow(self, follower: Follower) -> None:
         """Register a follower of the campaign."""
@@ -225,7 +230,7 @@ class CampaignController:
             "folder": str(self._folder),
             "flying": flying,
             "answers": answers,
-            "acknowledged": self._acknowledgements.plain(),
+            "acknowledged": None if self.acknowledged is None else self.acknowledged.plain(),
         }
 
     def _send_status(self) -> None:

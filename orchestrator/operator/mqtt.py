@@ -18,6 +18,7 @@ from orchestrator.model.results import RunResult
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.message_signing import signed, status_key
+from orchestrator.operator.mqtt_answers import CommandAnswers
 from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
 from orchestrator.operator.mqtt_reports import ack_of, publications, status_of, verdict_of
 from orchestrator.operator.outbox import Outbox
@@ -111,6 +112,9 @@ class MqttOperator:
         self._away: asyncio.TimerHandle | None = None
         self._connected = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
+        self._answers = CommandAnswers(
+            acknowledged=lambda: controller.acknowledged, answer=self._answer_command
+        )
 
     async def first_connection(self, running: asyncio.Task[None]) -> None:
         """Wait for the first connection to the broker. Raises OperatingError.
@@ -167,7 +171,8 @@ class MqttOperator:
         await asyncio.sleep(0.05)
 
     def close(self) -> None:
-        """Stop handling an absent MQTT broker."""
+        """Stop handling an absent MQTT broker, and wait for no acknowledgement."""
+        self._answers.close()
         if self._away is not None:
             self._away.cancel()
 
@@ -175,13 +180,16 @@ class MqttOperator:
         """Publish a run's news by MQTT."""
         for publication in publications(news):
             self._outbox.put(publication)
+        self._answers.look()
 
     def finished(self, result: RunResult) -> None:
         """Publish a verdict by MQTT."""
         self._outbox.put(verdict_of(result))
+        self._answers.look()
 
     def status(self) -> None:
         """Publish the campaign's status by MQTT."""
+        self._answers.look()
         self._outbox.put(status_of(self._controller.summary(self._controller.state)))
 
     async def _keep_connected(self) -> None:
@@ -254,13 +262,11 @@ class MqttOperator:
             self._refuse(kind, error)
             return
         try:
-            text, ok = self._controller.obey(asked), True
+            text = self._controller.obey(asked)
         except RefusedLineError as error:
-            text, ok = str(error), False
-        who = asked.who
-        # Of a fence that was passed on, each run says what became of it.
-        final = kind != "geofence" or not ok
-        self._answer(id=asked.command_id, command=kind, ok=ok, text=text, who=who, final=final)
+            self._answers.refused(asked, str(error))
+        else:
+            self._answers.obeyed(asked, text)
 
     def _refuse(self, kind: str, error: RefusedCommandError) -> None:
         if self._refusals.is_exceeded(asyncio.get_running_loop().time()):
@@ -269,6 +275,12 @@ class MqttOperator:
         self._answer(
             id=error.command_id, command=kind, ok=False, text=str(error), who=error.who, final=True
         )
+
+    def _answer_command(
+        self, command: OperatorCommand, *, ok: bool, text: str, final: bool
+    ) -> None:
+        kind, who, number = command.kind, command.who, command.command_id
+        self._answer(id=number, command=kind, ok=ok, text=text, who=who, final=final)
 
     def _answer(self, **said: str | bool) -> None:
         self._outbox.put(ack_of(session=self._controller.session, **said))

@@ -2,17 +2,17 @@
 
 import getpass
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from orchestrator.cli.standard_streams import err, out
+from orchestrator.operator.acknowledgements import WITHIN_S, runs_text
 from orchestrator.operator.campaign_records import Place, Places, places
 from orchestrator.operator.local_commands import CommandReply, abort_place, send_command
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.core.operator_command import OperatorKind
 from safety.guard.process.runtime_folder import unsafe_folders
 
-_ACKNOWLEDGED_S = 5.0
 _POLL_S = 0.1
 NOBODY = 3
 """The exit code when nothing flies, or nothing obeyed."""
@@ -123,7 +123,7 @@ def _acknowledgements(campaign: Place) -> list[str]:
 
     A campaign that has ended meanwhile has none in flight.
     """
-    due_s = time.monotonic() + _ACKNOWLEDGED_S
+    due_s = time.monotonic() + WITHIN_S
     while True:
         try:
             found = ask(campaign.socket, "status", who="operator").get("acknowledged")
@@ -135,18 +135,13 @@ def _acknowledgements(campaign: Place) -> list[str]:
             break
         time.sleep(_POLL_S)
     if found["by"]:
-        out(f"{campaign.name}: acknowledged by {_runs(found['by'])}")
+        out(f"{campaign.name}: acknowledged by {runs_text(found['by'])}")
     if found["waiting"]:
         err(
-            f"{campaign.name}: not acknowledged within {_ACKNOWLEDGED_S:g} s by "
-            f"{_runs(found['waiting'])}; watch shows what it does"
+            f"{campaign.name}: not acknowledged within {WITHIN_S:g} s by "
+            f"{runs_text(found['waiting'])}; watch shows what it does"
         )
     return list(found["waiting"])
-
-
-def _runs(places: Mapping[str, str]) -> str:
-    """Return runs in words, with where they fly."""
-    return ", ".join(f"{run} on {place}" if place else run for run, place in places.items())
 
 
 def account() -> str:

@@ -15,7 +15,9 @@ import pytest
 from campaigns.setup.operator_setup import MqttSetup
 from campaigns.values.broker_address import BrokerAddress
 from orchestrator.cli import main
+from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import Happening
+from orchestrator.operator import mqtt_answers
 from orchestrator.operator.broker_access import BrokerAccess
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.embedded_broker import embedded_broker
@@ -95,6 +97,10 @@ class Person:
         return [answer for answer in self.of("operator/ack") if answer["id"] == command_id]
 
 
+def acknowledge(controller: CampaignController, run: str, kind: str, command_id: str) -> None:
+    controller.news(Happening(run, 9.0, "acknowledged", kind, "", "", command_id, "mqtt:anna"))
+
+
 class Scene:
     """A broker, a desk that is connected to it, and a person."""
 
@@ -157,6 +163,52 @@ async def test_commands_are_obeyed_and_answered(scene: Scene, tmp_path: Path) ->
         ("hold", "mqtt:anna", False),
         ("abort", "mqtt:anna", True),
     ]
+
+
+@pytest.mark.parametrize("last", ["acknowledged", "over"])
+async def test_a_command_is_answered_by_each_run_in_flight(scene: Scene, last: str) -> None:
+    controller, person = scene.controller, scene.person
+    for number, place in ((1, "first"), (2, "second")):
+        controller.begun(f"large/wil/{number}", FlightPlace(place))
+    first = await person.command("hold")
+    assert (first["ok"], first["final"]) == (True, False)
+    acknowledge(controller, "large/wil/2", "hold", first["id"])
+    if last == "acknowledged":
+        acknowledge(controller, "large/wil/1", "hold", first["id"])
+    else:
+        controller.left("large/wil/1")
+    answers = await person.until("operator/ack", 2)
+    assert (answers[-1]["id"], answers[-1]["ok"], answers[-1]["final"]) == (first["id"], True, True)
+    by = {
+        "acknowledged": "large/wil/2 on second, large/wil/1 on first",
+        "over": "large/wil/2 on second",
+    }
+    assert answers[-1]["text"] == f"acknowledged by {by[last]}"
+
+
+async def test_a_run_that_does_not_acknowledge_is_named(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_answers, "WITHIN_S", 0.2)
+    controller, person = scene.controller, scene.person
+    controller.begun("large/wil/1", FlightPlace("first"))
+    controller.begun("large/wil/2", FlightPlace("second"))
+    first = await person.command("abort")
+    assert (first["ok"], first["final"]) == (True, False)
+    acknowledge(controller, "large/wil/2", "abort", first["id"])
+    last = (await person.until("operator/ack", 2))[-1]
+    assert (last["ok"], last["final"]) == (False, True)
+    assert last["text"] == "not acknowledged within 0.2 s by large/wil/1 on first"
+
+
+async def test_an_answer_that_is_awaited_is_final_when_another_command_comes(scene: Scene) -> None:
+    scene.controller.begun("large/wil/1", FlightPlace("first"))
+    held = await scene.person.command("hold")
+    await scene.person.command("resume")
+    answers = await scene.person.until("operator/ack", 3)
+    of_hold = [one for one in answers if one["id"] == held["id"]]
+    assert [one["final"] for one in of_hold] == [False, True]
+    assert of_hold[-1]["text"].startswith("another command came")
 
 
 async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ async def test_watch_shows_what_flies_until_it_is_over(
 async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_not(
     cli: Cli, controller: CampaignController, fleet: FakeFleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.cli.commands.operate._ACKNOWLEDGED_S", 0.3)
+    monkeypatch.setattr("orchestrator.cli.commands.operate.WITHIN_S", 0.3)
     for run, node in (("large/wil/1", "first"), ("large/wil/2", "second")):
         controller.begun(run, FlightPlace(node))
     pass_on = fleet.pass_on
@@ -176,7 +176,7 @@ async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_no
 async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
     cli: Cli, controller: CampaignController, fleet: FakeFleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.cli.commands.operate._ACKNOWLEDGED_S", 0.1)
+    monkeypatch.setattr("orchestrator.cli.commands.operate.WITHIN_S", 0.1)
     controller.begun("large/wil/1", FlightPlace("first"))
     assert (await cli("abort", "--node", "third"))[0] == 3
     assert not fleet.aborted
