@@ -14,7 +14,17 @@ PACKAGES = ("wil_campaign", "orchestrator", "vehicles", "recipes", "campaigns", 
 OLDEST = (3, 11)
 NOT_IMPORTED = {"charset-normalizer", "pillow", "pycollada"}
 """What trimesh reads meshes with."""
-OF_AN_EXTRA = {"amqtt", "cmaes", "covertable", "foxglove-sdk", "fsspec", "optuna", "pytest", "ray"}
+OF_AN_EXTRA = {
+    "amqtt",
+    "cmaes",
+    "covertable",
+    "foxglove-sdk",
+    "fsspec",
+    "mcap-ros2-support",
+    "optuna",
+    "pytest",
+    "ray",
+}
 
 
 def sources(*folders: str) -> Iterator[Path]:

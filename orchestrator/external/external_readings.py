@@ -21,7 +21,7 @@ from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkS
 from vehicles.sources.readings.recorded_readings import RecordedReadings
 from vehicles.sources.readings.rest_check import rest_fault
 from vehicles.sources.readings.zmq_readings import ZmqReadings
-from worlds.frames import AT_ORIGIN
+from worlds.frames import AT_ORIGIN, Pose
 from worlds.geodesy import LocalFrame
 
 _POLL_S = 0.05
@@ -99,12 +99,16 @@ class ExternalReadings(ExternalSource):
 
         await super().run(unless_frozen)
 
+    @property
+    def _mount(self) -> Pose:
+        return self._setup.mount if isinstance(self._setup, RangingSetup) else AT_ORIGIN
+
     def _make_source(self) -> ReadingSource[Reading]:
         source = self._from
         if source.kind != "mcap":
             return self._live
-        path, kind = Path(source.address), self._setup.kind
-        file = TopicReadings(path=path, kind=kind, topic=source.topic)
+        path, kind, mount = Path(source.address), self._setup.kind, self._mount
+        file = TopicReadings(path=path, kind=kind, topic=source.topic, mount=mount)
         return RecordedReadings(file=file, side=self._side, latency_s=source.latency_s)
 
     def _make_live(self) -> LiveReadings:
@@ -116,7 +120,7 @@ class ExternalReadings(ExternalSource):
                 sensor=source.name,
                 kind_of=sensor.kind,
                 side=self._side,
-                mount=sensor.mount if isinstance(sensor, RangingSetup) else AT_ORIGIN,
+                mount=self._mount,
                 topic=source.topic or "",
                 latency_s=source.latency_s,
                 open_s=source.open_s,

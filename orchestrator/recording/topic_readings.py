@@ -1,31 +1,36 @@
-"""The readings of one topic of a recording of ours, to be played as a sensor."""
+"""The readings of one topic of an MCAP file, to be played as a sensor."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from mcap.records import Channel, Message
+from mcap.records import Channel, Message, Schema
 
 from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.mcap.mcap_chunks import RecordStream
-from orchestrator.recording.mcap.mcap_decode import decode
-from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from orchestrator.recording.topic_decoders import TopicDecoders
+from vehicles.readings import Reading
 from vehicles.sources.camera_source import SourceError
-from worlds.files.limited_json import loads_limited
-
-_IMAGES = frozenset({"camera", "depth"})
+from vehicles.sources.messagepack import BadMessageError
+from worlds.frames import AT_ORIGIN, Pose
 
 
 class TopicReadings:
-    """The readings of a topic of run.mcap, as they were recorded; a ReadingFile.
+    """The readings of a topic of run.mcap, or of a bag of ROS 2, as recorded; a ReadingFile.
 
-    kind: type of the sensor. topic: None when the file has one topic of that type.
+    kind: type of the sensor. topic: None when the file has one topic of that type. mount: the
+    sensor's, where a message does not say it.
     """
 
-    def __init__(self, *, path: Path, kind: str, topic: str | None = None) -> None:
+    def __init__(
+        self, *, path: Path, kind: str, topic: str | None = None, mount: Pose = AT_ORIGIN
+    ) -> None:
         self._path = path
         self._kind = kind
         self._topic = topic
+        self._mount = mount
         self._readings: Iterator[Reading] = iter(())
+        self.unusable = 0
+        """Messages that were passed over, for they are of no use."""
 
     @property
     def name(self) -> str:
@@ -68,55 +73,51 @@ class TopicReadings:
         )
 
     def _topics(self) -> Mapping[str, str]:
-        """Return the recording's topics of readings of ours, with the type of their sensor."""
-        channels: dict[int, Channel] = {}
+        """Return the recording's topics of readings, with the type of their sensor."""
         found: dict[str, str] = {}
-        for record in RecordStream(self._path):
-            if isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message) and record.channel_id in channels:
-                channel = channels[record.channel_id]
-                if channel.metadata.get("part") == "reading" and channel.topic not in found:
-                    found[channel.topic] = _type_of(record.data)
+        for decoders, message in self._messages():
+            topic = decoders.topic(message)
+            if topic is not None and topic not in found and (kind := decoders.kind(message)):
+                found[topic] = kind
         return found
+
+    def _messages(self) -> Iterator[tuple[TopicDecoders, Message]]:
+        """Yield the recording's messages, each with what decodes it."""
+        decoders = TopicDecoders(mount=self._mount)
+        for record in RecordStream(self._path):
+            if isinstance(record, Schema | Channel):
+                decoders.take(record)
+            elif isinstance(record, Message):
+                yield decoders, record
 
     def _of_topic(self, topic: str) -> Iterator[Reading]:
         """Yield the readings of a topic. Raises SourceError, RecordingError, OSError."""
-        channels: dict[int, Channel] = {}
-        is_there = False
-        for record in RecordStream(self._path):
-            if isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                channel = channels.get(record.channel_id)
-                if channel is not None and channel.topic == topic:
-                    is_there = True
-                    yield self._reading(channel, record)
-        if not is_there:
+        there, used, why = 0, 0, ""
+        for decoders, message in self._messages():
+            if decoders.topic(message) != topic:
+                continue
+            there += 1
+            try:
+                reading = self._reading(decoders, message)
+            except BadMessageError as error:
+                self.unusable += 1
+                why = str(error)
+                continue
+            used += 1
+            yield reading
+        if not there:
             listed = ", ".join(sorted(self._topics())) or "none"
             raise SourceError(f"{self._path}: has no topic {topic!r} (there: {listed})")
+        if not used:
+            raise SourceError(f"{self.name}: none of its messages can be used; the last one: {why}")
 
-    def _reading(self, channel: Channel, message: Message) -> Reading:
+    def _reading(self, decoders: TopicDecoders, message: Message) -> Reading:
         """Return the reading in a message. Raises SourceError for one of another type."""
-        kind = _type_of(message.data) if channel.metadata.get("part") == "reading" else ""
-        if kind != self._kind or kind in _IMAGES:
-            said = f"readings of type {kind}" if kind else "no readings of a recording of ours"
+        kind = decoders.kind(message)
+        if kind != self._kind:
+            said = f"readings of type {kind}" if kind else "no readings that can be read"
             raise SourceError(f"{self.name}: has {said}, and a {self._kind} is wanted")
         try:
-            reading = decode(loads_limited(message.data), {})
-        except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
-            raise SourceError(
-                f"{self.name}: message {message.sequence} cannot be read: {error}"
-            ) from error
-        if sensor_type_of(reading) != self._kind:
-            raise SourceError(f"{self.name}: message {message.sequence} is no {self._kind}")
-        return reading
-
-
-def _type_of(data: bytes) -> str:
-    """Return the type of sensor in a message of ours; "" for another message."""
-    try:
-        kind = str(loads_limited(data)["wil"]["type"])
-    except (KeyError, ValueError, TypeError):
-        return ""
-    return kind if kind in SENSOR_TYPES else ""
+            return decoders.reading(message)
+        except RecordingError as error:
+            raise SourceError(f"{self.name}: {error}") from error

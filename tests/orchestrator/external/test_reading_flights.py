@@ -12,6 +12,7 @@ from orchestrator.model.results import RunResult
 from orchestrator.recording.mcap_reader import RecordedReading, Recording
 from orchestrator.recording.topic_readings import TopicReadings
 from tests.orchestrator.flights import all_landed
+from tests.orchestrator.recording.ros2_bag import write_bag
 from vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from vehicles.readings import (
     ImuReading,
@@ -242,6 +243,26 @@ def test_a_recording_is_flown_by_and_is_an_error_when_it_ends_in_flight(
         with pytest.raises(SourceError) as caught:
             opened(TopicReadings(path=file, kind=kind, topic=topic))
         assert said in str(caught.value)
+
+
+def test_a_bag_of_ros_2_is_flown_by(fly_run: Fly, tmp_path: Path) -> None:
+    distance = {"radiation_type": 0, "field_of_view": 0.1, "variance": 0.0, "range": 1.5}
+    limits = {"min_range": 0.25, "max_range": 8.0}
+    bag = [
+        ("/below", "sensor_msgs/msg/Range", 100.0 + k / 20, {**distance, **limits})
+        for k in range(1200)
+    ]
+    file = write_bag(tmp_path / "bag.mcap", bag)
+    below = f"type: rangefinder, rate_hz: 20, source: {{address: {file}, topic: /below}}"
+    own = ("modes=[real]", "accept={large: {real: 5/5}}", *AHEAD)
+    sets = (*own, f"vehicles.real.sensors={{below: {{{below}}}}}")
+    result, folder = fly_run(mode="real", sets=sets, has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert result.outside is not None
+    (one,) = result.outside.sources
+    assert (one.source, one.damaged) == ("file", 0)
+    assert one.delivered > 100
+    assert {ranges_of(one) for one in readings(folder)} == {1.5}
 
 
 def opened(file: TopicReadings) -> Reading | None:

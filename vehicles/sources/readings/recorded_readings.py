@@ -20,6 +20,10 @@ class ReadingFile(Protocol):
     def name(self) -> str:
         """Return the recording's name in messages."""
 
+    @property
+    def unusable(self) -> int:
+        """Return how many messages were passed over so far, for they are of no use."""
+
     def open(self) -> None:
         """Open the recording. Raises SourceError."""
 
@@ -55,7 +59,7 @@ class RecordedReadings:
     @property
     def counts(self) -> SourceCounts:
         """Return the counts of the recorded readings so far."""
-        return SourceCounts(delivered=self._delivered, damaged=self._damaged)
+        return SourceCounts(delivered=self._delivered, damaged=self._damaged + self._file.unusable)
 
     async def __aenter__(self) -> Self:
         """Open the recording and read its first reading. Raises SourceError."""

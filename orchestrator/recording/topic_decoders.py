@@ -1,0 +1,136 @@
+"""How the messages of an MCAP file are read as readings: those of our recordings, and of ROS 2."""
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message, Schema
+
+from orchestrator.recording.errors import RecordingError
+from orchestrator.recording.mcap.mcap_decode import decode
+from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from vehicles.sources.readings.reading_message import Sampled
+from vehicles.sources.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
+from worlds.files.limited_json import loads_limited
+from worlds.frames import Pose
+
+_IMAGES = frozenset({"camera", "depth"})
+_LATE_S = 5.0
+"""Logged later than this after its stamp, a message was stamped by another clock."""
+_FAULTS = (
+    McapError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RecursionError,
+    struct.error,
+)
+_MISSING = (
+    "messages of ROS 2 are read by the extra ros, which is not installed: pip install "
+    "'wil-campaign[ros]'"
+)
+Decoder = Callable[[bytes], Any]
+
+
+class TopicDecoders:
+    """Decodes an MCAP file's messages by their channels. mount: of the sensor, for those of ROS 2.
+
+    Takes the file's schemas and channels as they come. Of a channel of ROS 2 the last fix is kept:
+    the next one's velocity is the change of place.
+    """
+
+    def __init__(self, *, mount: Pose) -> None:
+        self._mount = mount
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._decoders: dict[int, Decoder] = {}
+        self._before: dict[int, Reading] = {}
+
+    def take(self, record: Schema | Channel) -> None:
+        """Take a schema or a channel of the MCAP file."""
+        if isinstance(record, Channel):
+            self._channels[record.id] = record
+        else:
+            self._schemas[record.id] = record
+
+    def topic(self, message: Message) -> str | None:
+        """Return the topic of a message; None where its channel is not known."""
+        channel = self._channels.get(message.channel_id)
+        return None if channel is None else channel.topic
+
+    def kind(self, message: Message) -> str:
+        """Return the type of sensor that a message is a reading of; "" for another message."""
+        channel = self._channels[message.channel_id]
+        if channel.metadata.get("part") == "reading":
+            return _own_kind(message.data)
+        schema = self._ros2_schema(channel)
+        return "" if schema is None else ROS2_TYPES[schema.name].kind
+
+    def reading(self, message: Message) -> Reading:
+        """Return the reading in a message that is one.
+
+        Raises BadMessageError for one of ROS 2 that is of no use, and RecordingError for what
+        cannot be read at all.
+        """
+        schema = self._ros2_schema(self._channels[message.channel_id])
+        if schema is not None:
+            return self._ros2_reading(message, schema)
+        try:
+            reading = decode(loads_limited(message.data), {})
+        except _FAULTS as error:
+            raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
+        kind = self.kind(message)
+        if sensor_type_of(reading) != kind or kind in _IMAGES:
+            raise RecordingError(f"message {message.sequence} is no {kind}")
+        return reading
+
+    def _ros2_schema(self, channel: Channel) -> Schema | None:
+        """Return the schema of a channel of ROS 2 whose messages are readings; None for another."""
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+            return None
+        return schema if schema.name in ROS2_TYPES else None
+
+    def _ros2_reading(self, message: Message, schema: Schema) -> Reading:
+        decoder = self._ros2_decoder(schema)
+        try:
+            decoded = decoder(message.data)
+            logged_s, stamped_s = message.log_time * 1e-9, stamp_s(decoded)
+        except _FAULTS as error:
+            raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
+        t_s = stamped_s or logged_s
+        is_late = 0.0 <= logged_s - t_s <= _LATE_S
+        when = Sampled(t_s, logged_s if is_late else t_s, "real", self._mount)
+        before = self._before.get(message.channel_id)
+        reading = read_ros2(schema.name, decoded, when, before)
+        self._before[message.channel_id] = reading
+        return reading
+
+    def _ros2_decoder(self, schema: Schema) -> Decoder:
+        if (found := self._decoders.get(schema.id)) is not None:
+            return found
+        try:
+            from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415  # of an extra
+        except ImportError as error:
+            raise RecordingError(_MISSING) from error
+        try:
+            decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
+        except _FAULTS as error:
+            raise RecordingError(f"its definition of {schema.name} is damaged: {error}") from error
+        if decoder is None:
+            raise RecordingError(f"its definition of {schema.name} is of a kind that is not read")
+        self._decoders[schema.id] = decoder
+        return decoder
+
+
+def _own_kind(data: bytes) -> str:
+    """Return the type of sensor in a message of ours; "" for another message."""
+    try:
+        kind = str(loads_limited(data)["wil"]["type"])
+    except (KeyError, ValueError, TypeError):
+        return ""
+    return kind if kind in SENSOR_TYPES else ""

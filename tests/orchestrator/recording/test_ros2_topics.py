@@ -1,0 +1,274 @@
+"""A bag of ROS 2 as a sensor: each type of message in our units and axes, and what is of no use."""
+
+import builtins
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from orchestrator.recording.topic_readings import TopicReadings
+from tests.orchestrator.recording.ros2_bag import vector, write_bag
+from vehicles.readings import (
+    GpsReading,
+    ImuReading,
+    LidarPointsReading,
+    LidarScanReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+)
+from vehicles.sources.camera_source import SourceError
+from vehicles.sources.readings.ros2_messages import ROS2_TYPES
+from worlds.frames import Pose, euler_from_quat, quat_from_euler
+
+AT_S = 1_795_000_000.25
+NOSE = Pose((0.1, 0.0, 0.05), quat_from_euler(0.0, 0.2, 0.0))
+HALF = math.sqrt(0.5)
+EAST = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+"""A body (forward, left, up) that looks east in east, north, up: a yaw of 90 degrees of ours."""
+PLACE = {"position": vector(1.0, 2.0, 3.0), "orientation": EAST}
+ZEROS9, ZEROS36 = [0.0] * 9, [0.0] * 36
+
+
+def cloud(*points: tuple[float, float, float], order: str = "<") -> dict[str, Any]:
+    fields = [
+        {"name": name, "offset": 4 + 4 * k, "datatype": 7, "count": 1}
+        for k, name in enumerate("xyz")
+    ]
+    data = b"".join(struct.pack(f"{order}f3f", 9.0, *point) for point in points)
+    shape = {"height": 1, "width": len(points), "point_step": 16, "row_step": len(data)}
+    big = order == ">"
+    return {"fields": fields, **shape, "data": list(data), "is_bigendian": big, "is_dense": True}
+
+
+def fix(north_deg: float = 0.0, *, status: int = 0, known: int = 1) -> dict[str, Any]:
+    return {
+        "status": {"status": status, "service": 1},
+        "latitude": 47.0 + north_deg,
+        "longitude": 8.0,
+        "altitude": 500.0,
+        "position_covariance": [0.25, 0, 0, 0, 0.16, 0, 0, 0, 1.0],
+        "position_covariance_type": known,
+    }
+
+
+def imu(**changes: Any) -> dict[str, Any]:
+    return {
+        "orientation": EAST,
+        "orientation_covariance": ZEROS9,
+        "angular_velocity": vector(0.1, 0.2, 0.3),
+        "angular_velocity_covariance": ZEROS9,
+        "linear_acceleration": vector(0.5, 0.25, 9.81),
+        "linear_acceleration_covariance": ZEROS9,
+        **changes,
+    }
+
+
+def distance(range_m: float) -> dict[str, Any]:
+    limits = {"min_range": 0.25, "max_range": 8.0}
+    return {"radiation_type": 0, "field_of_view": 0.1, **limits, "range": range_m, "variance": 0.0}
+
+
+def read(path: Path, kind: str, topic: str | None = None) -> list[Reading]:
+    file = TopicReadings(path=path, kind=kind, topic=topic, mount=NOSE)
+    file.open()
+    found = []
+    while (one := file.next()) is not None:
+        found.append(one)
+    file.close()
+    return found
+
+
+def one_of(tmp_path: Path, kind: str, schema: str, fields: dict[str, Any]) -> Any:
+    path = write_bag(tmp_path / "bag.mcap", [("/it", schema, AT_S, fields)])
+    (found,) = read(path, kind)
+    assert ROS2_TYPES[schema].kind == kind
+    assert found.t_s == pytest.approx(AT_S, abs=1e-6)
+    assert found.arrived_s == pytest.approx(AT_S + 0.01, abs=1e-6)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"), [(2.5, 2.5), (9.0, math.inf), (math.inf, math.inf), (-math.inf, 0.25)]
+)
+def test_a_range(tmp_path: Path, said: float, meant: float) -> None:
+    found = one_of(tmp_path, "rangefinder", "sensor_msgs/msg/Range", distance(said))
+    assert isinstance(found, RangefinderReading)
+    assert (found.range_m, found.range_min_m, found.range_max_m) == (meant, 0.25, 8.0)
+    assert found.mount == NOSE
+
+
+def test_a_scan_counts_to_the_right(tmp_path: Path) -> None:
+    scan = {
+        "angle_min": -0.5,
+        "angle_max": 1.0,
+        "angle_increment": 0.5,
+        "time_increment": 0.0,
+        "scan_time": 0.1,
+        "range_min": 0.2,
+        "range_max": 6.0,
+        "ranges": [1.0, 2.0, 0.1, math.nan],
+        "intensities": [],
+    }
+    found = one_of(tmp_path, "lidar", "sensor_msgs/msg/LaserScan", scan)
+    assert isinstance(found, LidarScanReading)
+    # Half a radian to the right, as ROS has it, is 0.5 here.
+    at = dict(zip(found.angles_rad.round(6).tolist(), found.ranges_m.tolist(), strict=True))
+    assert at == {-1.0: math.inf, -0.5: math.inf, 0.0: 2.0, 0.5: 1.0}
+    assert found.mount == NOSE
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_points_are_forward_right_down(tmp_path: Path, order: str) -> None:
+    given = cloud((1.0, 2.0, 3.0), (math.nan, 0.0, 0.0), (4.0, -5.0, -6.0), order=order)
+    found = one_of(tmp_path, "lidar_points", "sensor_msgs/msg/PointCloud2", given)
+    assert isinstance(found, LidarPointsReading)
+    assert found.points_frd_m.tolist() == [[1.0, -2.0, -3.0], [4.0, 5.0, 6.0]]
+    assert found.points_frd_m.dtype == np.float32
+
+
+def test_an_imu_at_rest_feels_gravity_upwards(tmp_path: Path) -> None:
+    found = one_of(tmp_path, "imu", "sensor_msgs/msg/Imu", imu())
+    assert isinstance(found, ImuReading)
+    assert found.specific_force_frd_m_s2 == (0.5, -0.25, -9.81)
+    assert found.rates_frd_rad_s == (0.1, -0.2, -0.3)
+
+
+@pytest.mark.parametrize(
+    ("schema", "fields", "moves"),
+    [
+        ("geometry_msgs/msg/PoseStamped", {"pose": PLACE}, None),
+        (
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            {"pose": {"pose": PLACE, "covariance": ZEROS36}},
+            None,
+        ),
+        (
+            "nav_msgs/msg/Odometry",
+            {
+                "child_frame_id": "base_link",
+                "pose": {"pose": PLACE, "covariance": ZEROS36},
+                "twist": {
+                    "twist": {"linear": vector(1.0, 0.0, 0.5), "angular": vector(0, 0, 0)},
+                    "covariance": ZEROS36,
+                },
+            },
+            (0.0, 1.0, -0.5),  # forward is east; up is not down
+        ),
+    ],
+)
+def test_a_pose_is_in_the_world(
+    tmp_path: Path, schema: str, fields: dict[str, Any], moves: tuple[float, ...] | None
+) -> None:
+    found = one_of(tmp_path, "pose", schema, fields)
+    assert isinstance(found, PoseReading)
+    assert found.pose.position_ned_m == (2.0, 1.0, -3.0)
+    assert euler_from_quat(found.pose.q_wxyz) == pytest.approx((0.0, 0.0, math.pi / 2))
+    assert found.velocity_ned_m_s == (None if moves is None else pytest.approx(moves))
+
+
+def test_a_body_that_looks_north_and_leans_back(tmp_path: Path) -> None:
+    # A yaw of 90 degrees to the left from east, then 0.4 rad up with the nose: down the other way.
+    lean = 0.2
+    q = {
+        "x": math.sin(lean) * HALF,
+        "y": -math.sin(lean) * HALF,
+        "z": math.cos(lean) * HALF,
+        "w": math.cos(lean) * HALF,
+    }
+    place = {"position": vector(0.0, 0.0, 1.0), "orientation": q}
+    found = one_of(tmp_path, "pose", "geometry_msgs/msg/PoseStamped", {"pose": place})
+    # Of ROS a positive turn about left lowers the nose; of ours one about right lifts it.
+    assert euler_from_quat(found.pose.q_wxyz) == pytest.approx((0.0, 0.4, 0.0), abs=1e-9)
+
+
+def test_a_fix_moves_by_its_change_of_place(tmp_path: Path) -> None:
+    schema = "sensor_msgs/msg/NavSatFix"
+    bag = [("/gps", schema, AT_S + k / 5, fix(k * 1e-5, status=k)) for k in range(3)]
+    first, second, third = read(write_bag(tmp_path / "bag.mcap", bag), "gps")
+    assert isinstance(first, GpsReading)
+    assert isinstance(second, GpsReading)
+    assert isinstance(third, GpsReading)
+    assert (first.latitude_deg, first.altitude_m) == (47.0, 500.0)
+    assert (first.horizontal_accuracy_m, first.vertical_accuracy_m) == (0.5, 1.0)
+    assert [one.fix_type for one in (first, second, third)] == [3, 4, 5]
+    # A hundred thousandth of a degree of latitude is 1.112 m there, and it took 0.2 s.
+    assert third.velocity_ned_m_s == pytest.approx((5.56, 0.0, 0.0), abs=0.01)
+
+
+def test_what_is_of_no_use_is_passed_over_and_counted(tmp_path: Path) -> None:
+    schema = "sensor_msgs/msg/NavSatFix"
+    fixes = (fix(status=-1), fix(known=0), fix())
+    bag = [("/gps", schema, AT_S + k, one) for k, one in enumerate(fixes)]
+    file = TopicReadings(path=write_bag(tmp_path / "bag.mcap", bag), kind="gps")
+    file.open()
+    assert file.next() is not None
+    assert (file.unusable, file.next()) == (2, None)
+    path = write_bag(tmp_path / "none.mcap", bag[:2])
+    with pytest.raises(SourceError, match=r"none of its messages can be used.*covariance_type"):
+        read(path, "gps")
+    unfelt = imu(linear_acceleration_covariance=[-1.0, *ZEROS9[1:]])
+    path = write_bag(tmp_path / "imu.mcap", [("/imu", "sensor_msgs/msg/Imu", AT_S, unfelt)])
+    with pytest.raises(SourceError, match="it has no linear_acceleration"):
+        read(path, "imu")
+
+
+def test_a_topic_of_another_type_and_one_that_is_not_there_are_named(tmp_path: Path) -> None:
+    bag = [
+        ("/below", "sensor_msgs/msg/Range", AT_S, distance(1.0)),
+        ("/above", "sensor_msgs/msg/Range", AT_S, distance(2.0)),
+        ("/warm", "std_msgs/msg/Temperature", AT_S, {"temperature": 20.0}),
+    ]
+    path = write_bag(tmp_path / "bag.mcap", bag)
+    for kind, topic, said in (
+        ("rangefinder", None, "name by `topic` .* (there: /above, /below)"),
+        ("imu", "/below", "has readings of type rangefinder, and a imu is wanted"),
+        ("imu", "/warm", "has no readings that can be read, and a imu is wanted"),
+        ("imu", "/there", "has no topic '/there' (there: /above, /below)"),
+    ):
+        with pytest.raises(SourceError) as caught:
+            read(path, kind, topic)
+        for part in said.split(" .* "):
+            assert part in str(caught.value)
+    (above,) = read(path, "rangefinder", "/above")
+    assert isinstance(above, RangefinderReading)
+    assert above.range_m == 2.0
+
+
+def test_a_clock_of_another_time_delays_nothing(tmp_path: Path) -> None:
+    bag = [("/it", "sensor_msgs/msg/Range", 12.5, distance(1.0))]
+    (found,) = read(write_bag(tmp_path / "sim.mcap", bag, delay_s=AT_S), "rangefinder")
+    assert found.t_s == found.arrived_s == 12.5
+    bag = [("/it", "sensor_msgs/msg/Range", 0.0, distance(1.0))]
+    (found,) = read(write_bag(tmp_path / "unset.mcap", bag, delay_s=AT_S), "rangefinder")
+    assert found.t_s == pytest.approx(AT_S)
+
+
+def test_without_the_extra_the_remedy_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Range", AT_S, distance(1.0))])
+    imported = builtins.__import__
+
+    def lacking(name: str, *others: Any) -> Any:
+        if name.startswith("mcap_ros2"):
+            raise ImportError(name)
+        return imported(name, *others)
+
+    monkeypatch.setattr(builtins, "__import__", lacking)
+    with pytest.raises(SourceError, match=r"pip install 'wil-campaign\[ros\]'"):
+        read(path, "rangefinder")
+
+
+def test_a_damaged_message_or_definition_is_named(tmp_path: Path) -> None:
+    good = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Range", AT_S, distance(1.0))])
+    file = TopicReadings(path=good, kind="rangefinder")
+    file.open()
+    decoders, message = next(iter(file._messages()))
+    for size in range(len(message.data)):
+        cut = type(message)(**{**vars(message), "data": message.data[:size]})
+        with pytest.raises(SourceError, match="message 0 "):
+            file._reading(decoders, cut)
