@@ -21,6 +21,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
+    lines += [f"simulator's pictures not compared with the world: {t}" for t in drawn_texts(runs)]
     lines += [f"registration error not bounded: {text}" for text in unbounded_texts(runs)]
     lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
     lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
@@ -50,6 +51,20 @@ def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
     return _in_runs(
         (f"{one.name}{', in part' if one.frames_measured else ''}: {one.not_measured}", run)
         for run, one in _passed_combinations(runs)
+        if one.not_measured
+    )
+
+
+def drawn_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of passed runs that perceived a simulator's pictures on trust.
+
+    Where they were mixed in, the mixture was measured, or its own caveat says why not.
+    """
+    return _in_runs(
+        (f"{one.vehicle} {one.sensor}: {one.not_measured}", run)
+        for run in runs
+        if run.verdict == "PASS" and run.outside is not None and run.mixing is None
+        for one in run.outside.sources
         if one.not_measured
     )
 

@@ -33,7 +33,10 @@ MAX_ANSWER_PARTS = 8
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """A request of the simulator protocol. events: times (run clock) for moving objects."""
+    """A request of the simulator protocol.
+
+    events: times (run clock) for moving objects. moved: where these are at `t_s`, by name.
+    """
 
     seq: int
     t_s: float
@@ -42,6 +45,7 @@ class Ask:
     want_depth: bool = False
     want_ids: bool = False
     events: Mapping[str, float] = field(default_factory=dict)
+    moved: Mapping[str, Pose] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +120,10 @@ def ask_parts(ask: Ask) -> list[Buffer]:
         },
         "want": ["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids],
         "events": dict(ask.events),
+        "moved": {
+            name: {"position_ned_m": list(pose.position_ned_m), "q_wxyz": list(pose.q_wxyz)}
+            for name, pose in ask.moved.items()
+        },
     }
     return [pack(header)]
 
