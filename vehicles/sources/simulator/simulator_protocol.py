@@ -91,8 +91,13 @@ def hello_parts(asked: AskedWorld) -> list[Buffer]:
 
 
 def welcome_of(parts: Sequence[Buffer]) -> Welcome:
-    """Return the simulator's welcome in its reply to hello. Raises BadMessageError."""
+    """Return the simulator's welcome in its reply to hello.
+
+    Raises RefusedError for its own refusal, BadMessageError for what is not as the protocol says.
+    """
     header = _header(parts)
+    if header.text("type") == "error":
+        raise _refused(header)
     if header.text("type") != "welcome":
         raise BadMessageError(f"`type` is {header.text('type')!r:.40}, not 'welcome'")
     objects = header.texts("objects") if "objects" in header else ()
@@ -142,7 +147,7 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
         raise BadMessageError(f"it answers question {seq}, which was not asked yet")
     kind = header.text("type")
     if kind == "error":
-        raise RefusedError(header.text("message")[:500])
+        raise _refused(header)
     if kind != "picture":
         raise BadMessageError(f"`type` is {kind!r:.40}, not 'picture'")
     _check_echo(header, ask)
@@ -160,6 +165,11 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
         decode_depth(depth[1], depth[0], size) if depth is not None else None,
         decode_ids(ids[1], ids[0], size) if ids is not None else None,
     )
+
+
+def _refused(header: Header) -> RefusedError:
+    """Return a simulator's refusal in its own words."""
+    return RefusedError(header.text("message")[:500])
 
 
 def _header(parts: Sequence[Buffer]) -> Header:
