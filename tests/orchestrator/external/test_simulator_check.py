@@ -162,7 +162,7 @@ async def test_a_person_may_be_another_model_and_stands_in_its_place() -> None:
     assert check.fault
 
 
-async def test_a_simulator_that_marks_nothing_is_believed_and_said() -> None:
+async def test_a_simulator_that_marks_nothing_is_trusted_and_named() -> None:
     with StandIn(always(), marks=()) as stand_in:
         check = await flown(stand_in)
     assert (check.fault, check.look_back()) == ("", "")

@@ -40,7 +40,7 @@ def test_the_shipped_world_agrees_with_itself() -> None:
     assert disagreements(asked_world(scene, world="gate", case="large"), shown) == ()
 
 
-def test_a_simulator_is_told_the_form_and_the_colour_of_a_gate_and_no_colour_of_a_room() -> None:
+def test_the_greeting_has_the_form_and_the_colour_of_a_gate_and_no_colour_of_a_room() -> None:
     scene = World.parse(load(ROOT / "worlds" / "gate.yaml")).scene("wil", "Wv")
     shapes = packed_objects(asked_world(scene, world="gate", case="large").objects)
     assert (shapes["gate"]["form"], shapes["gate"]["color_rgb"]) == ("square", [255, 120, 0])
