@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from orchestrator.model.campaign_results import Summary
+from orchestrator.model.external_results import SourceResult
 from orchestrator.model.results import CombinationResult, RunResult
 
 
@@ -60,13 +61,15 @@ def drawn_texts(runs: Sequence[RunResult]) -> list[str]:
 
     Where they were mixed in, the mixture was measured, or its own caveat says why not.
     """
-    return _in_runs(
-        (f"{one.vehicle} {one.sensor}: {one.not_measured}", run)
-        for run in runs
-        if run.verdict == "PASS" and run.outside is not None and run.mixing is None
-        for one in run.outside.sources
-        if one.not_measured
-    )
+    found = _trusted(runs)
+    return _in_runs((f"{one.vehicle} {one.sensor}: {one.not_measured}", run) for run, one in found)
+
+
+def _trusted(runs: Iterable[RunResult]) -> Iterator[tuple[RunResult, SourceResult]]:
+    """Yield the simulators whose pictures a passed run perceived on trust."""
+    for run in runs:
+        if run.verdict == "PASS" and run.outside is not None and run.mixing is None:
+            yield from ((run, one) for one in run.outside.sources if one.not_measured)
 
 
 def unbounded_texts(runs: Sequence[RunResult]) -> list[str]:
@@ -142,6 +145,8 @@ def in_short(summary: Summary) -> list[str]:
         said.append(f"in view, and in no mixture: {names}")
     if names := _names(name for run in runs for name in _unseen(run)):
         said.append(f"never in view: {names}")
+    if names := _names(f"{one.vehicle} {one.sensor}" for _, one in _trusted(runs)):
+        said.append(f"not compared with the world: {names}")
     if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
         said.append(f"reported only, and failed: {names}")
     return said

@@ -215,6 +215,9 @@ def test_pictures_that_were_perceived_on_trust_are_reported_of_passed_runs() -> 
     ]
     said = "simulator's pictures not compared with the world: twin camera: it marks no gate"
     assert f"{said} (large sim, 1 run)" in caveat_lines(*runs)
+    assert caveat_lines(*runs)[-1].endswith("not compared with the world: twin camera")
+    text = "twin camera: it marks no gate (large sim, 1 run)"
+    assert properties(*runs) == {"simulator_not_compared": text}
 
 
 def test_a_virtual_object_in_view_that_no_mixture_showed_is_reported() -> None:
