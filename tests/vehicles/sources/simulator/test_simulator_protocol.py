@@ -191,5 +191,7 @@ def test_greetings() -> None:
     assert (header.text("world"), header.text("case")) == ("gate", "small")
     reply = {"protocol": PROTOCOL, "type": "welcome", "simulator": "unity 6", "objects": ["gate"]}
     assert welcome_of([pack(reply)]) == Welcome("unity 6", ("gate",))
-    with pytest.raises(BadMessageError, match="`type` is 'error'"):
-        welcome_of([pack({**reply, "type": "error"})])
+    with pytest.raises(BadMessageError, match="`type` is 'picture'"):
+        welcome_of([pack({**reply, "type": "picture"})])
+    with pytest.raises(RefusedError, match="no such world"):
+        welcome_of([pack({**reply, "type": "error", "message": "no such world"})])
