@@ -15,15 +15,16 @@ from orchestrator.external.image_outlets import Outlet, Outlets, image_delivery
 from orchestrator.external.injection_check import InjectionProof, prove_injection
 from orchestrator.external.injector import Injector, ScenePoses
 from orchestrator.external.motion_captures import MotionCaptures
+from orchestrator.external.simulator_check import SimulatorCheck
 from orchestrator.model.external_results import ExternalResult, SourceResult
 from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
+from orchestrator.state.run_state import RunState, Stage
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.model.oracle_results import Flag
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.readings import CameraReading, Reading, Source
-from vehicles.sources.simulator.shown_world import asked_world
+from vehicles.sources.simulator.shown_world import asked_world, poses_of_moving
 from vehicles.sources.simulator.simulator_camera import ZmqImageSource
 
 _WATCH_S = 0.1
@@ -40,8 +41,8 @@ class ExternalIo:
     """External I/O of one run: sources, outlets, injections; an async context manager.
 
     cameras: those with pictures from outside, simulators: those that are asked in another
-    process, both by vehicle and sensor. readings: of all other sensors from outside. Nothing here
-    is slower for a run that has none of it.
+    process, drawn: the same as they are to be asked in flight, all by vehicle and sensor. readings:
+    of all other sensors from outside. Nothing here is slower for a run that has none of it.
     """
 
     def __init__(self, *, setup: RunSetup, events: Mapping[str, float]) -> None:
@@ -54,6 +55,7 @@ class ExternalIo:
         self._proofs: tuple[InjectionProof, ...] = ()
         self.cameras: dict[Key, ExternalCamera] = {}
         self.simulators: dict[Key, ZmqImageSource] = {}
+        self.drawn: dict[Key, SimulatorCheck] = {}
         for vehicle in setup.with_sensors:
             for camera in vehicle.cameras:
                 self._add(vehicle.name, camera)
@@ -151,6 +153,8 @@ class ExternalIo:
                 group.create_task(self._watch(run_state), name="motion capture watch")
             if self._injectors:
                 group.create_task(self._watch_injection(run_state), name="injection watch")
+            if self.drawn:
+                group.create_task(self._watch_simulators(run_state), name="simulator watch")
 
     def senses(self, doubted: Callable[[str], None]) -> bool:
         """Return whether any sensor is external; `doubted` is called when one stalls."""
@@ -200,7 +204,10 @@ class ExternalIo:
             sources=(
                 *(camera.result for camera in self.cameras.values()),
                 *self.readings.results,
-                *(_simulated_source_result(*key, one) for key, one in self.simulators.items()),
+                *(
+                    _simulated_source_result(*key, one, self.drawn[key])
+                    for key, one in self.simulators.items()
+                ),
             ),
             captures=self.captures.results,
             outlets=self.outlets.results,
@@ -216,6 +223,27 @@ class ExternalIo:
             if silent:
                 run_state.decide("INVALID", silent, source="mocap")
                 return
+
+    async def _watch_simulators(self, run_state: RunState) -> None:
+        """Take that a simulator shows another world than the one that is judged."""
+
+        def look_back(_: Stage, __: float) -> None:
+            if run_state.stage == "goal" or not run_state.reached("goal") or run_state.decisive:
+                return
+            for key, check in self.drawn.items():
+                if found := check.look_back():
+                    text = f"{' '.join(key)}: {found}"
+                    run_state.decide("INVALID", text, source="simulator", ends_flight=False)
+                    return
+
+        run_state.on_stage(look_back)
+        for check in self.drawn.values():
+            check.begin(lambda: run_state.stage == "goal")
+        while True:
+            await asyncio.sleep(_WATCH_S)
+            for key, check in self.drawn.items():
+                if check.fault:
+                    self._doubted(f"{' '.join(key)}: {check.fault}")
 
     async def _watch_injection(self, run_state: RunState) -> None:
         """End the flight as INVALID when an autopilot ignores its injections.
@@ -257,6 +285,10 @@ class ExternalIo:
             open_timeout_s=source.open_s,
             world=asked_world(scene, world=self._world_name(), case=self._setup.order.plan.case),
             events=lambda: dict(self._events),
+            moved=lambda t_s: poses_of_moving(scene, t_s, self._events),
+        )
+        self.drawn[key] = SimulatorCheck(
+            simulator=self.simulators[key], scene=scene, events=self._events
         )
 
     def _world_name(self) -> str:
@@ -301,7 +333,9 @@ class ExternalIo:
         return GroundStation(link=link, system_id=system_id, cameras=components)
 
 
-def _simulated_source_result(vehicle: str, sensor: str, simulator: ZmqImageSource) -> SourceResult:
+def _simulated_source_result(
+    vehicle: str, sensor: str, simulator: ZmqImageSource, check: SimulatorCheck
+) -> SourceResult:
     """Return the result of a camera rendered by an external simulator."""
     counts = simulator.counts
     return SourceResult(
@@ -314,4 +348,6 @@ def _simulated_source_result(vehicle: str, sensor: str, simulator: ZmqImageSourc
         damaged=counts.garbage + counts.refused,
         stalls=0,
         trouble=simulator.trouble,
+        measured=check.coverage.frames,
+        not_measured=check.not_measured,
     )

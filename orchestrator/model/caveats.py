@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from orchestrator.model.campaign_results import Summary
+from orchestrator.model.external_results import SourceResult
 from orchestrator.model.results import CombinationResult, RunResult
 
 
@@ -21,6 +22,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
+    lines += [f"simulator's pictures not compared with the world: {t}" for t in drawn_texts(runs)]
     lines += [f"registration error not bounded: {text}" for text in unbounded_texts(runs)]
     lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
     lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
@@ -52,6 +54,22 @@ def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
         for run, one in _passed_combinations(runs)
         if one.not_measured
     )
+
+
+def drawn_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of passed runs that perceived a simulator's pictures on trust.
+
+    Where they were mixed in, the mixture was measured, or its own caveat says why not.
+    """
+    found = _trusted(runs)
+    return _in_runs((f"{one.vehicle} {one.sensor}: {one.not_measured}", run) for run, one in found)
+
+
+def _trusted(runs: Iterable[RunResult]) -> Iterator[tuple[RunResult, SourceResult]]:
+    """Yield the simulators whose pictures a passed run perceived on trust."""
+    for run in runs:
+        if run.verdict == "PASS" and run.outside is not None and run.mixing is None:
+            yield from ((run, one) for one in run.outside.sources if one.not_measured)
 
 
 def unbounded_texts(runs: Sequence[RunResult]) -> list[str]:
@@ -127,6 +145,8 @@ def in_short(summary: Summary) -> list[str]:
         said.append(f"in view, and in no mixture: {names}")
     if names := _names(name for run in runs for name in _unseen(run)):
         said.append(f"never in view: {names}")
+    if names := _names(f"{one.vehicle} {one.sensor}" for _, one in _trusted(runs)):
+        said.append(f"not compared with the world: {names}")
     if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
         said.append(f"reported only, and failed: {names}")
     return said

@@ -11,7 +11,8 @@ class SourceResult:
     """The result of an external camera source: exposures by outcome.
 
     dropped: came, and made way for newer ones. missed: never came. damaged: came broken, or wrong.
-    stalls: how often nothing came for too long. trouble: the last complaint.
+    stalls: how often nothing came for too long. trouble: the last complaint. measured: pictures of
+    a simulator that were compared with the judged world; not_measured: why none, or not all of it.
     """
 
     vehicle: str
@@ -23,6 +24,8 @@ class SourceResult:
     damaged: int
     stalls: int
     trouble: str
+    measured: int = 0
+    not_measured: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.model.attempts import attempt_text
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import (
+    drawn_texts,
     dropped_out_texts,
     fence_texts,
     overridden_texts,
@@ -53,6 +54,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         "not_judged": unjudged_texts(summary.runs),
         "caveats": summary.caveats,
         "mixture_not_measured": unmeasured_texts(summary.runs),
+        "simulator_not_compared": drawn_texts(summary.runs),
         "mixture_without": unshown_texts(summary.runs),
         "twin_dropped_out": dropped_out_texts(summary.runs),
     }

@@ -66,10 +66,11 @@ class Coverage:
     """The coverage of virtual objects by one combination's mixtures while the goal is flown.
 
     frames: measured ones. not_mixed: objects that the combination leaves out by name, and in how
-    many measured frames they were in view.
+    many measured frames they were in view. shower: what shows them, as faults name it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shower: str = "the mixture") -> None:
+        self._shower = shower
         self.frames = 0
         self.objects: dict[str, ObjectCoverage] = {}
         self.not_mixed: Counter[str] = Counter()
@@ -88,7 +89,7 @@ class Coverage:
         if self._unexpected >= _IN_A_ROW:
             share = f"{frame.elsewhere * 100:.1f} % of the reading"
             said = f"something virtual in {share} at {frame.t_s:.3f} s, where geometry puts nothing"
-            faults.append(VisibilityFault(frame.t_s, f"the mixture shows {said}"))
+            faults.append(VisibilityFault(frame.t_s, f"{self._shower} shows {said}"))
         faults.append(self._blind())
         return next((fault for fault in faults if fault is not None), None)
 
@@ -124,7 +125,7 @@ class Coverage:
         due = [name for name, one in self.objects.items() if one.in_view >= _SHARE_FRAMES]
         if not due or any(one.shown for one in self.objects.values()):
             return None
-        return never_shown({name: [self.objects[name]] for name in due})
+        return never_shown({name: [self.objects[name]] for name in due}, shower=self._shower)
 
     def _take(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
         known = self.objects.setdefault(one.name, ObjectCoverage(one.unit))
@@ -145,7 +146,7 @@ class Coverage:
         if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
         off = f"{one.offset:.3g} {one.unit} from its place at {t_s:.3f} s"
-        said = f"the mixture shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
+        said = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
         return VisibilityFault(t_s, said)
 
     def _blind(self) -> VisibilityFault | None:
@@ -157,7 +158,9 @@ class Coverage:
         return fault if max(lasted) >= _BLIND_S else None
 
 
-def never_shown(objects: dict[str, list[ObjectCoverage]]) -> VisibilityFault:
+def never_shown(
+    objects: dict[str, list[ObjectCoverage]], *, shower: str = "the mixture"
+) -> VisibilityFault:
     """Return the coverage fault of objects that no mixture, or too few, showed."""
     said = []
     for name, each in objects.items():
@@ -167,10 +170,12 @@ def never_shown(objects: dict[str, list[ObjectCoverage]]) -> VisibilityFault:
         )
     word = "never" if not any(one.shown for each in objects.values() for one in each) else "hardly"
     times = [one.first_in_view_s or 0.0 for each in objects.values() for one in each]
-    return VisibilityFault(min(times), f"the mixture {word} showed {'; '.join(said)}")
+    return VisibilityFault(min(times), f"{shower} {word} showed {'; '.join(said)}")
 
 
-def uncovered(combinations: Iterable[Coverage]) -> VisibilityFault | None:
+def uncovered(
+    combinations: Iterable[Coverage], *, shower: str = "the mixture"
+) -> VisibilityFault | None:
     """Return the objects without coverage by any combination in which they were in view.
 
     A lidar may show what a camera's recipe leaves out, and the other way round.
@@ -180,7 +185,7 @@ def uncovered(combinations: Iterable[Coverage]) -> VisibilityFault | None:
         for name, one in coverage.objects.items():
             each.setdefault(name, []).append((coverage, one))
     bad = {name: [one for _, one in seen] for name, seen in each.items() if _is_uncovered(seen)}
-    return never_shown(bad) if bad else None
+    return never_shown(bad, shower=shower) if bad else None
 
 
 def _is_uncovered(seen: list[tuple[Coverage, ObjectCoverage]]) -> bool:

@@ -78,7 +78,7 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
     taken = int(np.count_nonzero(present))
     is_due = taken >= IN_VIEW_SHARE * present.size
     if np.count_nonzero(changed) <= (_BROAD * taken if is_due else _MOST * present.size):
-        found = _compare_outlines(pair, changed, ids)
+        found = compare_outlines(pair, changed, ids)
     else:
         found = _match_objects(pair, changed, ids)
     known = expected.ids if expected.unknown is None else expected.ids * ~expected.unknown
@@ -86,7 +86,7 @@ def compare_images(pair: ImagePair) -> FrameVisibility:
     return replace(found, not_mixed=pair.virtual.not_mixed_in(_inner(known), least=least))
 
 
-def _compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
+def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
     """Return the visibility of objects by the outlines of the changed image areas."""
     per_sample, size, share = pair.expected.px_per_sample, changed.size, float(changed.mean())
     within = _without_edge(changed, _floor_px(pair) / per_sample)

@@ -5,11 +5,11 @@ pose, whatever pose these were made from.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from recipes.visibility.model import ExpectedImage, ExpectedRanges, Ids, Mask, Virtual
+from recipes.visibility.sampling import sampled_intrinsics, samples_of
 from vehicles.readings import DepthImage
 from vehicles.sensors.beams import Directions
 from vehicles.sensors.lens import ThroughLens
@@ -18,31 +18,7 @@ from worlds.camera import Intrinsics
 from worlds.frames import Pose
 from worlds.scene.scene import Scene
 
-_SAMPLES = 160
-"""How many columns of a picture are compared, at most: outlines are found to a few pixels, for a
-twentieth of what rendering the picture takes."""
 _HIDDEN_M = 0.05
-
-
-def samples_of(intrinsics: Intrinsics) -> slice:
-    """Return the rows and columns of an image at which the expected view is compared."""
-    step = -(-intrinsics.width_px // _SAMPLES)
-    return slice(step // 2, None, step)
-
-
-def sampled_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
-    """Return the camera whose pixels are the compared samples of another."""
-    part = samples_of(intrinsics)
-    step, first = part.step, part.start
-    return replace(
-        intrinsics,
-        width_px=len(range(first, intrinsics.width_px, step)),
-        height_px=len(range(first, intrinsics.height_px, step)),
-        fx_px=intrinsics.fx_px / step,
-        fy_px=intrinsics.fy_px / step,
-        cx_px=(intrinsics.cx_px - first) / step,
-        cy_px=(intrinsics.cy_px - first) / step,
-    )
 
 
 class ExpectedViews:

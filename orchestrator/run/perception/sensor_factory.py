@@ -262,7 +262,7 @@ class SensorFactory:
 
     def _image_source(self, name: str, sensor: str) -> ImageSource:
         """Return what renders a sensor's images: a simulator, or our renderer."""
-        simulator = self._outside.simulators.get((name, sensor))
+        simulator = self._outside.drawn.get((name, sensor))
         if simulator is not None:
             return ThroughLens(simulator)
         return ThroughLens(WorldImages(scene=self._scene(name), events=self._events))

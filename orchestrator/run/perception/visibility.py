@@ -13,7 +13,7 @@ from campaigns.values.sensor_setups import (
     RangefinderSetup,
 )
 from campaigns.values.sensor_setups import SensorSetup as Setup
-from orchestrator.run.perception.expected_views import ExpectedViews, samples_of
+from orchestrator.run.perception.expected_views import ExpectedViews
 from recipes.model.recipe import Combination
 from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.stages import StageView
@@ -22,6 +22,7 @@ from recipes.visibility.coverage import Coverage
 from recipes.visibility.images import IN_VIEW_SHARE, ImagePair, compare_images
 from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
 from recipes.visibility.ranges import compare_points, compare_ranges
+from recipes.visibility.sampling import samples_of
 from vehicles.readings import (
     CameraReading,
     DepthReading,

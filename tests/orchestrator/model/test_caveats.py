@@ -12,6 +12,7 @@ from orchestrator.cli import main
 from orchestrator.cli.verdict_table import conclusions
 from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.external_results import ExternalResult, SourceResult
 from orchestrator.model.junit import junit_xml
 from orchestrator.model.results import (
     CombinationResult,
@@ -201,6 +202,22 @@ def test_each_combination_that_was_not_measured_is_reported_with_its_reason() ->
     said = "virtual objects in the mixture not measured"
     assert caveat_lines(*runs)[1:3] == [f"{said}: {text}" for text in texts]
     assert properties(*runs)["mixture_not_measured"] == ", ".join(texts)
+
+
+def test_pictures_that_were_perceived_on_trust_are_reported_of_passed_runs() -> None:
+    """A mixture is measured itself, or its own caveat says why it is not."""
+    trusted = SourceResult("twin", "camera", "rendered", 90, 0, 0, 0, 0, "", 0, "it marks no gate")
+    outside = ExternalResult((trusted, replace(trusted, sensor="rear", not_measured="")))
+    runs = [
+        run(mode="sim", outside=outside),
+        run(2, mode="sim", outside=outside, verdict="FAIL"),
+        run(outside=outside, mixing=mixed(combination())),
+    ]
+    said = "simulator's pictures not compared with the world: twin camera: it marks no gate"
+    assert f"{said} (large sim, 1 run)" in caveat_lines(*runs)
+    assert caveat_lines(*runs)[-1].endswith("not compared with the world: twin camera")
+    text = "twin camera: it marks no gate (large sim, 1 run)"
+    assert properties(*runs) == {"simulator_not_compared": text}
 
 
 def test_a_virtual_object_in_view_that_no_mixture_showed_is_reported() -> None:

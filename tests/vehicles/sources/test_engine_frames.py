@@ -38,6 +38,15 @@ def unreal_rotation(q: Quat) -> Quat:
     return (w, -x, -y, z)
 
 
+def mujoco(v: Vec3) -> Vec3:
+    return (v[0], -v[1], -v[2])
+
+
+def mujoco_rotation(q: Quat) -> Quat:
+    w, x, y, z = q
+    return (w, x, -y, -z)
+
+
 def gazebo_rotation(q: Quat) -> Quat:
     w, x, y, z = q
     a = math.sqrt(0.5)
@@ -60,6 +69,14 @@ def test_unreal_sees_points_where_we_do(pose: tuple[Vec3, Quat, Vec3]) -> None:
     ours = Pose(position, q).to_parent(point)
     theirs = np.add(unreal(position), rotate(unreal_rotation(q), unreal(point)))
     assert theirs == pytest.approx(unreal(ours), abs=1e-9)
+
+
+@given(poses)
+def test_mujoco_sees_points_where_we_do(pose: tuple[Vec3, Quat, Vec3]) -> None:
+    position, q, point = pose
+    ours = Pose(position, q).to_parent(point)
+    theirs = np.add(mujoco(position), rotate(mujoco_rotation(q), mujoco(point)))
+    assert theirs == pytest.approx(mujoco(ours), abs=1e-9)
 
 
 @given(poses)

@@ -4,12 +4,14 @@ A picture alone does not tell a gate of 1.0 m from one of 0.5 m that is nearer.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from vehicles.sources.messagepack import BadMessageError, Header
-from worlds.frames import Quat, Vec3, angle_between
+from worlds.frames import Pose, Quat, Vec3, angle_between
+from worlds.scene.colors import Rgb
+from worlds.scene.meshes import Material
 from worlds.scene.scene import Scene
 
 TOLERANCE_M, TOLERANCE = 0.01, 0.01
@@ -22,7 +24,8 @@ class ShownObject:
     """An object of the virtual world, at rest.
 
     size_m: of the box around it, along its own forward, right and down axes. opening_m: the inner
-    edge or diameter of its opening; None without one. q_wxyz: its attitude, to north, east, down.
+    edge or diameter of its opening, form: `square` or `ring`; None and empty without one. q_wxyz:
+    its attitude, to north, east, down. color_rgb: 0 to 255; None of what has several, or textures.
     """
 
     kind: str
@@ -30,6 +33,8 @@ class ShownObject:
     position_ned_m: Vec3
     q_wxyz: Quat
     opening_m: float | None = None
+    form: str = ""
+    color_rgb: tuple[int, int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +79,25 @@ def shown_objects(scene: Scene) -> dict[str, ShownObject]:
             position_ned_m=thing.pose.position_ned_m,
             q_wxyz=thing.pose.q_wxyz,
             opening_m=2.0 * openings[0].limit_m if len(openings) == 1 else None,
+            form=openings[0].form if len(openings) == 1 else "",
+            color_rgb=_color_of(thing.shape.mesh.materials),
         )
     return found
+
+
+def poses_of_moving(scene: Scene, t_s: float, events: Mapping[str, float]) -> dict[str, Pose]:
+    """Return where the objects of a scene that move are at a time, by name."""
+    return {
+        thing.name: thing.pose_at(t_s, events)
+        for thing in scene.objects
+        if thing.motion is not None
+    }
+
+
+def _color_of(materials: Sequence[Material]) -> Rgb | None:
+    """Return the colour of an object that has a single one."""
+    colors = {None if one.texture is not None else one.rgb for one in materials}
+    return colors.pop() if len(colors) == 1 else None
 
 
 def packed_objects(objects: Mapping[str, ShownObject]) -> dict[str, dict[str, Any]]:
@@ -87,6 +109,8 @@ def packed_objects(objects: Mapping[str, ShownObject]) -> dict[str, dict[str, An
             "position_ned_m": list(one.position_ned_m),
             "q_wxyz": list(one.q_wxyz),
             **({} if one.opening_m is None else {"opening_m": one.opening_m}),
+            **({"form": one.form} if one.form else {}),
+            **({} if one.color_rgb is None else {"color_rgb": list(one.color_rgb)}),
         }
         for name, one in objects.items()
     }
@@ -115,6 +139,7 @@ def _objects_of(shapes: Header) -> dict[str, ShownObject]:
                 position_ned_m=(at_n, at_e, at_d),
                 q_wxyz=(w, x, y, z),
                 opening_m=one.number("opening_m") if "opening_m" in one else None,
+                form=one.text("form") if "form" in one else "",
             )
         except BadMessageError as error:
             raise BadMessageError(f"of shape {name!r:.40}: {error}") from error
@@ -134,7 +159,7 @@ def disagreements(asked: AskedWorld, shown: ShownWorld) -> tuple[str, ...]:
     if shown.objects is not None:
         for name, wanted in asked.objects.items():
             there = shown.objects.get(name)
-            missing = (f"it does not show {name}",)
+            missing = (f"it does not show {name}: the `shapes` of its `welcome` leave it out",)
             found += missing if there is None else _differences(name, wanted, there)
     return tuple(found)
 
@@ -145,6 +170,8 @@ def _differences(name: str, asked: ShownObject, shown: ShownObject) -> Iterator[
             f"it shows {name} with an opening of {shown.opening_m:.2f} m, and "
             f"{asked.opening_m:.2f} m is judged"
         )
+    if asked.form and shown.form and asked.form != shown.form:
+        yield f"it shows {name} as a {shown.form}, and a {asked.form} is judged"
     if not all(map(_alike, asked.size_m, shown.size_m)):
         yield f"it shows {name} {_size(shown.size_m)} large, and {_size(asked.size_m)} is judged"
     away_m = math.dist(asked.position_ned_m, shown.position_ned_m)

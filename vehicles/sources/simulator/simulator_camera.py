@@ -62,13 +62,18 @@ def _no_events() -> Mapping[str, float]:
     return {}
 
 
+def _nothing_moves(_: float) -> Mapping[str, Pose]:
+    """Return no poses: nothing in the simulator's world moves."""
+    return {}
+
+
 class ZmqImageSource:
     """A simulator's camera by ZMQ as an ImageSource; an async context manager.
 
     address: `tcp://HOST:PORT` where the simulator has bound. world: what the simulator is asked to
-    show; `disagreements` says where it shows something else. events: asked for before each
-    question. `picture` blocks, for a thread (`compute=asyncio.to_thread`); several threads may call
-    it, they wait in turn.
+    show; `disagreements` says where it shows something else. events, and moved of a time:
+    asked for before each question. `picture` blocks, for a thread (`compute=asyncio.to_thread`);
+    several threads may call it, they wait in turn.
     Whatever the simulator answers, a picture is returned only if it is the right one: its number,
     pose, time, size and type are checked. Wall clock only.
     """
@@ -81,12 +86,14 @@ class ZmqImageSource:
         open_timeout_s: float = 5.0,
         world: AskedWorld = AskedWorld(),  # noqa: B008 - frozen
         events: Callable[[], Mapping[str, float]] = _no_events,
+        moved: Callable[[float], Mapping[str, Pose]] = _nothing_moves,
     ) -> None:
         self.name = address
         self._timeout_s = timeout_s
         self._open_timeout_s = open_timeout_s
         self._world = world
         self._events = events
+        self._moved = moved
         self._lock = threading.Lock()
         self._seq = 0
         self.counts = SimulatorCounts()
@@ -120,7 +127,12 @@ class ZmqImageSource:
         Waits as long as for the connection. Raises SimulatorError.
         """
         await asyncio.to_thread(
-            self.picture, camera_pose, intrinsics, t_s, within_s=self._open_timeout_s
+            self.picture,
+            camera_pose,
+            intrinsics,
+            t_s,
+            want_ids=bool(self.welcome.objects),
+            within_s=self._open_timeout_s,
         )
         self.counts = SimulatorCounts()
 
@@ -154,10 +166,10 @@ class ZmqImageSource:
         within_s: float | None = None,
     ) -> SimulatedImage:
         """Return a simulator's image; blocks within its limit. Raises SimulatorError."""
-        events = self._events()
+        events, moved = self._events(), self._moved(t_s)
         with self._lock:
             self._seq += 1
-            ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events)
+            ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events, moved)
             self._count(asked=1)
             try:
                 picture = self._await_answer(ask, within_s or self._timeout_s)

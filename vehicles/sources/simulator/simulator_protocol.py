@@ -33,7 +33,10 @@ MAX_ANSWER_PARTS = 8
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """A request of the simulator protocol. events: times (run clock) for moving objects."""
+    """A request of the simulator protocol.
+
+    events: times (run clock) for moving objects. moved: where these are at `t_s`, by name.
+    """
 
     seq: int
     t_s: float
@@ -42,6 +45,7 @@ class Ask:
     want_depth: bool = False
     want_ids: bool = False
     events: Mapping[str, float] = field(default_factory=dict)
+    moved: Mapping[str, Pose] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +91,13 @@ def hello_parts(asked: AskedWorld) -> list[Buffer]:
 
 
 def welcome_of(parts: Sequence[Buffer]) -> Welcome:
-    """Return the simulator's welcome in its reply to hello. Raises BadMessageError."""
+    """Return the simulator's welcome in its reply to hello.
+
+    Raises RefusedError for its own refusal, BadMessageError for what is not as the protocol says.
+    """
     header = _header(parts)
+    if header.text("type") == "error":
+        raise _refused(header)
     if header.text("type") != "welcome":
         raise BadMessageError(f"`type` is {header.text('type')!r:.40}, not 'welcome'")
     objects = header.texts("objects") if "objects" in header else ()
@@ -116,6 +125,10 @@ def ask_parts(ask: Ask) -> list[Buffer]:
         },
         "want": ["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids],
         "events": dict(ask.events),
+        "moved": {
+            name: {"position_ned_m": list(pose.position_ned_m), "q_wxyz": list(pose.q_wxyz)}
+            for name, pose in ask.moved.items()
+        },
     }
     return [pack(header)]
 
@@ -134,7 +147,7 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
         raise BadMessageError(f"it answers question {seq}, which was not asked yet")
     kind = header.text("type")
     if kind == "error":
-        raise RefusedError(header.text("message")[:500])
+        raise _refused(header)
     if kind != "picture":
         raise BadMessageError(f"`type` is {kind!r:.40}, not 'picture'")
     _check_echo(header, ask)
@@ -152,6 +165,11 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
         decode_depth(depth[1], depth[0], size) if depth is not None else None,
         decode_ids(ids[1], ids[0], size) if ids is not None else None,
     )
+
+
+def _refused(header: Header) -> RefusedError:
+    """Return a simulator's refusal in its own words."""
+    return RefusedError(header.text("message")[:500])
 
 
 def _header(parts: Sequence[Buffer]) -> Header:

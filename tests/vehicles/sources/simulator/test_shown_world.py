@@ -12,6 +12,7 @@ from vehicles.sources.simulator.shown_world import (
     asked_world,
     disagreements,
     packed_objects,
+    poses_of_moving,
     shown_objects,
     shown_world,
 )
@@ -39,6 +40,23 @@ def test_the_shipped_world_agrees_with_itself() -> None:
     assert disagreements(asked_world(scene, world="gate", case="large"), shown) == ()
 
 
+def test_the_greeting_has_the_form_and_the_colour_of_a_gate_and_no_colour_of_a_room() -> None:
+    scene = World.parse(load(ROOT / "worlds" / "gate.yaml")).scene("wil", "Wv")
+    shapes = packed_objects(asked_world(scene, world="gate", case="large").objects)
+    assert (shapes["gate"]["form"], shapes["gate"]["color_rgb"]) == ("square", [255, 120, 0])
+    assert not shapes["cage"].keys() & {"form", "color_rgb", "opening_m"}
+
+
+def test_where_moving_objects_are_is_of_the_time_and_leaves_out_what_stands() -> None:
+    scene = World.parse(load(ROOT / "worlds" / "follow.yaml")).scene("wil", "Wv")
+    moving = [thing for thing in scene.objects if thing.motion is not None]
+    early, late = (poses_of_moving(scene, t_s, {"goal": 2.0}) for t_s in (2.0, 6.0))
+    assert moving
+    assert set(early) == {thing.name for thing in moving} != {thing.name for thing in scene.objects}
+    assert all(late[one.name] == one.pose_at(6.0, {"goal": 2.0}) for one in moving)
+    assert early != late
+
+
 def test_what_is_left_out_agrees() -> None:
     assert disagreements(ASKED, shown_world(Header.unpack(pack({})))) == ()
 
@@ -61,7 +79,14 @@ def test_what_is_left_out_agrees() -> None:
             answered(replace(GATE, pose=Pose.of(3.0, 1.1, 1.2, yaw_rad=0.5))),
             ("it shows gate turned by 29 degrees",),
         ),
-        (answered(replace(GATE, name="gaet")), ("it does not show gate",)),
+        (
+            answered(replace(GATE, shape=gate("ring", 1.0, 0.1))),
+            ("it shows gate as a ring, and a square is judged",),
+        ),
+        (
+            answered(replace(GATE, name="gaet")),
+            ("it does not show gate: the `shapes` of its `welcome` leave it out",),
+        ),
         (answered(world="hall"), ("it shows the world 'hall', and 'gate' is flown",)),
         (answered(case="small"), ("it shows the case 'small', and 'large' is flown",)),
     ],

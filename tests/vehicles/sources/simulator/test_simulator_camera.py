@@ -239,6 +239,19 @@ async def test_a_peer_that_greets_wrong_is_refused() -> None:
             pass
 
 
+async def test_a_simulator_that_refuses_the_world_is_quoted() -> None:
+    def refuse(question: dict[str, Any]) -> list[bytes]:
+        said = {"seq": 0, "message": "no world 'gate' here, only 'hall'"}
+        return [msgpack.packb({"protocol": question["protocol"], "type": "error", **said})]
+
+    with (
+        Simulator(refuse, greets=False) as s,
+        pytest.raises(SimulatorError, match="the simulator refused: no world 'gate' here"),
+    ):
+        async with ZmqImageSource(address=s.address):
+            pass
+
+
 async def test_events_and_objects_are_sent() -> None:
     asked: list[dict[str, Any]] = []
 

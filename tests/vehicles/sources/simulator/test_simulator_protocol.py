@@ -52,7 +52,12 @@ def answer(header: dict[str, Any]) -> list[bytes]:
 
 
 def test_a_question_carries_all_that_a_simulator_needs() -> None:
-    asked = Ask(5, 12.25, ASK.camera_pose, SMALL, want_ids=True, events={"start": 3.0})
+    asked = Ask(
+        *(5, 12.25, ASK.camera_pose, SMALL),
+        want_ids=True,
+        events={"start": 3.0},
+        moved={"walker": Pose.of(1.0, 2.0, 0.5)},
+    )
     (data,) = ask_parts(asked)
     header = Header.unpack(data)
     assert header.text("protocol") == PROTOCOL
@@ -61,6 +66,9 @@ def test_a_question_carries_all_that_a_simulator_needs() -> None:
     assert header.numbers("q_wxyz", 4) == ASK.camera_pose.q_wxyz
     assert header.texts("want") == ("image", "ids")
     assert header.table("events") == {"start": 3.0}
+    walker = header.header("moved").header("walker")
+    assert walker.numbers("position_ned_m", 3) == (1.0, 2.0, -0.5)
+    assert walker.numbers("q_wxyz", 4) == (1.0, 0.0, 0.0, 0.0)
     camera = header.header("camera")
     assert (camera.whole("width_px"), camera.number("fy_px")) == (8, 11.0)
     assert camera.numbers("distortion", 5) == SMALL.distortion
@@ -183,5 +191,7 @@ def test_greetings() -> None:
     assert (header.text("world"), header.text("case")) == ("gate", "small")
     reply = {"protocol": PROTOCOL, "type": "welcome", "simulator": "unity 6", "objects": ["gate"]}
     assert welcome_of([pack(reply)]) == Welcome("unity 6", ("gate",))
-    with pytest.raises(BadMessageError, match="`type` is 'error'"):
-        welcome_of([pack({**reply, "type": "error"})])
+    with pytest.raises(BadMessageError, match="`type` is 'picture'"):
+        welcome_of([pack({**reply, "type": "picture"})])
+    with pytest.raises(RefusedError, match="no such world"):
+        welcome_of([pack({**reply, "type": "error", "message": "no such world"})])

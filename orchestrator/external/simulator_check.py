@@ -1,0 +1,136 @@
+"""Compares what a simulator marks in its pictures with the world that is judged, while it flies.
+
+Without this nothing but its own word tells whether a simulator draws what is judged, where its
+picture is perceived as it is (mode `sim`), or where a recipe changes the whole picture.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from recipes.visibility.coverage import Coverage, uncovered
+from recipes.visibility.ids import compare_ids
+from recipes.visibility.model import FrameVisibility, Ids
+from recipes.visibility.sampling import sampled_intrinsics, samples_of
+from vehicles.cameras.rendered_cameras import RenderedImage
+from vehicles.readings import DepthImage
+from vehicles.sensors.world_views import WorldImages
+from vehicles.sources.simulator.simulator_camera import ZmqImageSource
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+from worlds.scene.scene import Scene
+
+PERIOD_S = 0.5
+"""How often a simulator is asked for ids beside the image, which take as long to draw again."""
+_EARLY_S = 1e-6
+_OFF_M, _OFF_SHARE_OF_WIDTH = 0.02, 0.005
+"""How far beside its place an outline may be drawn: twice the tolerance of the greeting at the
+nearest visible point of an object, or a third of a degree of a 69 degree camera. The resolution of
+the comparison comes on top, a 160th of the picture's width."""
+_OFF_M_OF = {"person": 0.3, "quadrotor": 0.1}
+"""The same of kinds of which an engine has a model of its own: limbs and rotors are elsewhere."""
+
+
+class SimulatorCheck:
+    """An ImageSource that asks a simulator, and measures what its pictures show.
+
+    fault: the first that lasted long enough, in words; empty without one. Several threads may ask.
+    """
+
+    def __init__(
+        self, *, simulator: ZmqImageSource, scene: Scene, events: Mapping[str, float]
+    ) -> None:
+        self._simulator = simulator
+        self._scene = scene
+        self._views = WorldImages(scene=scene, events=events)
+        self._is_judged: Callable[[], bool] = lambda: False
+        self._due_s = 0.0
+        self._shower = f"the simulator at {simulator.name}"
+        self.coverage = Coverage(self._shower)
+        self.fault = ""
+
+    def begin(self, is_judged: Callable[[], bool]) -> None:
+        """Measure from now on what is shown while `is_judged`."""
+        self._is_judged = is_judged
+
+    @property
+    def marked(self) -> Mapping[int, str]:
+        """Return the names of the objects that the simulator marks, by id; rooms left out."""
+        said = frozenset(self._simulator.welcome.objects)
+        objects = (one for one in self._scene.objects if not one.is_room)
+        return {one.object_id: one.name for one in objects if one.name in said}
+
+    @property
+    def not_measured(self) -> str:
+        """Return why nothing, or not all, was measured; "" when all was."""
+        there = {one.name for one in self._scene.objects if not one.is_room}
+        missing = sorted(there - set(self.marked.values()))
+        if missing:
+            return f"it marks no {' and no '.join(missing)} (`objects` of its `welcome`)"
+        return "" if self.coverage.frames or not there else "no picture was asked in flight"
+
+    def picture(
+        self,
+        camera_pose: Pose,
+        intrinsics: Intrinsics,
+        t_s: float,
+        *,
+        want_depth: bool = False,
+        want_ids: bool = False,
+    ) -> RenderedImage:
+        """Return a simulator's image; blocks within its limit. Raises SimulatorError."""
+        due = self._is_due(t_s)
+        picture = self._simulator.picture(
+            camera_pose, intrinsics, t_s, want_depth=want_depth, want_ids=want_ids or due
+        )
+        if due and picture.object_ids is not None:
+            self._take(self._compare(picture.object_ids, camera_pose, intrinsics, t_s))
+        return picture
+
+    def look_back(self) -> str:
+        """Return in words what was never or hardly shown in the whole flight; "" for nothing."""
+        found = self.coverage.never_shown() or uncovered((self.coverage,), shower=self._shower)
+        return self.fault or (found.text if found is not None else "")
+
+    def _is_due(self, t_s: float) -> bool:
+        if not self._is_judged() or not self.marked:
+            return False
+        if t_s < self._due_s - _EARLY_S and not self.coverage.is_suspect():
+            return False
+        self._due_s = t_s + PERIOD_S
+        return True
+
+    def _take(self, frame: FrameVisibility) -> None:
+        found = self.coverage.take(frame)
+        if found is not None and not self.fault:
+            self.fault = found.text
+
+    def _compare(
+        self, ids: Ids, camera_pose: Pose, intrinsics: Intrinsics, t_s: float
+    ) -> FrameVisibility:
+        part = samples_of(intrinsics)
+        drawn = self._views.picture(
+            camera_pose, sampled_intrinsics(intrinsics), t_s, want_depth=True, want_ids=True
+        )
+        expected = np.asarray(drawn.object_ids, np.uint8)
+        depth_m = np.asarray(drawn.depth_m, np.float32)
+        return compare_ids(
+            t_s=t_s,
+            shown=ids[part, part],
+            expected=expected,
+            names=self.marked,
+            limits_px=self._limits_px(intrinsics, expected, depth_m),
+            px_per_sample=part.step,
+        )
+
+    def _limits_px(
+        self, intrinsics: Intrinsics, expected: Ids, depth_m: DepthImage
+    ) -> dict[int, float]:
+        """Return the limit of the offset of each object, by id."""
+        floor_px, limits_px = _OFF_SHARE_OF_WIDTH * intrinsics.width_px, {}
+        for object_id, name in self.marked.items():
+            own = depth_m[expected == object_id]
+            off_m = _OFF_M_OF.get(self._scene[name].shape.kind, _OFF_M)
+            off_px = intrinsics.fx_px * off_m / float(own.min()) if own.size else 0.0
+            limits_px[object_id] = max(floor_px, off_px)
+        return limits_px
