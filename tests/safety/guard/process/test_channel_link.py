@@ -21,7 +21,7 @@ ATTITUDE = mavlink.MAVLink_attitude_message(1000, *[0.1] * 6)
 MORE_THAN_THE_SOCKET_HOLDS = 20_000
 
 
-async def heard_late(codec: Codec, *, late_s: float) -> tuple[Session, list[Unread]]:
+async def read_late(codec: Codec, *, late_s: float) -> tuple[Session, list[Unread]]:
     """Return what an orchestrator heard that read nothing for a while, though frames came."""
     unread: list[Unread] = []
     ours, theirs = channel_pair()
@@ -58,7 +58,7 @@ async def heard_late(codec: Codec, *, late_s: float) -> tuple[Session, list[Unre
 
 
 async def test_a_vehicle_was_not_silent_while_its_frames_were_not_read() -> None:
-    session, unread = await heard_late(AUTOPILOT, late_s=0.8)
+    session, unread = await read_late(AUTOPILOT, late_s=0.8)
     times_s = session.arrivals.take()
     assert times_s[-1] - times_s[0] > 1.0
     longest_s = max(after - before for before, after in itertools.pairwise(times_s))
@@ -69,7 +69,7 @@ async def test_a_vehicle_was_not_silent_while_its_frames_were_not_read() -> None
 
 
 async def test_frames_of_another_component_are_no_sign_of_the_vehicle() -> None:
-    session, unread = await heard_late(CAMERA, late_s=0.2)
+    session, unread = await read_late(CAMERA, late_s=0.2)
     assert unread
     assert session.arrivals.take() == ()
     assert session.last_heard_s is None
