@@ -89,6 +89,7 @@ class ArduCopter(Autopilot):
     # EKF_STATUS_REPORT calls its test ratios variances: they have no unit.
     accuracy_message_id: ClassVar[int | None] = None
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_SIM_STATE
+    heeds_pace: ClassVar[bool] = True
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for an ArduCopter HEARTBEAT."""
@@ -118,6 +119,16 @@ class ArduCopter(Autopilot):
         del ground_amsl_m
         unused = (0.0,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, altitude_m)
+
+    def set_simulation_pace(self, target: Target, times_real_time: float) -> Any:
+        """Return the PARAM_SET of SIM_SPEEDUP, which SITL heeds in flight."""
+        return mavlink.MAVLink_param_set_message(
+            target.system,
+            target.component,
+            b"SIM_SPEEDUP",
+            times_real_time,
+            mavlink.MAV_PARAM_TYPE_REAL32,
+        )
 
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         # With both ignored it turns to where it flies (WP_YAW_BEHAVIOR): a rate of 0 keeps it.

@@ -138,6 +138,8 @@ class Autopilot(ABC):
     """Of the message with its estimator's covariance in metres; None where it sends none."""
     truth_message_id: ClassVar[int]
     """Of the message in which its simulator says where the vehicle is."""
+    heeds_pace: ClassVar[bool] = False
+    """Whether its own simulator's pace can be set while it flies."""
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
@@ -250,6 +252,10 @@ class Autopilot(ABC):
     def terminate(self, target: Target) -> Any:
         """Return the autopilot's command that stops the motors at once, in the air too."""
         return command_long(target, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0)
+
+    def set_simulation_pace(self, target: Target, times_real_time: float) -> Any:
+        """Return the message that sets the pace of its simulator; only where `heeds_pace`."""
+        raise NotImplementedError(f"{self.label} is given its pace when it starts")
 
     def ask_interval(self, target: Target, rate: MessageRate) -> Any:
         """Return MAV_CMD_SET_MESSAGE_INTERVAL for one line of the autopilot's plan."""

@@ -15,6 +15,7 @@ too old at most, which the greatest common divisor of the stamps shows.
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 _OFFSET_WINDOW_S = 5.0
@@ -27,11 +28,17 @@ _SHORTEST_STEP_NS = 500_000
 """Common divisors below this are the resolution of a running clock."""
 _STAMPS_TO_TELL_STEPS = 4
 """Fewer stamps may have a large common divisor by chance."""
+_EXCHANGES_OF_A_PACE = 3
+"""So many that fit another pace than those before them say that the clock has changed its pace."""
 _SHORTEST_DRIFT_SPAN_S = 0.5
 _EARLY_SLACK_S = 0.05
 """Telemetry that seems to arrive before its stamp by more than this..."""
 _LATEST_PLAUSIBLE_S = 1.0
 """... or after it by more than this has another epoch."""
+_SLEW = 0.2
+"""By how much the mapped clock may be faster or slower while it makes a correction good..."""
+_LONGEST_SLEW_S = 0.25
+"""... which is not larger than this: beyond, the vehicle's clock was set, or stood for long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +102,18 @@ class ClockMap:
         self._contradictions = 0
         self._count = 0
         self.resets = 0
+        self.began_s = -math.inf
+        """When the pace began that holds now: arrivals before it say nothing of this mapping."""
 
     @property
     def known(self) -> bool:
         """Return whether there was any TIMESYNC exchange."""
         return bool(self._exchanges)
+
+    @property
+    def contradicted(self) -> bool:
+        """Return whether the newest TIMESYNC exchange says that the clock has jumped."""
+        return self._contradictions > 0
 
     @property
     def uncertainty_s(self) -> float:
@@ -119,6 +133,7 @@ class ClockMap:
             self._step_ns = 0
             self._contradictions = 0
             self.resets += 1
+            self.began_s = new.sent_s
         elif self._contradictions:
             return
         self._count += 1
@@ -183,6 +198,11 @@ class ClockMap:
     def _refit(self) -> None:
         """Refit the clock map: intersect the bounds of all TIMESYNC exchanges."""
         step_s = self._step_s()
+        steady = _steady_exchanges(self._exchanges, step_s)
+        if steady >= _EXCHANGES_OF_A_PACE:
+            while len(self._exchanges) > steady:
+                self._exchanges.popleft()
+                self.began_s = self._exchanges[0].sent_s
         self._rate, rate_error = self._fitted_rate(step_s)
         self._half_round_trip_s = min(map(_round_trip, self._exchanges)) / 2.0
         newest = self._exchanges[-1]
@@ -222,9 +242,34 @@ class ClockMap:
         return (low + high) / 2.0, (high - low) / 2.0
 
 
+def _steady_exchanges(exchanges: Sequence[_Exchange], step_s: float) -> int:
+    """Return of how many TIMESYNC exchanges, from the newest back, one steady pace explains all.
+
+    Each bounds the clock map at its moment; a line through all bounds exists where the slopes that
+    each two of them permit have one in common.
+    """
+    low, high = -math.inf, math.inf
+    taken: list[_Exchange] = []
+    for old in reversed(exchanges):
+        for new in taken:
+            span_s = new.remote_s - old.remote_s
+            if span_s <= 0.0:
+                continue
+            low = max(low, (new.sent_s - step_s - old.received_s) / span_s)
+            high = min(high, (new.received_s - old.sent_s + step_s) / span_s)
+        if low > high:
+            break
+        taken.append(old)
+    return len(taken)
+
+
 def _round_trip(exchange: _Exchange) -> float:
     """Return a TIMESYNC exchange's round trip, to sort by."""
     return exchange.round_trip_s
+
+
+_INVERSIONS = 3
+"""Each leaves a fifth of the error of the one before it."""
 
 
 class _LeastDelay:
@@ -249,18 +294,40 @@ class _LeastDelay:
         return min(self._current, self._previous)
 
 
+@dataclass(frozen=True, slots=True)
+class _Slew:
+    """A correction of the clock map that is made good bit by bit, by the vehicle's time.
+
+    left_s: by how much the mapped time is ahead of the map at `remote_s`, and before.
+    """
+
+    remote_s: float = 0.0
+    left_s: float = 0.0
+
+    def at(self, remote_s: float) -> float:
+        """Return by how much the mapped time is ahead of the clock map at a vehicle's time."""
+        if not self.left_s:
+            return 0.0
+        made_good_s = _SLEW * max(0.0, remote_s - self.remote_s)
+        return math.copysign(max(0.0, abs(self.left_s) - made_good_s), self.left_s)
+
+
 class VehicleClock:
     """Maps time_boot of a vehicle's telemetry to the run clock and back, by TIMESYNC.
 
     Feed it what was asked and answered by TIMESYNC, and stamps of telemetry as they arrive. Until
     an answer comes, and where TIMESYNC has another epoch than time_boot, the least delay of
     arrivals stands in for what is missing, and `uncertainty_s` says so.
+
+    A simulation on a busy machine falls behind, or stands for a moment. What TIMESYNC then says is
+    made good without a step: stamps that follow each other closely stay close, and in order.
     """
 
     def __init__(self, *, own_id: int = 0, max_drift: float = 0.02) -> None:
         self._own_id = own_id
         self._max_drift = max_drift
         self._map = ClockMap(max_drift=max_drift)
+        self._slew = _Slew()
         self._asked: dict[int, float] = {}
         self._raw_delay = _LeastDelay(5.0)
         self._mapped_delay = _LeastDelay(5.0)
@@ -286,10 +353,13 @@ class VehicleClock:
         if arrived_s < t_sent_s:
             # The arrival was stamped by another process, whose scaled clock was just slowed down.
             return True
-        resets = self._map.resets
+        began_s, remote_s = self._map.began_s, tc1 * 1e-9
+        before_s = self._mapped(remote_s) if self._map.known else None
         self._map.add(t_sent_s=t_sent_s, t_received_s=arrived_s, remote_ns=tc1)
-        if self._map.resets != resets:
+        if self._map.began_s != began_s:
             self._mapped_delay = _LeastDelay(5.0)
+        left_s = 0.0 if before_s is None else before_s - self._map.run_time(remote_s)
+        self._slew = _Slew(remote_s, left_s) if abs(left_s) <= _LONGEST_SLEW_S else _Slew()
         return True
 
     def stamped(self, boot_s: float, arrived_s: float) -> float:
@@ -301,7 +371,7 @@ class VehicleClock:
             self._restart()
         self._newest_boot_s = max(self._newest_boot_s, boot_s)
         self._raw_delay.add(arrived_s - boot_s, arrived_s)
-        if self._map.known:
+        if self._map.known and not self._map.contradicted:
             self._mapped_delay.add(self._map.remote_time(arrived_s) - boot_s, arrived_s)
             self._judge_epoch()
         return min(self.run_time(boot_s), arrived_s)
@@ -312,7 +382,7 @@ class VehicleClock:
         Raises ValueError when nothing is known of the clock.
         """
         if self._map.known:
-            return self._map.run_time(boot_s + self._epoch_shift_s)
+            return self._mapped(boot_s + self._epoch_shift_s)
         if self._raw_delay.value == math.inf:
             raise ValueError("neither TIMESYNC nor telemetry has given the vehicle's time yet")
         return boot_s + self._raw_delay.value
@@ -320,7 +390,10 @@ class VehicleClock:
     def boot_time(self, t_s: float) -> float:
         """Return the vehicle's seconds since boot at a run-clock time; 0 when unknown."""
         if self._map.known:
-            return self._map.remote_time(t_s) - self._epoch_shift_s
+            remote_s = self._map.remote_time(t_s)
+            for _ in range(_INVERSIONS):
+                remote_s = self._map.remote_time(t_s - self._slew.at(remote_s))
+            return remote_s - self._epoch_shift_s
         return t_s - self._raw_delay.value if self._raw_delay.value < math.inf else 0.0
 
     @property
@@ -334,11 +407,16 @@ class VehicleClock:
         if not self._map.known:
             return None
         shift_error_s = self._map.half_round_trip_s if self._epoch_shift_s else 0.0
-        return self._map.uncertainty_s + shift_error_s
+        slew_s = abs(self._slew.at(self._newest_boot_s + self._epoch_shift_s))
+        return self._map.uncertainty_s + shift_error_s + slew_s
 
     def estimate(self) -> ClockEstimate | None:
         """Return the clock estimate by TIMESYNC; None with arrivals only."""
         return self._map.estimate() if self._map.known else None
+
+    def _mapped(self, remote_s: float) -> float:
+        """Return the run clock's time of the vehicle's, without a step where the map made one."""
+        return self._map.run_time(remote_s) + self._slew.at(remote_s)
 
     def _judge_epoch(self) -> None:
         """Decide whether TIMESYNC and time_boot share an epoch, and their shift."""
@@ -352,6 +430,7 @@ class VehicleClock:
         self.reboots += 1
         self._newest_boot_s = -math.inf
         self._map = ClockMap(max_drift=self._max_drift)
+        self._slew = _Slew()
         self._asked.clear()
         self._raw_delay = _LeastDelay(5.0)
         self._mapped_delay = _LeastDelay(5.0)

@@ -1,6 +1,6 @@
 """What a link is: bytes out, bytes in with their time, open and close."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
@@ -8,6 +8,9 @@ from vehicles.errors import VehicleError
 
 Receiver = Callable[[bytes, float], None]
 """Takes whole datagrams or stream pieces as they come, and the run clock's time of arrival."""
+
+TimesReceiver = Callable[[Sequence[float]], None]
+"""Takes times of the run clock, oldest first."""
 
 
 class LinkError(VehicleError):
@@ -50,3 +53,11 @@ class TellsTrouble(Protocol):
     @property
     def trouble(self) -> str:
         """Return the link's last error in words; empty when there was none."""
+
+
+@runtime_checkable
+class TellsUnread(Protocol):
+    """A link that knows when something arrived that was lost, for this program read it late."""
+
+    def on_unread(self, receiver: TimesReceiver) -> None:
+        """Set the receiver of the times of what was lost."""

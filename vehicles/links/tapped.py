@@ -3,7 +3,7 @@
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.link import Link, Receiver
+from vehicles.links.link import Link, Receiver, TellsUnread, TimesReceiver
 
 
 class TappedLink:
@@ -27,6 +27,11 @@ class TappedLink:
     def tap(self, receiver: Receiver) -> None:
         """Add a tap: `receiver` gets what arrives as well, from now on."""
         self._taps.append(receiver)
+
+    def on_unread(self, receiver: TimesReceiver) -> None:
+        """Set the receiver of the times of what was lost on the tapped link, where it tells."""
+        if isinstance(self._link, TellsUnread):
+            self._link.on_unread(receiver)
 
     def write(self, data: bytes) -> None:
         """Send bytes on the tapped link."""

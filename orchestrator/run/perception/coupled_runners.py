@@ -100,16 +100,22 @@ class ShadowRunner(CoupledRunner):
     def __init__(self, *, context: VehicleContext, leader: AutonomyRunner) -> None:
         super().__init__(context=context)
         self._flies = False
+        self._early: Setpoint | None = None
         leader.on_setpoint(self._take)
 
     async def fly(self) -> None:
-        """Pass setpoints on from now on until cancelled."""
+        """Pass setpoints on from now on until cancelled; first the one that came just before."""
         self._flies = True
+        if self._early is not None:
+            # Both are begun in one turn of the loop, and the other one's autonomy acts at once.
+            self._send(self._early, asyncio.get_running_loop().time())
         try:
             await asyncio.Event().wait()
         finally:
-            self._flies = False
+            self._flies, self._early = False, None
 
     def _take(self, setpoint: Setpoint, now_s: float) -> None:
         if self._flies:
             self._send(setpoint, now_s)
+        else:
+            self._early = setpoint

@@ -115,10 +115,11 @@ def _pace_of(setup: RunSetup) -> PaceSetup | None:
     """Return the guard's pace of the scaled clock: by a simulation with its own pace."""
     if setup.clock != "scaled":
         return None
-    leader = next((one.name for one in setup.guarded if one.launch is not None), None)
+    launched = tuple(one.name for one in setup.guarded if one.launch is not None)
     return PaceSetup(
         nominal=setup.pace,
-        leader=leader,
+        leader=next(iter(launched), None),
+        launched=launched,
         followers=tuple(one.name for one in setup.guarded if one.embedded),
     )
 

@@ -29,6 +29,7 @@ EventKind = Literal[
     "refused",
     "action",
     "dropped",
+    "unread",
     "limited",
     "heard",
     "link",
@@ -39,12 +40,13 @@ EventKind = Literal[
 ]
 """A cause; hold, resume: the operator's; proposed: fences could be changed, and are to be uploaded
 first; geofence: they were changed in flight; refused: a command that cannot be followed now;
-action: a step of a contingency; dropped: frames of the orchestrator that were not passed; limited:
-setpoints were more than the campaign's limits, told at the first and after the last of them; heard:
-a lost vehicle or orchestrator is back; link: a vehicle is flown by another of its links now; pose:
-a position that is not finite was let go; record: the log of frames cannot be written any more;
-guard: the guard's own process ended, or erred; alone: a cause that brings down this one vehicle
-and settles nothing for the other."""
+action: a step of a contingency; dropped: frames of the orchestrator that were not passed; unread:
+frames of the vehicle that the orchestrator did not read in time; limited: setpoints were more than
+the campaign's limits, told at the first and after the last of them; heard: a lost vehicle or
+orchestrator is back; link: a vehicle is flown by another of its links now; pose: a position that is
+not finite was let go; record: the log of frames cannot be written any more; guard: the guard's own
+process ended, or erred; alone: a cause that brings down this one vehicle and settles nothing for
+the other."""
 
 
 @dataclass(frozen=True, slots=True)

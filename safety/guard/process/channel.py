@@ -50,6 +50,7 @@ class Channel(Generic[Received]):
         self._codec = receives
         self._take = take
         self._closed = closed
+        self._on_lost: list[Callable[[Message], None]] = []
         self._kept: deque[bytes] = deque()
         self._waiting: dict[Hashable, Message] = {}
         self._flush_timer: asyncio.Handle | None = None
@@ -63,6 +64,15 @@ class Channel(Generic[Received]):
         self._open = True
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._socket, self._read_packets)
+
+    def on_lost(self, listener: Callable[[Message], None]) -> None:
+        """Register a listener for each message that is lost on the channel."""
+        self._on_lost.append(listener)
+
+    @property
+    def congested(self) -> bool:
+        """Return whether messages wait until the other end reads."""
+        return bool(self._kept)
 
     def close(self) -> None:
         """Close the channel; `closed` is not called for it."""
@@ -130,6 +140,10 @@ class Channel(Generic[Received]):
     def _keep(self, messages: list[Message], packet: bytes) -> None:
         kept = [one for one in messages if not isinstance(one, _DROPPABLE)]
         self.dropped += len(messages) - len(kept)
+        for listener in self._on_lost:
+            for message in messages:
+                if isinstance(message, _DROPPABLE):
+                    listener(message)
         if not kept:
             return
         if len(self._kept) >= _LONGEST_QUEUE:

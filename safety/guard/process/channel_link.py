@@ -1,27 +1,43 @@
 """One vehicle's MAVLink over the packet socket, as a link: the same at both of its ends."""
 
 import asyncio
+from collections.abc import Sequence
 from typing import Any, Self
 
 from safety.guard.process.channel import Channel
-from safety.guard.process.messages import Bytes
-from vehicles.links.link import Receiver
+from safety.guard.process.messages import Bytes, Unread
+from vehicles.autopilots.autopilot import Target
+from vehicles.driver.session.arrivals import Arrivals
+from vehicles.links.link import Receiver, TimesReceiver
+from vehicles.mavlink.framing import FrameSplitter
+from vehicles.processes.codec import Message
 
 
 class ChannelLink:
     """A link over the guard's channel to the vehicle at `index`; the owner calls `arrive`.
 
-    last: positions that wait go before frames, which are limited by them.
+    last: positions that wait go before frames, which are limited by them. target: the vehicle of
+    whose frames the other end is to know when it did not read them in time.
     """
 
     def __init__(
-        self, *, name: str, index: int, channel: Channel[Any] | None = None, last: bool = False
+        self,
+        *,
+        name: str,
+        index: int,
+        channel: Channel[Any] | None = None,
+        last: bool = False,
+        target: Target | None = None,
     ) -> None:
         self._name = name
         self._index = index
         self._last = last
+        self._target = target
+        self._lost = Arrivals()
+        self._lost_count = 0
         self.channel = channel
         self._receiver: Receiver | None = None
+        self._unread_receiver: TimesReceiver | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         """While open."""
 
@@ -37,16 +53,39 @@ class ChannelLink:
     def write(self, data: bytes) -> None:
         """Send bytes over the channel's link; lost when the other end is gone."""
         if self._loop is not None and self.channel is not None:
+            if self._lost_count and not self.channel.congested:
+                count, self._lost_count = self._lost_count, 0
+                self.channel.send(Unread(self._index, self._lost.take(), count))
             self.channel.send(Bytes(self._index, self._loop.time(), data), last=self._last)
+
+    def _lose(self, lost: Message) -> None:
+        """Note bytes that the other end did not read in time."""
+        if not isinstance(lost, Bytes) or lost.index != self._index:
+            return
+        self._lost_count += 1
+        frames = FrameSplitter().feed(lost.data)
+        if any(Target(each.system, each.component) == self._target for each in frames):
+            self._lost.note(lost.t_s)
 
     def arrive(self, data: bytes, t_s: float) -> None:
         """Deliver bytes that the channel received for this vehicle's link."""
         if self._loop is not None and self._receiver is not None:
             self._receiver(data, t_s)
 
+    def on_unread(self, receiver: TimesReceiver) -> None:
+        """Set the receiver of the times at which the vehicle was heard by lost bytes."""
+        self._unread_receiver = receiver
+
+    def arrived_unread(self, arrived_s: Sequence[float]) -> None:
+        """Deliver the times of bytes for this vehicle's link that were lost on the channel."""
+        if self._loop is not None and self._unread_receiver is not None:
+            self._unread_receiver(arrived_s)
+
     async def __aenter__(self) -> Self:
         """Open this end of the channel's link."""
         self._loop = asyncio.get_running_loop()
+        if self._target is not None and self.channel is not None:
+            self.channel.on_lost(self._lose)
         return self
 
     async def __aexit__(self, *_: object) -> None:

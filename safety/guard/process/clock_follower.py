@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock, Trouble
+from vehicles.clocks.pace_trim import PaceTrim
 from vehicles.clocks.sim_clock_controller import (
     BootTrack,
     ClockDivergence,
@@ -24,11 +25,16 @@ _BOOT_MS_AT = {2: 8, 30: 0, 32: 0, 33: 0}
 """Where time_boot_ms is in SYSTEM_TIME, ATTITUDE, LOCAL_POSITION_NED and GLOBAL_POSITION_INT."""
 _u32 = struct.Struct("<I")
 
+PaceFrame = Callable[[float], bytes]
+"""Returns the frame that tells a simulation its pace, times real time."""
+
 
 class ClockFollower(RunClock):
     """A run clock that follows the time of a simulation with a pace of its own.
 
-    leader: the vehicle that it simulates. systems: of the vehicles, by name.
+    leader: the vehicle that it simulates. systems: of the vehicles, by name. pace_frames: of the
+    simulations that can be told their pace; they keep the time of one that cannot, else of the
+    leader.
     """
 
     def __init__(
@@ -40,6 +46,7 @@ class ClockFollower(RunClock):
         loop: PacedClock,
         publish: Callable[[Segment], None],
         trouble: Callable[[str, Trouble, str], None],
+        pace_frames: Mapping[str, PaceFrame] | None = None,
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(setup=setup, loop=loop, publish=publish, trouble=trouble, wall=wall)
@@ -50,10 +57,17 @@ class ClockFollower(RunClock):
             name: self._controller.track if name == leader else BootTrack() for name in systems
         }
         self._apart = {name: ClockDivergence() for name in systems if name != leader}
+        self._links: dict[str, Link] = {}
+        self._pace_frames = dict(pace_frames or {})
+        fixed = [name for name in setup.launched if name not in self._pace_frames]
+        self._kept = leader if leader in fixed or not fixed else fixed[0]
+        self._pace_frames.pop(self._kept, None)
+        self._trims = {name: PaceTrim(nominal=setup.nominal) for name in self._pace_frames}
 
     def tap(self, name: str, link: Link) -> Link:
         """Return a vehicle's link that the clock follower listens to as well."""
         tapped, frames = TappedLink(link), FrameSplitter()
+        self._links[name] = link
         system, track = self._systems[name], self._tracks[name]
 
         def hear(data: bytes, _: float) -> None:
@@ -75,7 +89,26 @@ class ClockFollower(RunClock):
         elif self._controller.locked:
             for name in self._apart:
                 self._look(name, wall_s, segment)
+            self._trim(wall_s)
         return segment
+
+    def _trim(self, wall_s: float) -> None:
+        """Tell simulations the pace at which they keep the time of the one that they follow."""
+        kept = self._tracks[self._kept]
+        if not kept.known or kept.still_s(wall_s) > kept.ahead_s:
+            return
+        _, rate = kept.line(wall_s)
+        for name, trim in self._trims.items():
+            if name not in self._links or not self._tracks[name].known:
+                continue
+            ahead_s = self._off_s(name) - self._off_s(self._kept)
+            pace = trim.update(wall_s=wall_s, ahead_s=ahead_s, rate=rate)
+            if pace is not None:
+                self._links[name].write(self._pace_frames[name](pace))
+
+    def _off_s(self, name: str) -> float:
+        """Return by how much a simulation's time is ahead of the run clock."""
+        return self._apart[name].off_s if name in self._apart else 0.0
 
     def _look(self, name: str, wall_s: float, segment: Segment) -> None:
         apart, track = self._apart[name], self._tracks[name]

@@ -61,7 +61,12 @@ from safety.guard.process.orphaned_processes import (
     remove_record,
     write_record,
 )
-from safety.guard.process.process_links import close_quietly, open_ports, spare_links, vehicle_link
+from safety.guard.process.process_links import (
+    close_quietly,
+    guard_links,
+    open_ports,
+    vehicle_link,
+)
 from safety.guard.process.run_clock import RunClock, Trouble
 from safety.guard.process.run_clock_factory import run_clock_of
 from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
@@ -70,9 +75,6 @@ from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
 from vehicles.clocks.quick_loop import quick_loop
 from vehicles.errors import VehicleError
 from vehicles.links.link import Link
-from vehicles.links.link_conditions import under_conditions
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.poses.anchor import Anchor
 from vehicles.processes.child import ChildProcess, how_it_ended
@@ -183,20 +185,15 @@ class GuardProcess:
             stack.callback(self._clock.close)
         links: dict[str, GuardLinks] = {}
         for index, (name, one) in enumerate(guard_config.vehicles.items()):
-            inner = ChannelLink(name=f"{name} orchestrator", index=index, channel=self._channel)
+            inner = ChannelLink(
+                name=f"{name} orchestrator",
+                index=index,
+                channel=self._channel,
+                target=one.vehicle.target,
+            )
             self._links.append(inner)
-            gcs = open_link(parse_link(one.gcs)) if one.gcs else None
             near = raw[name] if self._clock is None else self._clock.tap(name, raw[name])
-            outer = under_conditions(
-                near,
-                one.conditions,
-                utc_s=time.time(),
-                spares=spare_links(one),
-                told=partial(self._link_changed, name),
-            )
-            links[name] = GuardLinks(
-                vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired
-            )
+            links[name] = guard_links(one, near, inner, told=partial(self._link_changed, name))
         self._shell = LocalGuard(
             vehicles={name: one.vehicle for name, one in guard_config.vehicles.items()},
             links=links,

@@ -41,6 +41,21 @@ class Bytes(Message, frozen=True):
     data: bytes
 
 
+class Unread(Message, frozen=True):
+    """Message of the guard: `Bytes` that were lost, for the orchestrator did not read in time.
+
+    arrived_s: when there were such, thinned as `Arrivals` does it. count: of how many.
+    """
+
+    index: int
+    arrived_s: tuple[Finite, ...]
+    count: int
+
+    def __str__(self) -> str:
+        """Return in words what was lost."""
+        return f"{self.count} datagrams were lost: this program did not read them in time"
+
+
 class Position(Message, frozen=True):
     """Message to the guard: position of the vehicle at `index`, world frame."""
 
@@ -189,7 +204,7 @@ ToGuard = (
     | End
 )
 ToOrchestrator = (
-    Bytes | FrameSent | Opened | Started | Ended | EventMessage | Status | Pace | Failed
+    Bytes | FrameSent | Unread | Opened | Started | Ended | EventMessage | Status | Pace | Failed
 )
 
 _PLAIN: Plain = {Fence: (plain_fence, fence_of_plain)}

@@ -1,11 +1,14 @@
 """Small parts of the guard's process: the links it opens, how its children ended, its logs' end."""
 
 import contextlib
+import time
 from collections.abc import Callable, Mapping
 from functools import partial
 
+from safety.guard.local_guard import GuardLinks
 from safety.guard.process.guard_config import Guarded
 from vehicles.links.link import Link
+from vehicles.links.link_conditions import under_conditions
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.links.udp import UdpLink
@@ -20,10 +23,24 @@ def vehicle_link(guarded: Guarded) -> Link:
     return UdpLink(address=LinkAddress(kind="udpin", host="127.0.0.1", port=0))
 
 
-def spare_links(guarded: Guarded) -> list[Link]:
+def _spare_links(guarded: Guarded) -> list[Link]:
     """Return the guard process's spare links to a vehicle."""
     signed = guarded.conditions.signing is not None
     return [open_link(parse_link(one), signed=signed) for one in guarded.spares]
+
+
+def guard_links(
+    guarded: Guarded, near: Link, inner: Link, *, told: Callable[[str], None]
+) -> GuardLinks:
+    """Return the guard process's links of a vehicle: under its conditions, and to a ground station.
+
+    near: the one to the vehicle. inner: the one to the orchestrator. told: gets link changes.
+    """
+    outer = under_conditions(
+        near, guarded.conditions, utc_s=time.time(), spares=_spare_links(guarded), told=told
+    )
+    gcs = open_link(parse_link(guarded.gcs)) if guarded.gcs else None
+    return GuardLinks(vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired)
 
 
 def open_ports(links: Mapping[str, Link], *, told: Callable[[str, str], None]) -> tuple[int, ...]:

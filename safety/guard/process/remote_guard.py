@@ -41,6 +41,7 @@ from safety.guard.process.messages import (
     StartOutage,
     Status,
     ToOrchestrator,
+    Unread,
     to_orchestrator,
 )
 from safety.guard.process.orphaned_links import OrphanedLinks, link_maker
@@ -342,6 +343,17 @@ class RemoteGuard:
                 self._dispatch_event(event)
             case Pace():
                 self._clock.take(message)
+            case _:
+                self._take_rare(message)
+
+    def _take_rare(self, message: ToOrchestrator) -> None:
+        match message:
+            case Unread(index, arrived_s):
+                name = self._names[index]
+                self._heard.add(name)
+                self._links[name].arrived_unread(arrived_s)
+                now_s = asyncio.get_running_loop().time()
+                self._dispatch_event(GuardEvent(now_s, "unread", name, f"{name}: {message}"))
             case Started(name, pid):
                 if (known := ProcessId.of(pid)) is not None:
                     self._children[name] = known

@@ -34,11 +34,13 @@ class PaceSetup:
 
     nominal: times real time. leader: the simulation with a pace of its own whose time the clock
     follows; None where all vehicles follow the clock. followers: the vehicles whose processes do.
+    launched: the simulations with a pace of their own, the leader among them.
     """
 
     nominal: float
     leader: str | None = None
     followers: tuple[str, ...] = ()
+    launched: tuple[str, ...] = ()
 
 
 class RunClock:

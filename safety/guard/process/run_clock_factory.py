@@ -1,17 +1,20 @@
 """Which run clock the guard's process leads: lockstep, or that of a simulation's own pace."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
+from safety.guard.core.events import GuardedVehicle
 from safety.guard.process.channel import Channel
-from safety.guard.process.clock_follower import ClockFollower
+from safety.guard.process.clock_follower import ClockFollower, PaceFrame
 from safety.guard.process.guard_config import GuardConfig
 from safety.guard.process.lockstep_clock import LockstepClock
 from safety.guard.process.messages import Pace
 from safety.guard.process.run_clock import RunClock, Trouble
 from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.clocks.sim_clock_controller import Segment
+from vehicles.mavlink.codec import Codec
 
 
 def run_clock_of(
@@ -41,7 +44,23 @@ def run_clock_of(
         setup=setup,
         leader=setup.leader,
         systems={name: one.vehicle.target.system for name, one in guard_config.vehicles.items()},
+        pace_frames=_pace_frames(guard_config, setup.launched),
         loop=loop,
         publish=publish,
         trouble=trouble,
     )
+
+
+def _pace_frames(guard_config: GuardConfig, launched: Iterable[str]) -> dict[str, PaceFrame]:
+    """Return by name the frames that tell a launched simulation its pace, where it heeds one."""
+    settings, frames = guard_config.settings, dict[str, PaceFrame]()
+    for name in launched:
+        vehicle = guard_config.vehicles[name].vehicle
+        if vehicle.autopilot.heeds_pace:
+            codec = Codec(system_id=settings.system_id, component_id=settings.component_id)
+            frames[name] = partial(_pace_frame, vehicle, codec)
+    return frames
+
+
+def _pace_frame(vehicle: GuardedVehicle, codec: Codec, times_real_time: float) -> bytes:
+    return codec.pack(vehicle.autopilot.set_simulation_pace(vehicle.target, times_real_time))

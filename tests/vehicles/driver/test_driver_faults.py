@@ -20,8 +20,10 @@ from vehicles.errors import (
     StateTimeoutError,
     VehicleError,
 )
+from vehicles.links.link import Receiver
 from vehicles.links.link_strings import parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.links.tapped import TappedLink
 from vehicles.links.udp import UdpLink
 from vehicles.poses.anchor import Anchor
 from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
@@ -131,6 +133,39 @@ def test_a_one_way_link_is_reported(fake_pair: Callable[..., Any]) -> None:
         assert await driver.identify(3.0) is identity
 
     _run(fake_pair, script, prepare=prepare)
+
+
+@pytest.mark.parametrize(("late_s", "words"), [(0.1, "one-way"), (1.2, "was 1.2 s late itself")])
+def test_a_link_is_not_blamed_for_what_this_program_read_late(late_s: float, words: str) -> None:
+    from vehicles.mavlink.codec import Codec
+
+    class ReadLate(TappedLink):
+        """A link whose bytes were stamped when they came, and are read so much later."""
+
+        def receive(self, receiver: Receiver) -> None:
+            super().receive(lambda data, t_s: receiver(data, t_s - late_s))
+
+    async def listen() -> str:
+        ours, theirs = memory_pair()
+        codec = Codec(system_id=1, component_id=1)
+        heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 1, 0, 3, 3)
+
+        async def beat() -> None:
+            while True:
+                theirs.write(codec.pack(heartbeat))
+                await asyncio.sleep(0.5)
+
+        async with theirs, Driver(name="real", link=ReadLate(ours)) as driver:
+            beating = asyncio.create_task(beat(), name="heartbeats")
+            with pytest.raises(IdentifyError) as caught:
+                await driver.identify(3.0)
+            beating.cancel()
+            return str(caught.value)
+
+    said = run_virtual(listen())
+    assert "sends heartbeats but does not answer what we send" in said
+    assert words in said
+    assert ("link" in said) == (late_s < 0.5)
 
 
 async def test_a_closed_udp_port_is_reported() -> None:

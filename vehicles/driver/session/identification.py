@@ -20,6 +20,8 @@ from vehicles.errors import IdentifyError
 from vehicles.links.link import TellsTrouble
 
 _ASK_AGAIN_S = 0.5
+_LATE_S = 0.5
+"""From here on our own delay, rather than the vehicle's silence, may explain a missing answer."""
 
 
 async def find_vehicle(
@@ -58,34 +60,58 @@ async def request_identity(
     answer.
     """
     answers: list[Any] = []
+    loop = asyncio.get_running_loop()
+    own_delay_s = 0.0
 
     def take(message: Any, _t_s: float) -> None:
         answers.append(message)
         changes.notify()
 
-    loop = asyncio.get_running_loop()
+    def note_delay(_message: Any, arrived_s: float) -> None:
+        nonlocal own_delay_s
+        own_delay_s = max(own_delay_s, loop.time() - arrived_s)
+
     deadline_s = loop.time() + timeout_s
     session.target = target
     session.on(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
+    session.on(mavlink.MAVLINK_MSG_ID_HEARTBEAT, note_delay)
     try:
         while not answers and (left_s := deadline_s - loop.time()) > 0:
             question = autopilot.ask_message(target, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
             session.send(question)
+            due_s = loop.time() + min(_ASK_AGAIN_S, left_s)
             await changes.until(lambda: bool(answers), min(_ASK_AGAIN_S, left_s))
+            own_delay_s = max(own_delay_s, loop.time() - due_s)
     finally:
         session.off(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
+        session.off(mavlink.MAVLINK_MSG_ID_HEARTBEAT, note_delay)
     if not answers:
         session.target = None
-        raise IdentifyError(
-            f"{session.link.name}: {autopilot.label}, system {target.system}, sends heartbeats but "
-            "does not answer what we send; is its link one-way, or does a router drop our system "
-            f"id {session.own.system}?"
-        )
+        raise IdentifyError(_unanswered_text(session, autopilot, target, own_delay_s))
     identity = identity_of(autopilot, target, session.heard[target], answers[0])
     if fault := age_fault(identity):
         session.target = None
         raise IdentifyError(f"{session.link.name}: {fault}")
     return identity
+
+
+def _unanswered_text(
+    session: Session, autopilot: Autopilot, target: Target, own_delay_s: float
+) -> str:
+    """Return in words that a vehicle did not answer, and what may be why.
+
+    own_delay_s: by how much this program was late, at most, to read or to go on.
+    """
+    what = (
+        f"{session.link.name}: {autopilot.label}, system {target.system}, sends heartbeats but "
+        "does not answer what we send"
+    )
+    if own_delay_s >= _LATE_S:
+        return (
+            f"{what}; this program was {own_delay_s:.1f} s late itself: the machine is too busy, "
+            "or asked for too many times real time"
+        )
+    return f"{what}; is its link one-way, or does a router drop our system id {session.own.system}?"
 
 
 def _received_text(session: Session, wanted: Wanted, timeout_s: float) -> str:

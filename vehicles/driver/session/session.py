@@ -1,6 +1,6 @@
 """The MAVLink conversation with one vehicle over one link."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import Target
 from vehicles.driver.session.arrivals import Arrivals
-from vehicles.links.link import Link
+from vehicles.links.link import Link, TellsUnread
 from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import Frame
 
@@ -62,6 +62,8 @@ class Session:
         self._handlers: dict[int, list[Handler]] = {}
         self._payload_handlers: dict[int, list[PayloadHandler]] = {}
         link.receive(self.received)
+        if isinstance(link, TellsUnread):
+            link.on_unread(self.received_unread)
 
     def speak_plainly(self) -> None:
         """Write frames in the session from now on: the command backend is gone."""
@@ -106,11 +108,20 @@ class Session:
                 self._note(frame, t_s)
             elif frame.system == target.system and frame.component == target.component:
                 if t_s != self.last_heard_s:
-                    if self.on_arrival is not None:
-                        self.on_arrival(t_s)
-                    self.last_heard_s = t_s
-                    self.arrivals.note(t_s)
+                    self._note_arrival(t_s)
                 self._hand_on(frame, t_s)
+
+    def received_unread(self, arrived_s: Sequence[float]) -> None:
+        """Take when the vehicle was heard by frames that were lost: it was not silent then."""
+        for t_s in arrived_s if self.target is not None else ():
+            if self.last_heard_s is None or t_s > self.last_heard_s:
+                self._note_arrival(t_s)
+
+    def _note_arrival(self, t_s: float) -> None:
+        if self.on_arrival is not None:
+            self.on_arrival(t_s)
+        self.last_heard_s = t_s
+        self.arrivals.note(t_s)
 
     def _note(self, frame: Frame, t_s: float) -> None:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:

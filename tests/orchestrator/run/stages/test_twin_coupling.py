@@ -53,6 +53,7 @@ def test_a_slower_or_faster_twin_leaves_the_real_flight_as_it_is(
     assert result.twin.dropped_out is None
     assert result.twin.distance_max_m is not None
     assert 0.0 < result.twin.distance_max_m < near_m
+    assert result.sync.t0_skew_s == pytest.approx(0.0, abs=0.001)
     assert all_landed(folder)
 
 

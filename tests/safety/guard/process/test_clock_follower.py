@@ -2,7 +2,9 @@
 
 import asyncio
 import math
+import struct
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -45,22 +47,32 @@ class Wall:
 
 
 async def flown(
-    rates: dict[str, Callable[[float], float]], *, for_s: float, lead: str = "real"
+    rates: dict[str, Callable[[float], float]],
+    *,
+    for_s: float,
+    lead: str = "real",
+    told: dict[str, list[float]] | None = None,
 ) -> tuple[Wall, list[tuple[str, str, str]], ClockFollower]:
-    """Fly simulators whose rates at each second of the wall's are given."""
+    """Fly simulators whose rates at each second of the wall's are given.
+
+    told: takes the paces that simulations are told, by those that heed them.
+    """
     wall, said = Wall(), list[tuple[str, str, str]]()
     following = ClockFollower(
-        setup=PaceSetup(nominal=5.0, leader=lead),
+        setup=PaceSetup(nominal=5.0, leader=lead, launched=("real", "twin")),
         leader=lead,
         systems={"real": 1, "twin": 2},
         loop=wall,
         publish=lambda _: None,
         trouble=lambda *words: said.append(words),
+        pace_frames={name: lambda pace: struct.pack("<d", pace) for name in told or ()},
         wall=lambda: wall.now_s,
     )
     ends = {}
     for name in rates:
         near, far = memory_pair(name=name)
+        if told is not None and name in told:
+            far.receive(partial(_take_pace, told[name]))
         tapped = following.tap(name, near)
         tapped.receive(lambda *_: None)
         await tapped.__aenter__()
@@ -77,6 +89,10 @@ async def flown(
         await asyncio.sleep(0.001)
         wall.pass_to(1000.0 + step * 0.02)
     return wall, said, following
+
+
+def _take_pace(paces: list[float], data: bytes, _: float) -> None:
+    paces.append(struct.unpack("<d", data)[0])
 
 
 def test_the_clock_goes_as_fast_as_the_leader_and_says_how_fast() -> None:
@@ -101,6 +117,31 @@ def test_a_pair_that_attains_different_rates_is_reported() -> None:
     ((name, trouble, text),) = said
     assert (name, trouble) == ("twin", "apart")
     assert "behind that of real: asked for 5 times real time they attain 4.5 and 5.0" in text
+
+
+@pytest.mark.parametrize("heeds", ["real", "twin"])
+def test_a_simulation_that_heeds_a_pace_keeps_the_time_of_one_that_does_not(heeds: str) -> None:
+    told: dict[str, list[float]] = {heeds: []}
+    (fixed,) = {"real", "twin"} - {heeds}
+    rates = {
+        heeds: lambda _: told[heeds][-1] if told[heeds] else 5.0,
+        # What PX4 attains when it is asked for 5, and at times less.
+        fixed: lambda s: 4.2 if 20.0 < s < 25.0 else 4.8,
+    }
+    _, said, _ = run_virtual(flown(rates, for_s=40.0, told=told))
+    assert said == []
+    assert told[heeds][-1] == pytest.approx(4.8, rel=0.02)
+
+
+def test_of_two_that_heed_a_pace_the_twin_keeps_the_time_of_the_leader() -> None:
+    told: dict[str, list[float]] = {"real": [], "twin": []}
+    rates = {
+        "real": lambda _: 4.5,  # the machine gives it no more
+        "twin": lambda _: told["twin"][-1] if told["twin"] else 5.0,
+    }
+    _, said, _ = run_virtual(flown(rates, for_s=30.0, told=told))
+    assert said == []
+    assert told["real"] == []
 
 
 def test_a_leader_that_waits_leaves_a_twin_that_does_not() -> None:

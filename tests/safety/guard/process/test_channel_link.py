@@ -1,0 +1,87 @@
+"""A vehicle's frames over the packet socket, to an orchestrator that reads them late."""
+
+import asyncio
+import itertools
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from safety.guard.process.channel import Channel, channel_pair
+from safety.guard.process.channel_link import ChannelLink
+from safety.guard.process.messages import Bytes, ToOrchestrator, Unread, to_guard, to_orchestrator
+from vehicles.autopilots.autopilot import Target
+from vehicles.driver.session.arrivals import STEP_S
+from vehicles.driver.session.session import Session
+from vehicles.links.tapped import TappedLink
+from vehicles.mavlink.codec import Codec
+
+PERIOD_S = 0.04
+AUTOPILOT, CAMERA = Codec(system_id=1, component_id=1), Codec(system_id=1, component_id=100)
+ATTITUDE = mavlink.MAVLink_attitude_message(1000, *[0.1] * 6)
+MORE_THAN_THE_SOCKET_HOLDS = 20_000
+
+
+async def read_late(codec: Codec, *, late_s: float) -> tuple[Session, list[Unread]]:
+    """Return what an orchestrator heard that read nothing for a while, though frames came."""
+    unread: list[Unread] = []
+    ours, theirs = channel_pair()
+    guard = Channel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
+    far = ChannelLink(name="far", index=0, channel=guard, target=Target(1))
+    near = ChannelLink(name="near", index=0)
+
+    def take(message: ToOrchestrator) -> None:
+        match message:
+            case Bytes(_, t_s, data):
+                near.arrive(data, t_s)
+            case Unread(_, arrived_s):
+                unread.append(message)
+                near.arrived_unread(arrived_s)
+
+    reads = Channel(theirs, receives=to_orchestrator, take=take, closed=lambda: None)
+    session = Session(link=TappedLink(near), own=Target(245))
+    session.target = Target(1)
+    guard.open()
+    async with near, far:
+        for _ in range(MORE_THAN_THE_SOCKET_HOLDS):
+            far.write(codec.pack(ATTITUDE))
+        for _ in range(round(late_s / PERIOD_S)):
+            far.write(codec.pack(ATTITUDE))
+            await asyncio.sleep(PERIOD_S)
+        assert guard.dropped > late_s / PERIOD_S
+        reads.open()
+        for _ in range(10):
+            far.write(codec.pack(ATTITUDE))
+            await asyncio.sleep(PERIOD_S)
+    guard.close()
+    reads.close()
+    return session, unread
+
+
+async def test_a_vehicle_was_not_silent_while_its_frames_were_not_read() -> None:
+    session, unread = await read_late(AUTOPILOT, late_s=0.8)
+    times_s = session.arrivals.take()
+    assert times_s[-1] - times_s[0] > 1.0
+    longest_s = max(after - before for before, after in itertools.pairwise(times_s))
+    # The machine of the test may be late as well, by less than what was not read.
+    assert longest_s < STEP_S + 0.2
+    assert sum(one.count for one in unread) >= 20
+    assert "this program did not read them in time" in str(unread[0])
+
+
+async def test_frames_of_another_component_are_no_sign_of_the_vehicle() -> None:
+    session, unread = await read_late(CAMERA, late_s=0.2)
+    assert unread
+    assert session.arrivals.take() == ()
+    assert session.last_heard_s is None
+
+
+@pytest.mark.parametrize("target", [None, Target(1)])
+def test_what_came_before_the_last_frame_or_the_vehicle_was_found_is_passed_over(
+    target: Target | None,
+) -> None:
+    session = Session(link=TappedLink(ChannelLink(name="near", index=0)), own=Target(245))
+    session.target = target
+    session.received(AUTOPILOT.pack(ATTITUDE), 5.0)
+    session.received_unread((4.0, 4.9))
+    assert session.last_heard_s == (None if target is None else 5.0)
+    assert session.arrivals.take() == (() if target is None else (5.0,))
