@@ -48,7 +48,8 @@ def passed_text(attempts: Sequence[Attempt]) -> str:
     """Return the reason of a PASS after earlier attempts; "" without any."""
     if not attempts:
         return ""
-    return f"passed at attempt {len(attempts) + 1}; before: {'; '.join(map(attempt_text, attempts))}"
+    before = "; ".join(map(attempt_text, attempts))
+    return f"passed at attempt {len(attempts) + 1}; before: {before}"
 
 
 def ended_attempts(attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
