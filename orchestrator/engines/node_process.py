@@ -45,6 +45,8 @@ from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
 _SAY_S = 5.0
+_LANDED_S = 120.0
+"""How long a run may take to land that nobody waits for any longer."""
 _PROGRESS_S = 0.5
 """Each message that crosses the cluster costs milliseconds of three processes."""
 
@@ -166,6 +168,8 @@ class NodeRuns:
                     in_thread(partial(tell_guards, folder, message.who))
         except (EOFError, OSError):
             worker.send(OperatorCommand("abort", "the node: its cluster is gone"))
+            await asyncio.sleep(_LANDED_S)
+            worker.kill()  # it hangs: its guard has its vehicles
 
     def _send(self, message: object) -> None:
         with suppress(OSError):  # nobody is there: the run's files say what became of it

@@ -15,6 +15,7 @@ from orchestrator.cli import main
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.engines.ray_agents import hire_agents
 from orchestrator.engines.ray_engine import RayEngine
+from orchestrator.model.results_reader import read_result
 from orchestrator.storage.store import StoreLimits, open_store
 from orchestrator.storage.stored_runs import fetch_run
 from tests.orchestrator.engines.fake_ray import FakeRay
@@ -58,13 +59,7 @@ def fly(
     finally:
         for actor in ray.actors:
             actor.die()
-            actor.made._process.wait(120)
-
-
-def lose_worker(ray: FakeRay) -> None:
-    """Have Ray lose a worker, while the node's process is left to land its run."""
-    ray.actors[0].made.die = ray.actors[0].made._to.close
-    ray.actors[0].die()
+            actor.made.wait()
 
 
 def lines(folder: Path) -> list[dict[str, str]]:
@@ -160,11 +155,19 @@ def test_a_worker_that_dies_in_flight_is_waited_for_in_the_store(
     path.write_text(
         path.read_text().replace("still.py:Still", "{use: still.py:Still, with: {ticks: 20000}}")
     )
-    flown = fly(path, tmp_path / "out", store, act=lose_worker)
+    flown = fly(path, tmp_path / "out", store, act=lambda ray: ray.actors[0].die())
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
     assert "has lost the worker" in run.reason
     assert events(flown.folder) == ["begun", "ordered", "lost"]
+    # Ray kills what its worker has started; the run has landed, and was sent all the same.
+    (sent,) = store.rglob("sent.json")
+    landed = read_result(sent.with_name("result.json"))
+    assert (landed.verdict, landed.reason) == (
+        "ABORTED",
+        "aborted by the node: its cluster is gone",
+    )
+    assert (flown.folder / "default/sim/1/log.jsonl").is_file()
 
 
 def test_what_was_sent_for_a_program_that_died_is_fetched_by_the_next(
@@ -208,7 +211,7 @@ def test_an_order_of_an_earlier_start_is_refused_by_the_store(tmp_path: Path, st
     finally:
         for actor in ray.actors:
             actor.die()
-            actor.made._process.wait(120)
+            actor.made.wait()
     assert [run.verdict for run in flown.summary.runs] == ["PASS", "ERROR"]
     assert "resumed by another start" in flown.summary.runs[1].reason
 
