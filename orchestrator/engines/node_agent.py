@@ -105,7 +105,7 @@ def _start_detached(command: list[str], environment: Mapping[str, str]) -> tuple
     Return its process id, the descriptor of its standard input, and of its output. Raises OSError.
     """
     told, tell = os.pipe()
-    starter = subprocess.Popen(
+    starter = subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-I", "-S", "-c", _DETACH, str(tell), *command],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

@@ -112,13 +112,18 @@ class Hire:
     def agent(self) -> HiredAgent:
         """Return the agent, which is up and flies as this machine does. Raises EngineError."""
         try:
-            facts = self._facts()
-            if why := unfit_text(node_facts(), facts):
-                raise EngineError(why, 2)
+            facts = self._fit_facts()
         except EngineError:
             self.dismiss()
             raise
         return HiredAgent(ray=self._ray, actor=self._actor, node=facts["node"])
+
+    def _fit_facts(self) -> dict[str, str]:
+        """Return what the agent's node says that it is, where it can fly. Raises EngineError."""
+        facts = self._facts()
+        if why := unfit_text(node_facts(), facts):
+            raise EngineError(why, 2)
+        return facts
 
     def _facts(self) -> dict[str, str]:
         """Return what the agent's node says that it is. Raises EngineError."""
@@ -147,15 +152,8 @@ def hire_agents(
     also where there is place for none.
     """
     hires = [Hire(ray, cores) for _ in range(count)]
-    futures = [one.future for one in hires]
     try:
-        late = wait(futures, SAY_S, return_when=FIRST_EXCEPTION).not_done
-        if late and not any(one.done() and one.exception() for one in futures):
-            say(f"{waiting_text(ray.nodes(), cores)}; waiting up to {HIRED_S:g} s")
-            wait(futures, HIRED_S - SAY_S, return_when=FIRST_EXCEPTION)
-        up = [one for one in hires if one.future.done()]
-        if count and not up:
-            raise EngineError(no_place_text(count, cores))
+        up = _await_hires(ray, hires, cores, say)
         agents = [one.agent() for one in up]
     except BaseException:
         for one in hires:
@@ -167,6 +165,24 @@ def hire_agents(
     if len(up) < count:
         say(f"{len(up)} of {count} runs have a place on the cluster, and fly")
     return agents
+
+
+def _await_hires(
+    ray: Any, hires: Sequence[Hire], cores: int, say: Callable[[str], None]
+) -> list[Hire]:
+    """Return the agents that are up or cannot fly, once all are or it took too long.
+
+    Raises EngineError where none is.
+    """
+    futures = [one.future for one in hires]
+    late = wait(futures, SAY_S, return_when=FIRST_EXCEPTION).not_done
+    if late and not any(one.done() and one.exception() for one in futures):
+        say(f"{waiting_text(ray.nodes(), cores)}; waiting up to {HIRED_S:g} s")
+        wait(futures, HIRED_S - SAY_S, return_when=FIRST_EXCEPTION)
+    up = [one for one in hires if one.future.done()]
+    if hires and not up:
+        raise EngineError(no_place_text(len(hires), cores))
+    return up
 
 
 def no_place_text(count: int, cores: int) -> str:

@@ -9,7 +9,7 @@ import sys
 import sysconfig
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -47,9 +47,9 @@ class RayEngine:
     """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run.
 
     bench: whose one agent it is; "" where any node flies. keeps_agents: further campaigns are flown
-    by the same agents. store: through which results come; None: by a folder that all share. places:
-    how many runs are to fly at once, also where the cluster has not so many places now. told: what a
-    person has been told of that already.
+    by the same agents. store: through which results come; None: by a folder that all share.
+    places: how many runs are to fly at once, also where the cluster has fewer places now. told:
+    what a person has been told of that already.
     """
 
     ray: Any
@@ -156,26 +156,37 @@ class RayWorkers:
 
         That is waited for as long as other runs fly; where none does, as long as at the start.
         """
-        engine, loop = self._engine, asyncio.get_running_loop()
+        engine = self._engine
         if engine.bench:
             raise EngineError(
                 f"bench {engine.bench} is lost: nothing more is flown; look what its vehicle does, "
                 "and start again with --resume"
             )
         hire = Hire(engine.ray, engine.cores)
-        up = asyncio.wrap_future(hire.future)
-        due_s = loop.time() + HIRED_S
         try:
-            while not (await asyncio.wait([up], timeout=SAY_S))[0]:
-                self._say_once(waiting_text(engine.ray.nodes(), engine.cores))
-                if self._flying:
-                    due_s = loop.time() + HIRED_S
-                elif loop.time() > due_s:
-                    raise EngineError(no_place_text(1, engine.cores))
+            await self._await_hire(hire)
         except BaseException:
             hire.dismiss()
             raise
         return hire.agent()
+
+    async def _await_hire(self, hire: Hire) -> None:
+        """Wait until an agent is up. Raises EngineError."""
+        engine, loop = self._engine, asyncio.get_running_loop()
+        up = asyncio.Event()
+
+        def wake(_: object) -> None:
+            with suppress(RuntimeError):  # the campaign is over
+                loop.call_soon_threadsafe(up.set)
+
+        hire.future.add_done_callback(wake)
+        due_s = loop.time() + HIRED_S
+        while not await _is_set(up, SAY_S):
+            self._say_once(waiting_text(engine.ray.nodes(), engine.cores))
+            if self._flying:
+                due_s = loop.time() + HIRED_S
+            elif loop.time() > due_s:
+                raise EngineError(no_place_text(1, engine.cores))
 
     def _say_once(self, text: str) -> None:
         if text not in self._engine.told:
@@ -190,6 +201,14 @@ class RayWorkers:
                 agent.kill()
                 raise EngineError(f"node {agent.node}: {message.problem}", 2)
         agent.has_campaign = True
+
+
+async def _is_set(event: asyncio.Event, limit_s: float) -> bool:
+    """Return whether an event is set within a time."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(limit_s):
+            await event.wait()
+    return event.is_set()
 
 
 def engine_address(text: str) -> str | None:

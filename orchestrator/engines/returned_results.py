@@ -126,7 +126,10 @@ class FetchedResults:
         """Return the result that a node sends after it has lost its worker."""
         try:
             why = await_run(self.store, place, order.folder, landed_s=LANDED_S, begun_s=_BEGUN_S)
-            return why or read_result(order.folder / RESULT_FILE)
+            path = order.folder / RESULT_FILE
+            if not why and not path.exists():
+                return "its node has sent no result: it had not begun to fly, or was killed"
+            return why or read_result(path)
         except (StoreError, ResultError, OSError) as error:
             return str(error)
 

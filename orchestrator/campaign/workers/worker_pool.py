@@ -133,25 +133,32 @@ class Pool(Generic[Order, Outcome]):
                     worker.kill()  # no other task gets it, and so ends without its orders
                     break
                 order = self._ready(waiting.popleft())
-                if not waiting:
-                    self._needless.set()
+                self._note_waiting(waiting)
                 if order is None:
                     continue
                 outcome = await self._fly_one(worker, order)
                 over, worker = worker, None
-                ended = await finish(over.end(), name="the end of a worker")
-                if ended and not isinstance(outcome, WorkerLost):
-                    self._ended_badly(ended)
+                await self._end(over, is_lost=isinstance(outcome, WorkerLost))
                 again = self._done(order, outcome)
                 if again is not None:
                     waiting.appendleft(again)
-                    if self._stopped is None:
-                        self._needless.clear()
+                    self._note_waiting(waiting)
         finally:
             if worker is not None:
-                ended = await finish(worker.end(), name="the end of a worker")
-                if ended:
-                    self._ended_badly(ended)
+                await self._end(worker, is_lost=False)
+
+    async def _end(self, worker: Worker[Order, Outcome], *, is_lost: bool) -> None:
+        """End a worker; report what was wrong with that, unless it is lost anyway."""
+        ended = await finish(worker.end(), name="the end of a worker")
+        if ended and not is_lost:
+            self._ended_badly(ended)
+
+    def _note_waiting(self, waiting: "deque[Order]") -> None:
+        """Take whether an order still waits for a worker."""
+        if self._stopped is None and waiting:
+            self._needless.clear()
+        else:
+            self._needless.set()
 
     async def _start_worker(self) -> Worker[Order, Outcome] | None:
         """Return a new worker; None where by then no order waits for one.

@@ -170,10 +170,10 @@ def test_a_cluster_with_fewer_places_flies_fewer_at_once_and_says_so(
     with ray_engine.ray_engine("127.0.0.1:1", jobs=3, cores=1, say=said.append) as engine:
         assert (len(engine.idle), engine.places) == (1, 3)
         engine.idle[0].actor.die()
-    assert said[:1] == [
+    assert said[0] == (
         "the cluster has place for 1 of 3 runs at once, of 1 CPU each (here 1); others fly as soon "
         "as there is place for them"
-    ]
+    )
 
 
 def test_what_a_full_cluster_is_waited_for_is_said_and_a_part_flies(
@@ -184,10 +184,11 @@ def test_what_a_full_cluster_is_waited_for_is_said_and_a_part_flies(
     monkeypatch.setattr(ray_agents, "SAY_S", 0.1)
     with pytest.raises(EngineError, match="no place for 2 runs of 1 CPUs each within 1 s"):
         hire_agents(ray, 2, cores=1, say=said.append)
-    assert said == [
+    (waiting,) = said
+    assert waiting == (
         "a run waits for a worker with 1 CPU: its node still loads wil-campaign, others have its "
         "place, or a node is missing; places: here 0; waiting up to 1 s"
-    ]
+    )
     assert all(one.is_dead for one in ray.actors)
     monkeypatch.setattr(ray_agents, "HIRED_S", 60.0)
     monkeypatch.setattr(ray_agents, "SAY_S", 59.0)  # a node's first import takes its time
