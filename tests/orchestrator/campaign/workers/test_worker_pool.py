@@ -137,7 +137,7 @@ class QuickWorker:
 
 
 class ScarceWorkers:
-    """Has so many places; who wants another waits for one that is given back."""
+    """Has so many places; who finds none waits for a further one, which never comes."""
 
     def __init__(self, free: int) -> None:
         self.free = free
@@ -145,8 +145,8 @@ class ScarceWorkers:
 
     async def start(self) -> QuickWorker:
         try:
-            while not self.free:  # noqa: ASYNC110 - stands for a cluster, which sets no event
-                await asyncio.sleep(0.01)
+            if not self.free:
+                await asyncio.Event().wait()
         except asyncio.CancelledError:
             self.given_up += 1
             raise
