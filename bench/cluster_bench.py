@@ -156,7 +156,7 @@ def _served(host: Host, file: Path, *engine: str) -> Iterator[psutil.Process]:
     words = host.command(*host.program("bench", "serve", str(file), *engine))
     if pid == 0:
         os.execvpe(words[0], words, host.environment_of_programs())  # noqa: S606
-    shown = host.logs / "bench-terminal.log"
+    shown = host.logs / f"bench-terminal-{pid}.log"
     shown.touch()
 
     def consent() -> None:

@@ -179,7 +179,8 @@ def test_a_place_that_no_order_waits_for_is_not_waited_for(orders: list[str]) ->
 
 
 def test_an_abort_ends_what_waits_for_a_place() -> None:
-    workers, outcomes = ScarceWorkers(0), {}
+    outcomes: Outcomes = {}
+    workers = ScarceWorkers(0)
 
     async def main() -> None:
         pool = Pool[str, str](
