@@ -61,7 +61,7 @@ combine:
 """
 RUNS = {"hover": 8, "hall": 3}
 DOWN_S = 120.0
-TICKS = 6000
+TICKS = 3000
 """Of a flight over both nodes: long enough that some are in flight when the bench's second is."""
 _STAYS = "vehicle px4"
 """What flies nothing by itself: the hardware."""
