@@ -104,7 +104,7 @@ def survives(folder: Path, name: str, seed: int) -> bool:
         try:
             return trial.run(name, seed)
         except (TimeoutError, subprocess.TimeoutExpired) as error:
-            print(f"{name}, seed {seed}: BAD: {error}; {trial.last_words()}", flush=True)
+            print(f"{name}, seed {seed}: BAD: {error}; {trial.progress_text()}", flush=True)
             return False
 
 
@@ -161,7 +161,7 @@ class _Trial:
             print(resumed.stderr[-2000:], flush=True)
         return not faults
 
-    def last_words(self) -> str:
+    def progress_text(self) -> str:
         """Return what a trial that has not come to its end has to say."""
         log = self.hosts[0].logs / "first-run.log"
         return f"{self._events()}; {log.read_text()[-2000:]}"

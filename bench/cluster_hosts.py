@@ -215,7 +215,7 @@ def _host(name: str, address: str, logs: Path) -> Iterator[Host]:
     """Have a host with namespaces and a /tmp of its own, ended with all that runs in it."""
     with tempfile.TemporaryDirectory(dir=logs, prefix=f"tmp-{name}-") as tmp:
         namespace = f"wil-{name}"
-        _end_leftover(namespace)
+        _end_orphaned_host(namespace)
         _ip("netns", "add", namespace)
         holder: subprocess.Popen[bytes] | None = None
         try:
@@ -235,7 +235,7 @@ def _host(name: str, address: str, logs: Path) -> Iterator[Host]:
             _ip("netns", "del", namespace)
 
 
-def _end_leftover(namespace: str) -> None:
+def _end_orphaned_host(namespace: str) -> None:
     """End what a bench that was killed has left of a host. Raises RuntimeError while one runs."""
     if not Path("/run/netns", namespace).exists():
         return

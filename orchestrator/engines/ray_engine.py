@@ -131,7 +131,7 @@ class RayWorkers:
             agent=agent,
             ledger=self._ledger,
             results=self._results,
-            give_back=self._take_back,
+            give_back=self._receive_agent,
             say=self._say,
         )
 
@@ -145,7 +145,7 @@ class RayWorkers:
         self._engine.idle.clear()
         await asyncio.gather(*(agent.close() for agent in agents))
 
-    def _take_back(self, agent: HiredAgent) -> None:
+    def _receive_agent(self, agent: HiredAgent) -> None:
         """Take an agent for the next order, unless it is lost."""
         self._flying -= 1
         if not agent.is_dead:

@@ -176,7 +176,7 @@ def test_a_cluster_with_fewer_places_flies_fewer_at_once_and_says_so(
     )
 
 
-def test_what_a_full_cluster_is_waited_for_is_said_and_a_part_flies(
+def test_the_wait_for_a_full_cluster_is_reported_and_a_part_flies(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(ray_agents, "HIRED_S", 1.0)
