@@ -59,9 +59,9 @@ combine:
     publish: [real, twin]
     max_skew_ms: 900
 """
-RUNS = {"hover": 8, "hall": 3}
+RUNS = {"hover": 6, "hall": 3}
 DOWN_S = 120.0
-TICKS = 3000
+TICKS = 2000
 """Of a flight over both nodes: long enough that some are in flight when the bench's second is."""
 _STAYS = "vehicle px4"
 """What flies nothing by itself: the hardware."""
