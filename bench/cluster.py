@@ -29,6 +29,7 @@ from pathlib import Path
 from bench.cluster_bench import BENCH_VICTIMS, account
 from bench.cluster_faults import VICTIMS, survives
 from bench.cluster_files import contents, write_campaign
+from bench.cluster_hosts import ended_in_order
 from bench.cluster_hosts_check import compare_clocks, compare_hosts
 
 
@@ -51,7 +52,7 @@ def main() -> int:
             with two_nodes(given.jobs) as address:
                 return overhead(Path(name), given.runs, given.jobs, f"ray://{address}")
     # Where hosts have a /tmp of their own, what they share is elsewhere.
-    with tempfile.TemporaryDirectory(dir=given.folder) as name:
+    with ended_in_order(), tempfile.TemporaryDirectory(dir=given.folder) as name:
         if given.what == "hosts":
             return compare_hosts(Path(name))
         if given.what == "clocks":
@@ -59,7 +60,8 @@ def main() -> int:
         if given.what == "bench":
             victims = [one for one in BENCH_VICTIMS if one in given.kill] or BENCH_VICTIMS
             fine = [
-                account(Path(name) / one.replace(" ", "-"), one, given.first_seed)
+                account(Path(name) / f"{one.replace(' ', '-')}-{seed}", one, seed)
+                for seed in range(given.first_seed, given.first_seed + given.seeds)
                 for one in victims
             ]
             return 0 if all(fine) else 1

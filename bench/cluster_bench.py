@@ -13,7 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -59,62 +59,66 @@ combine:
     publish: [real, twin]
     max_skew_ms: 900
 """
-RUNS = {"hover": 8, "hall": 3}
+RUNS = {"hover": 6, "hall": 3}
 DOWN_S = 120.0
+TICKS = 2000
+"""Of a flight over both nodes: long enough that some are in flight when the bench's second is."""
+_STAYS = "vehicle px4"
+"""What flies nothing by itself: the hardware."""
 
 
 def account(folder: Path, victim: str, seed: int) -> bool:
     """Kill in flight, resume, print both ledgers; return whether all is accounted for."""
     folder.mkdir(parents=True)
-    hover = write_campaign(folder, ticks=500)
+    hover = write_campaign(folder, ticks=TICKS)
     (folder / "hall.yaml").write_text(HALL)
     (folder / "hall-a.yaml").write_text(BENCH)
     (folder / "recipe.yaml").write_text(RECIPE)
     (folder / "world.yaml").write_text(WORLD)
     out = folder / "out"
-    with two_hosts(folder) as (first, second), cluster_of(first, second, (1, 1)) as address:
-        engine = ("--engine", f"ray://{address}")
+    with ExitStack() as stack:
+        first, second = stack.enter_context(two_hosts(folder))
+        engine = ("--engine", f"ray://{stack.enter_context(cluster_of(first, second, (1, 1)))}")
         vehicle = second.program("vehicle", "px4", "--link", "udpout://127.0.0.1:14540")
         second.start("vehicle", *vehicle)
-        with _served(second, folder / "hall-a.yaml", *engine) as server:
+        server = stack.enter_context(_served(second, folder / "hall-a.yaml", *engine))
 
-            def command(file: Path, *more: str) -> list[str]:
-                count = str(RUNS[file.stem])
-                words = ("run", str(file), "--out", str(out), "--repetitions", count, *engine)
-                return first.program(*words, *more)
+        def command(file: Path, *more: str) -> list[str]:
+            count = str(RUNS[file.stem])
+            words = ("run", str(file), "--out", str(out), "--repetitions", count, *engine)
+            return first.program(*words, *more)
 
-            programs = {
-                name: first.start(name, *command(folder / f"{name}.yaml"))
-                for name in ("hall", "hover")
-            }
-            wait_for(lambda: _is_second_in_flight(out), STARTED_S, "the second run on the bench")
-            time.sleep(random.Random(seed).uniform(0.0, 6.0))  # noqa: S311
-            began_s = time.monotonic()
-            _kill(victim, programs, server, second)
-            codes = {name: program.wait(STARTED_S) for name, program in programs.items()}
-            wait_for(lambda: not _flies(out), DOWN_S, "the landing")
-            print(
-                f"{victim}, seed {seed}: exit codes {codes}, nothing in flight after "
-                f"{time.monotonic() - began_s:.0f} s; {_down(out)}",
-                flush=True,
-            )
-            fine = _resume(first, folder, command, hover, victim)
+        programs = {"hall": first.start("hall", *command(folder / "hall.yaml"))}
+        wait_for(lambda: _has_begun(out, 1), STARTED_S, "the first run on the bench")
+        programs["hover"] = first.start("hover", *command(hover))
+        wait_for(lambda: _has_begun(out, 2), STARTED_S, "the second run on the bench")
+        wait_for(lambda: _ordered(out) > 0, STARTED_S, "a run over both nodes")
+        time.sleep(random.Random(seed).uniform(0.0, 4.0))  # noqa: S311
+        print(f"{victim}, seed {seed}: {_ordered(out)} runs of hover in flight", flush=True)
+        began_s = time.monotonic()
+        _kill(victim, programs, server, second)
+        wait_for(lambda: not _flies(out), DOWN_S, "the landing")
+        down_s = time.monotonic() - began_s
+        codes = {name: program.wait(STARTED_S) for name, program in programs.items()}
+        print(f"exit codes {codes}, bench down after {down_s:.0f} s; {_down(out)}", flush=True)
+        if victim != "both programs":
+            with suppress(psutil.TimeoutExpired):
+                server.wait(60)
+            stack.enter_context(_served(second, folder / "hall-a.yaml", *engine))
+        fine = _resume(first, folder, command, hover)
         left = [*first.flying(), *second.flying()]
-        names = [" ".join(one.cmdline())[:100] for one in left if "vehicle px4" not in _line(one)]
+        lines = [_line(one) for one in left]
+        names = [line[:100] for line in lines if _STAYS not in line]
         print(f"processes left: {names or 'none'}", flush=True)
         for name in RUNS:
             _show_ledger(out, name)
         return fine and not names
 
 
-def _resume(
-    first: Host, folder: Path, command: Callable[..., list[str]], hover: Path, victim: str
-) -> bool:
+def _resume(first: Host, folder: Path, command: Callable[..., list[str]], hover: Path) -> bool:
     """Resume both campaigns; return whether each run has come to its end."""
     over = first.run(*command(hover, "--resume"))
     print(f"hover resumed: exit code {over.returncode}, {_verdicts(folder / 'out', 'hover')}")
-    if victim != "both programs":
-        return bool(over.returncode == 0)
     hall = folder / "hall.yaml"
     ended = first.run(*command(hall, "--resume"))
     verdicts = _verdicts(folder / "out", "hall")
@@ -152,7 +156,7 @@ def _served(host: Host, file: Path, *engine: str) -> Iterator[psutil.Process]:
     words = host.command(*host.program("bench", "serve", str(file), *engine))
     if pid == 0:
         os.execvpe(words[0], words, host.environment_of_programs())  # noqa: S606
-    shown = host.logs / "bench-terminal.log"
+    shown = host.logs / f"bench-terminal-{pid}.log"
     shown.touch()
 
     def consent() -> None:
@@ -179,11 +183,21 @@ def _newest(out: Path, name: str) -> Path | None:
     return max(out.glob(f"{name}/*"), default=None)
 
 
-def _is_second_in_flight(out: Path) -> bool:
-    """Return whether the second run of the bench has been told to take off."""
+def _has_begun(out: Path, run: int) -> bool:
+    """Return whether a run of the bench has been told to take off."""
     folder = _newest(out, "hall")
-    log = None if folder is None else folder / "default/wil/2/log.jsonl"
+    log = None if folder is None else folder / f"default/wil/{run}/log.jsonl"
     return log is not None and log.is_file() and '"takeoff"' in log.read_text()
+
+
+def _ordered(out: Path) -> int:
+    """Return how many runs over both nodes are ordered and have no outcome."""
+    folder = _newest(out, "hover")
+    ledger = None if folder is None else folder / "ledger.jsonl"
+    if ledger is None or not ledger.is_file():
+        return 0
+    events = Counter(json.loads(line)["event"] for line in ledger.read_text().splitlines())
+    return events["ordered"] - events["ended"] - events["lost"] - events["found"]
 
 
 def _flies(out: Path) -> bool:

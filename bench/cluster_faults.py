@@ -8,6 +8,7 @@ import json
 import os
 import random
 import re
+import subprocess
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ schema: wil/campaign/1
 campaign: hover
 vehicles: {twin: {link: embedded, autopilot: px4}}
 world: world.yaml
-autonomy: {use: still.py:Still, with: {ticks: 500}}
+autonomy: {use: still.py:Still, with: {ticks: 2000}}
 goal: {altitude_m: 1.2}
 modes: [sim]
 oracles: {landed: {}}
@@ -100,7 +101,11 @@ def survives(folder: Path, name: str, seed: int) -> bool:
         # What a host has beneath its /tmp is its own.
         out = "/tmp/out" if by_store else str(folder / "out")  # noqa: S108
         trial = _Trial(hosts, campaign, out, f"ray://{address}", by_store, flights)
-        return trial.run(name, seed)
+        try:
+            return trial.run(name, seed)
+        except (TimeoutError, subprocess.TimeoutExpired) as error:
+            print(f"{name}, seed {seed}: BAD: {error}; {trial.progress_text()}", flush=True)
+            return False
 
 
 @dataclass
@@ -118,6 +123,8 @@ class _Trial:
         wait_for(lambda: self._events()["ordered"] >= 2, STARTED_S, "the second order")
         time.sleep(random.Random(seed).uniform(0.0, 6.0))  # noqa: S311
         wait_for(lambda: self.hosts[victim.host].find(victim.text), 60, name)
+        events = self._events()
+        flying = events["ordered"] - events["ended"] - events["lost"] - events["found"]
         killed = self.hosts[victim.host].find(victim.text)
         if killed is not None:
             killed.kill()
@@ -143,8 +150,9 @@ class _Trial:
         ]
         counts = dict(Counter(verdicts.values()))
         print(
-            f"{name}, seed {seed}, {'store' if self.by_store else 'shared folder'}: exit code "
-            f"{code} and nothing flies after {down_s:.0f} s; {dict(before)}; {kept} kept on nodes; "
+            f"{name}, seed {seed}, {'store' if self.by_store else 'shared folder'}: killed with "
+            f"{flying} runs in flight, after {down_s:.0f} s exit code {code} and nothing flies; "
+            f"{dict(before)}; {kept} kept on nodes; "
             f"resumed ({engine.partition(':')[0]}): exit code {resumed.returncode}, {counts}, "
             f"{dict(self._events())}: {'fine' if not faults else 'BAD: ' + '; '.join(faults)}",
             flush=True,
@@ -152,6 +160,11 @@ class _Trial:
         if faults:
             print(resumed.stderr[-2000:], flush=True)
         return not faults
+
+    def progress_text(self) -> str:
+        """Return what a trial that has not come to its end has to say."""
+        log = self.hosts[0].logs / "first-run.log"
+        return f"{self._events()}; {log.read_text()[-2000:]}"
 
     def _command(self, engine: str, *more: str) -> list[str]:
         words = ["run", str(self.campaign), "--engine", engine, "--out", self.out, "--jobs", "2"]

@@ -75,19 +75,7 @@ class Host:
 
     def processes(self) -> list[psutil.Process]:
         """Return what runs on this host, without what keeps it."""
-        found = subprocess.run(  # noqa: S603
-            ["ip", "netns", "pids", self.namespace],  # noqa: S607
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        every: list[psutil.Process] = []
-        for pid in map(int, found.stdout.split()):
-            with contextlib.suppress(psutil.Error):
-                process = psutil.Process(pid)
-                if pid != self.holder.pid and process.status() != psutil.STATUS_ZOMBIE:
-                    every.append(process)
-        return every
+        return [one for one in _processes_in(self.namespace) if one.pid != self.holder.pid]
 
     def find(self, text: str) -> psutil.Process | None:
         """Return a process of this host by its command line; the oldest."""
@@ -227,6 +215,7 @@ def _host(name: str, address: str, logs: Path) -> Iterator[Host]:
     """Have a host with namespaces and a /tmp of its own, ended with all that runs in it."""
     with tempfile.TemporaryDirectory(dir=logs, prefix=f"tmp-{name}-") as tmp:
         namespace = f"wil-{name}"
+        _end_orphaned_host(namespace)
         _ip("netns", "add", namespace)
         holder: subprocess.Popen[bytes] | None = None
         try:
@@ -238,14 +227,69 @@ def _host(name: str, address: str, logs: Path) -> Iterator[Host]:
                 ["ip", "netns", "exec", namespace, "unshare", "-m", "-u", "sh", "-c", script]  # noqa: S607
             )
             wait_for(ready.exists, 10, name)
-            host = Host(name, address, holder, logs)
-            yield host
-            host.end()
+            yield Host(name, address, holder, logs)
         finally:
+            _end_all(namespace)
             if holder is not None:
-                holder.send_signal(signal.SIGKILL)
                 holder.wait()
             _ip("netns", "del", namespace)
+
+
+def _end_orphaned_host(namespace: str) -> None:
+    """End what a bench that was killed has left of a host. Raises RuntimeError while one runs."""
+    if not Path("/run/netns", namespace).exists():
+        return
+    for process in _processes_in(namespace):
+        if process.cmdline()[:1] == ["sleep"] and process.ppid() != 1:
+            raise RuntimeError(f"{namespace} is used by another bench (pid {process.ppid()})")
+    _end_all(namespace)
+    _ip("netns", "del", namespace)
+
+
+def _end_all(namespace: str) -> None:
+    """End every process of a host, what keeps it, too."""
+    for _ in range(20):
+        every = _processes_in(namespace)
+        if not every:
+            return
+        for process in every:
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        time.sleep(0.2)
+
+
+def _processes_in(namespace: str) -> list[psutil.Process]:
+    found = subprocess.run(  # noqa: S603
+        ["ip", "netns", "pids", namespace],  # noqa: S607
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    every: list[psutil.Process] = []
+    for pid in map(int, found.stdout.split()):
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(pid)
+            if process.status() != psutil.STATUS_ZOMBIE:
+                every.append(process)
+    return every
+
+
+@contextmanager
+def ended_in_order() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP end this program as Ctrl-C does: with its hosts."""
+
+    def interrupt(*_: object) -> None:
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, interrupt) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, one in zip(numbers, before, strict=True):
+            signal.signal(number, one)
 
 
 def _ip(*words: str) -> None:

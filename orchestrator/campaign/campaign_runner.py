@@ -85,12 +85,11 @@ class CampaignOutcome:
 class FlyingSettings:
     """How the campaign runner flies: folder, clock, jobs, arming.
 
-    out: beneath it the campaign's folder is made. junit: a copy of junit.xml. resume: take up the
-    campaign that was cut off, in its folder: `out` itself, or the newest beneath it. arm: False
-    tries each case and mode once, up to arming. real_kind: what plays the real vehicle. hardware:
-    in words, what a person has to put back between runs; empty for nothing. folder: the campaign's
-    folder itself, which is made; None: a new one beneath `out`, named by the time. engine: where
-    the runs are flown. again: runs that a resumed campaign flies again because a person said so.
+    out: beneath it the campaign's folder is made. resume: take up the campaign that was cut off,
+    in `out` itself or the newest beneath it; again, repeats_cut_off: as ResumeRules has them. arm:
+    False tries each case and mode once, up to arming. real_kind: what plays the real vehicle.
+    hardware: in words, what a person has to put back between runs; empty for nothing. folder: the
+    campaign's own, which is made; None: a new one beneath `out`, named by the time.
     """
 
     out: Path
@@ -104,6 +103,7 @@ class FlyingSettings:
     folder: Path | None = None
     engine: RunEngine = field(default_factory=LocalRunEngine)
     again: tuple[str, ...] = ()
+    repeats_cut_off: bool = False
 
 
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
@@ -143,6 +143,7 @@ def _begin(
             retries=campaign.retries,
             is_real=real_runs(campaign, settings.hardware),
             again=settings.again,
+            repeats_cut_off=settings.repeats_cut_off,
         )
         before = resume_campaign(campaign, folder, rules, say=watcher.say)
     except (TakenError, OSError) as error:

@@ -18,6 +18,7 @@ from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.arming_consent import REFUSED, Cleared, RefusedError, clear
 from orchestrator.cli.bench_flight import bench_flight, is_for_bench
 from orchestrator.cli.clock_choice import shared_of
+from orchestrator.cli.standard_streams import err
 from orchestrator.engines.ray_engine import engine_address, ray_engine
 from orchestrator.model.clock import Clock
 from orchestrator.storage.store import Store, StoreRefusedError, open_store
@@ -111,8 +112,10 @@ def runs_engine(
     is_open = address is not None and jobs is None and not shared_of(campaign)
     count = None if is_open else min(cleared.jobs, runs)
     cores = 1 if cleared.clock == "virtual" else 2
-    with ray_engine(address, jobs=count, cores=cores, keeps_agents=again, store=place) as engine:
-        yield engine, len(engine.idle)
+    with ray_engine(
+        address, jobs=count, cores=cores, keeps_agents=again, store=place, say=err
+    ) as engine:
+        yield engine, engine.places
 
 
 def result_store(url: str, engine: str) -> Store | None:

@@ -45,6 +45,9 @@ from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
 _SAY_S = 5.0
+_DESERTED = "the node's cluster was gone before the run began"
+_LANDED_S = 120.0
+"""How long a run may take to land that nobody waits for any longer."""
 _PROGRESS_S = 0.5
 """Each message that crosses the cluster costs milliseconds of three processes."""
 
@@ -106,7 +109,8 @@ class NodeRuns:
         worker = await self._workers.start()
         if _is_deserted(self._commands):
             await worker.end()
-            return RunEnded(WorkerLost("the node's cluster was gone before the run began"))
+            # Also to the store: who resumes or waits there learns that nothing comes any more.
+            return await self._hand_over(results, ordered, WorkerLost(_DESERTED))
         async with asyncio.TaskGroup() as group:
             passing = group.create_task(
                 self._pass_commands(worker, order.folder), name="commands to the run"
@@ -166,6 +170,8 @@ class NodeRuns:
                     in_thread(partial(tell_guards, folder, message.who))
         except (EOFError, OSError):
             worker.send(OperatorCommand("abort", "the node: its cluster is gone"))
+            await asyncio.sleep(_LANDED_S)
+            worker.kill()  # it hangs: its guard has its vehicles
 
     def _send(self, message: object) -> None:
         with suppress(OSError):  # nobody is there: the run's files say what became of it

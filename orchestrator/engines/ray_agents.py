@@ -2,19 +2,23 @@
 
 import asyncio
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.engines.cluster_places import waiting_text
 from orchestrator.engines.node_agent import NodeAgent
 from orchestrator.engines.node_facts import node_facts, unfit_text
 from orchestrator.engines.node_messages import DamagedMessageError, read_facts, read_message
 from orchestrator.model.flight_place import FlightPlace
 
-_HIRED_S = 300.0
+HIRED_S = 300.0
 """How long is waited for a place on the cluster, and for the first import of our code there."""
+SAY_S = 10.0
+"""After which the person is told what is waited for: most agents are up by then."""
 _LOOK_S = 2.0
 _CLOSED_S = 30.0
 """How long the process of a node may take to end, when nothing flies any more."""
@@ -81,56 +85,112 @@ class HiredAgent:
             raise EOFError(str(error)) from error
 
 
-def hire_agents(ray: Any, count: int, *, cores: int) -> list[HiredAgent]:
-    """Return agents that are up, on nodes that fly as this machine does. Raises EngineError.
+class Hire:
+    """An agent that is asked for, and up once the cluster has a place for it.
 
     ray: the module. cores: of a node, that a run takes.
     """
-    # Ray flies nothing again by itself: the campaign's ledger decides.
-    remote = ray.remote(
-        num_cpus=cores,
-        max_restarts=0,
-        max_task_retries=0,
-        max_concurrency=8,
-        scheduling_strategy="SPREAD",
-    )(NodeAgent)
-    actors = [remote.remote() for _ in range(count)]
-    try:
-        first = ray.get([actor.receive.remote(_HIRED_S) for actor in actors], timeout=_HIRED_S)
-    except ray.exceptions.GetTimeoutError as error:
-        _dismiss(ray, actors)
-        raise EngineError(
-            f"the cluster has no place for {count} runs of {cores} CPUs each within {_HIRED_S:g} "
-            "s: lower --jobs, or add nodes"
-        ) from error
-    except ray.exceptions.RayError as error:
-        _dismiss(ray, actors)
-        raise EngineError(
-            f"a node of the cluster cannot fly: {_last_line(error)}; install the same wheel of "
-            "wil-campaign[cluster] with the same constraints on every node",
-            2,
-        ) from error
-    if not all(first):
-        _dismiss(ray, actors)
-        raise EngineError(f"a node of the cluster says nothing for {_HIRED_S:g} s")
-    try:
-        found = [read_facts(messages[0]) for messages in first]
-    except DamagedMessageError as error:
-        _dismiss(ray, actors)
-        raise EngineError(f"a node of the cluster does not say what it is: {error}") from error
-    for facts in found:
+
+    def __init__(self, ray: Any, cores: int) -> None:
+        # Ray flies nothing again by itself: the campaign's ledger decides.
+        remote = ray.remote(
+            num_cpus=cores,
+            max_restarts=0,
+            max_task_retries=0,
+            max_concurrency=8,
+            scheduling_strategy="SPREAD",
+        )(NodeAgent)
+        self._ray = ray
+        self._actor = remote.remote()
+        self.future: Future[Any] = self._actor.receive.remote(HIRED_S).future()
+        """Of its first message; an error of Ray where its node cannot fly."""
+
+    def dismiss(self) -> None:
+        """Take the request back, or end the agent."""
+        self._ray.kill(self._actor, no_restart=True)
+
+    def agent(self) -> HiredAgent:
+        """Return the agent, which is up and flies as this machine does. Raises EngineError."""
+        try:
+            facts = self._fit_facts()
+        except EngineError:
+            self.dismiss()
+            raise
+        return HiredAgent(ray=self._ray, actor=self._actor, node=facts["node"])
+
+    def _fit_facts(self) -> dict[str, str]:
+        """Return what the agent's node says that it is, where it can fly. Raises EngineError."""
+        facts = self._facts()
         if why := unfit_text(node_facts(), facts):
-            _dismiss(ray, actors)
             raise EngineError(why, 2)
-    return [
-        HiredAgent(ray=ray, actor=actor, node=facts["node"])
-        for actor, facts in zip(actors, found, strict=True)
-    ]
+        return facts
+
+    def _facts(self) -> dict[str, str]:
+        """Return what the agent's node says that it is. Raises EngineError."""
+        try:
+            messages = self.future.result()
+        except self._ray.exceptions.RayError as error:
+            raise EngineError(
+                f"a node of the cluster cannot fly: {_last_line(error)}; install the same wheel of "
+                "wil-campaign[cluster] with the same constraints on every node",
+                2,
+            ) from error
+        if not messages:
+            raise EngineError(f"a node of the cluster says nothing for {HIRED_S:g} s")
+        try:
+            return read_facts(messages[0])
+        except DamagedMessageError as error:
+            raise EngineError(f"a node of the cluster does not say what it is: {error}") from error
 
 
-def _dismiss(ray: Any, actors: Sequence[Any]) -> None:
-    for actor in actors:
-        ray.kill(actor, no_restart=True)
+def hire_agents(
+    ray: Any, count: int, *, cores: int, say: Callable[[str], None] = lambda _: None
+) -> list[HiredAgent]:
+    """Return agents that are up, on nodes that fly as this machine does; fewer where no more fit.
+
+    cores: of a node, that a run takes. say: told at once what is waited for. Raises EngineError,
+    also where there is place for none.
+    """
+    hires = [Hire(ray, cores) for _ in range(count)]
+    try:
+        up = _await_hires(ray, hires, cores, say)
+        agents = [one.agent() for one in up]
+    except BaseException:
+        for one in hires:
+            one.dismiss()
+        raise
+    for one in hires:
+        if one not in up:
+            one.dismiss()
+    if len(up) < count:
+        say(f"{len(up)} of {count} runs have a place on the cluster, and fly")
+    return agents
+
+
+def _await_hires(
+    ray: Any, hires: Sequence[Hire], cores: int, say: Callable[[str], None]
+) -> list[Hire]:
+    """Return the agents that are up or cannot fly, once all are or it took too long.
+
+    Raises EngineError where none is.
+    """
+    futures = [one.future for one in hires]
+    late = wait(futures, SAY_S, return_when=FIRST_EXCEPTION).not_done
+    if late and not any(one.done() and one.exception() for one in futures):
+        say(f"{waiting_text(ray.nodes(), cores)}; waiting up to {HIRED_S:g} s")
+        wait(futures, HIRED_S - SAY_S, return_when=FIRST_EXCEPTION)
+    up = [one for one in hires if one.future.done()]
+    if hires and not up:
+        raise EngineError(no_place_text(len(hires), cores))
+    return up
+
+
+def no_place_text(count: int, cores: int) -> str:
+    """Return why nothing flies on a cluster that has had no place all the time."""
+    return (
+        f"the cluster has no place for {count} runs of {cores} CPUs each within {HIRED_S:g} s: "
+        "lower --jobs, or add nodes"
+    )
 
 
 def _last_line(error: Exception) -> str:

@@ -9,7 +9,7 @@ import sys
 import sysconfig
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -19,9 +19,17 @@ from campaigns.expansion.expansion import Campaign
 from orchestrator.campaign.folder.manifest import read_files
 from orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger, first_session
 from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.engines.cluster_places import places_by_node, shortage_text, waiting_text
 from orchestrator.engines.head_watch import watched_head
 from orchestrator.engines.node_messages import CampaignAnswer, CampaignBrought
-from orchestrator.engines.ray_agents import HiredAgent, hire_agents
+from orchestrator.engines.ray_agents import (
+    HIRED_S,
+    SAY_S,
+    Hire,
+    HiredAgent,
+    hire_agents,
+    no_place_text,
+)
 from orchestrator.engines.ray_worker import RayWorker
 from orchestrator.engines.returned_results import FetchedResults, ReturnedResults, SharedResults
 from orchestrator.engines.travelling_files import pack_files
@@ -40,6 +48,8 @@ class RayEngine:
 
     bench: whose one agent it is; "" where any node flies. keeps_agents: further campaigns are flown
     by the same agents. store: through which results come; None: by a folder that all share.
+    places: how many runs are to fly at once, also where the cluster has fewer places now. told:
+    what a person has been told of that already.
     """
 
     ray: Any
@@ -48,6 +58,8 @@ class RayEngine:
     idle: list[HiredAgent] = field(default_factory=list)
     keeps_agents: bool = False
     store: Store | None = None
+    places: int = 1
+    told: set[str] = field(default_factory=set)
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
         """Return the workers of a campaign, whose files travel to their nodes."""
@@ -67,7 +79,7 @@ class RayEngine:
             results = FetchedResults(self.store, home, place.place)
         nodes = ", ".join(sorted({one.node for one in self.idle}))
         say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files travel")
-        return RayWorkers(engine=self, brought=brought, ledger=ledger, results=results)
+        return RayWorkers(engine=self, brought=brought, ledger=ledger, results=results, say=say)
 
     def _place(self, campaign: Campaign, folder: Path, session: str) -> CampaignPlace | None:
         """Return the campaign's place in the store, where this start is the one that may fly now.
@@ -94,8 +106,12 @@ class RayWorkers:
         brought: CampaignBrought,
         ledger: RunLedger,
         results: ReturnedResults,
+        say: Callable[[str], None],
     ) -> None:
         self._engine = engine
+        self._say = say
+        self._flying = 0
+        """Agents that have an order, or are about to get one."""
         self._brought = brought
         self._ledger = ledger
         self._results = results
@@ -110,8 +126,13 @@ class RayWorkers:
         except (EOFError, OSError) as error:
             agent.kill()
             raise EngineError(f"node {agent.node} is lost: {error}") from error
+        self._flying += 1
         return RayWorker(
-            agent=agent, ledger=self._ledger, results=self._results, give_back=idle.append
+            agent=agent,
+            ledger=self._ledger,
+            results=self._results,
+            give_back=self._receive_agent,
+            say=self._say,
         )
 
     async def close(self) -> None:
@@ -124,17 +145,53 @@ class RayWorkers:
         self._engine.idle.clear()
         await asyncio.gather(*(agent.close() for agent in agents))
 
+    def _receive_agent(self, agent: HiredAgent) -> None:
+        """Take an agent for the next order, unless it is lost."""
+        self._flying -= 1
+        if not agent.is_dead:
+            self._engine.idle.append(agent)
+
     async def _hire_another(self) -> HiredAgent:
-        loop = asyncio.get_running_loop()
+        """Return a further agent, once there is a place for it. Raises EngineError.
+
+        That is waited for as long as other runs fly; where none does, as long as at the start.
+        """
         engine = self._engine
         if engine.bench:
             raise EngineError(
                 f"bench {engine.bench} is lost: nothing more is flown; look what its vehicle does, "
                 "and start again with --resume"
             )
-        return (
-            await loop.run_in_executor(None, lambda: hire_agents(engine.ray, 1, cores=engine.cores))
-        )[0]
+        hire = Hire(engine.ray, engine.cores)
+        try:
+            await self._await_hire(hire)
+        except BaseException:
+            hire.dismiss()
+            raise
+        return hire.agent()
+
+    async def _await_hire(self, hire: Hire) -> None:
+        """Wait until an agent is up. Raises EngineError."""
+        engine, loop = self._engine, asyncio.get_running_loop()
+        up = asyncio.Event()
+
+        def wake(_: object) -> None:
+            with suppress(RuntimeError):  # the campaign is over
+                loop.call_soon_threadsafe(up.set)
+
+        hire.future.add_done_callback(wake)
+        due_s = loop.time() + HIRED_S
+        while not await _is_set(up, SAY_S):
+            self._say_once(waiting_text(engine.ray.nodes(), engine.cores))
+            if self._flying:
+                due_s = loop.time() + HIRED_S
+            elif loop.time() > due_s:
+                raise EngineError(no_place_text(1, engine.cores))
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._engine.told:
+            self._engine.told.add(text)
+            self._say(text)
 
     async def _bring_campaign(self, agent: HiredAgent) -> None:
         """Send the campaign's files to a node. Raises EngineError, EOFError, OSError."""
@@ -144,6 +201,14 @@ class RayWorkers:
                 agent.kill()
                 raise EngineError(f"node {agent.node}: {message.problem}", 2)
         agent.has_campaign = True
+
+
+async def _is_set(event: asyncio.Event, limit_s: float) -> bool:
+    """Return whether an event is set within a time."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(limit_s):
+            await event.wait()
+    return event.is_set()
 
 
 def engine_address(text: str) -> str | None:
@@ -174,16 +239,23 @@ def ray_engine(
     cores: int,
     keeps_agents: bool = False,
     store: Store | None = None,
+    say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[RayEngine]:
     """Start a Ray of this machine for `jobs` runs, or join the one at an address.
 
     jobs: None for as many as the cluster has place for. cores: that a run takes. keeps_agents: for
-    several campaigns, one after the other. store: of results. Raises EngineError.
+    several campaigns, one after the other. store: of results. say: told what is waited for, and
+    that fewer fly at once. Raises EngineError.
     """
     with running_ray(address, cpus=(jobs or 1) * cores) as ray:
-        count = jobs or max(1, int(ray.cluster_resources().get("CPU", 0)) // cores)
-        agents = hire_agents(ray, count, cores=cores)
-        yield RayEngine(ray, cores, idle=agents, keeps_agents=keeps_agents, store=store)
+        there = sum(places_by_node(ray.nodes(), cores).values())
+        count = jobs or max(1, there)
+        if said := shortage_text(ray.nodes(), count, cores):
+            say(f"{said}; others fly as soon as there is place for them")
+        agents = hire_agents(ray, min(count, max(1, there)), cores=cores, say=say)
+        yield RayEngine(
+            ray, cores, idle=agents, keeps_agents=keeps_agents, store=store, places=count
+        )
 
 
 @contextmanager

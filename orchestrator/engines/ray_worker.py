@@ -8,7 +8,7 @@ from orchestrator.campaign.resuming.run_ledger import RunLedger
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.engines.node_messages import RunEnded, RunOrdered, RunTaken
 from orchestrator.engines.ray_agents import HiredAgent
-from orchestrator.engines.returned_results import ReturnedResults
+from orchestrator.engines.returned_results import LANDED_S, ReturnedResults
 from orchestrator.engines.travelling_files import resolve_order
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.results import RunResult
@@ -20,7 +20,7 @@ _SAY_S = 5.0
 
 
 class RayWorker:
-    """Flies one order by an agent. give_back: takes the agent for the next order."""
+    """Flies one order by an agent. give_back: takes the agent again, also one that is lost."""
 
     def __init__(
         self,
@@ -29,7 +29,9 @@ class RayWorker:
         ledger: RunLedger,
         results: ReturnedResults,
         give_back: Callable[[HiredAgent], None],
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
+        self._say = say
         self._agent = agent
         self._ledger = ledger
         self._results = results
@@ -87,6 +89,7 @@ class RayWorker:
         why = reason or f"node {self._agent.node} has lost the worker of the run"
         if order is None:
             return WorkerLost(why)
+        self._say(f"{order.plan.name}: {why}; waiting up to {LANDED_S:g} s until it has landed")
         found = await in_thread(lambda: self._results.of_lost(order, self._place))
         if isinstance(found, RunResult) and found.verdict != "ABORTED":
             self._ledger.write("found", order.plan.name, self._agent.node, found.verdict)
@@ -97,9 +100,8 @@ class RayWorker:
         return WorkerLost(why)
 
     async def end(self) -> str:
-        """Give the agent back, unless it is lost; return what was wrong with the run's end."""
-        if not self._agent.is_dead:
-            self._give_back(self._agent)
+        """Give the agent back; return what was wrong with the run's end."""
+        self._give_back(self._agent)
         return self._end_text
 
     def _fetch(self, ended: RunEnded) -> "asyncio.Future[RunResult | WorkerLost]":

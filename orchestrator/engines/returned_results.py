@@ -24,7 +24,7 @@ from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.store import Store, StoreError
 from orchestrator.storage.stored_runs import RESULT_FILE, await_run, digest_of, fetch_run
 
-_LANDED_S = 120.0
+LANDED_S = 120.0
 """How long a run whose node has lost its worker may go on: it lands."""
 _BEGUN_S = 10.0
 """How long an order that was on its way to a lost node may take to begin."""
@@ -76,13 +76,13 @@ class SharedResults:
         had_begun = order.folder.is_dir()
         try:
             make_run_folder(order.folder, order.plan.name)
-            for _ in range(round(_LANDED_S / _LOOK_S)):
+            for _ in range(round(LANDED_S / _LOOK_S)):
                 with suppress(TakenError), held(order.folder):
                     return _result_or_giving_up(order, had_begun=had_begun)
                 time.sleep(_LOOK_S)
         except (OutputError, OSError) as error:
             return str(error)
-        return f"it was in flight still after {_LANDED_S:g} s"
+        return f"it was in flight still after {LANDED_S:g} s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +125,11 @@ class FetchedResults:
     def of_lost(self, order: RunOrder, place: str) -> RunResult | str:
         """Return the result that a node sends after it has lost its worker."""
         try:
-            why = await_run(self.store, place, order.folder, landed_s=_LANDED_S, begun_s=_BEGUN_S)
-            return why or read_result(order.folder / RESULT_FILE)
+            why = await_run(self.store, place, order.folder, landed_s=LANDED_S, begun_s=_BEGUN_S)
+            path = order.folder / RESULT_FILE
+            if not why and not path.exists():
+                return "its node has sent no result: it had not begun to fly, or was killed"
+            return why or read_result(path)
         except (StoreError, ResultError, OSError) as error:
             return str(error)
 

@@ -1,6 +1,6 @@
 """Runs that are flown again: when, and how a result tells of it; pure."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from orchestrator.model.results import Attempt, RunResult
@@ -22,6 +22,14 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
     return result.verdict in _RETRIED and spent < retries
 
 
+def is_cut_off(result: RunResult) -> bool:
+    """Return whether a flight ended early, for its program died or its operator ended it.
+
+    Its verdict may be another than ABORTED, where something else decided it before.
+    """
+    return result.verdict == "ABORTED" or any(one.verdict == "ABORTED" for one in result.also)
+
+
 def attempt_of(result: RunResult, folder: str) -> Attempt:
     """Return a result as an earlier attempt, which does not count. folder: where it is kept."""
     return Attempt(result.verdict, result.reason, folder)
@@ -32,10 +40,21 @@ def after_attempts(result: RunResult, attempts: Iterable[Attempt]) -> RunResult:
     told = tuple(attempts)
     if not told:
         return result
-    reason = result.reason
-    if result.verdict == "PASS":
-        reason = f"passed at attempt {len(told) + 1}; before: {'; '.join(map(attempt_text, told))}"
+    reason = passed_text(told) if result.verdict == "PASS" else result.reason
     return replace(result, attempts=told, reason=reason)
+
+
+def passed_text(attempts: Sequence[Attempt]) -> str:
+    """Return the reason of a PASS after earlier attempts; "" without any."""
+    if not attempts:
+        return ""
+    before = "; ".join(map(attempt_text, attempts))
+    return f"passed at attempt {len(attempts) + 1}; before: {before}"
+
+
+def ended_attempts(attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
+    """Return the attempts that came to their end, without those that were cut off."""
+    return tuple(one for one in attempts if one.verdict not in {None, "ABORTED"})
 
 
 def attempt_text(attempt: Attempt) -> str:

@@ -58,6 +58,7 @@ class BatchEngine:
             real_kind=self.real_kind,
             engine=self.runs,
             resume=(folder / "campaign.json").is_file(),
+            repeats_cut_off=True,
         )
         outcome = fly_campaign(campaign, settings, self.watcher)
         stops: dict[int, Stop] = {_SIGNAL: "signal", _COMMAND: "command"}

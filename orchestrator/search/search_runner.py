@@ -14,6 +14,7 @@ from campaigns.search.strategies import Strategy
 from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError, held, make_folder
 from orchestrator.campaign.folder.manifest import manifest
 from orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
+from orchestrator.model.attempts import ended_attempts, passed_text
 from orchestrator.model.clock import Clock
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult, Stop
@@ -176,7 +177,7 @@ class _Flown:
             results=result.oracles,
             vehicle=result.subject,
             cause=(result.decided_by or result.bare_reason) if result.verdict == "FAIL" else "",
-            reason=result.reason,
+            reason=_reason(result),
             duration_s=result.duration_s or 0.0,
             wall_s=result.wall_s,
         )
@@ -211,6 +212,13 @@ def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -
     if not any(one.outcomes for one in findings.tried):
         return 5
     return 3 if findings.open_failures or not findings.is_proven else 0
+
+
+def _reason(result: RunResult) -> str:
+    """Return a flight's reason, the same whether the search's program was killed meanwhile."""
+    if result.verdict != "PASS":
+        return result.reason
+    return passed_text(ended_attempts(result.attempts))
 
 
 def _run_name(flight: Flight) -> str:

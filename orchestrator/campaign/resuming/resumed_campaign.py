@@ -20,7 +20,7 @@ from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.resuming.run_ledger import OpenOrder, close_order, open_orders
 from orchestrator.campaign.resuming.unfetched_runs import fetch_stored_runs
 from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
+from orchestrator.model.attempts import after_attempts, attempt_of, is_cut_off, retry_due
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import Attempt, RunResult
 from orchestrator.model.results_reader import ResultError, read_result
@@ -47,11 +47,14 @@ class ResumeRules:
     """What of a campaign is flown again. retries: of the campaign.
 
     is_real: of whose runs none is flown again by itself. again: runs that a person has named.
+    repeats_cut_off: a simulated run that was cut off in flight is flown again whatever it had come
+    to by then, as a search needs it: what it proposes next depends on how the flight ends.
     """
 
     retries: int = 0
     is_real: IsReal = lambda _: False
     again: Collection[str] = ()
+    repeats_cut_off: bool = False
 
 
 def resume_campaign(
@@ -125,8 +128,13 @@ class _Resumption:
         if plan.name in self.rules.again:
             return True
         # Whose parent died, or whose operator pressed Ctrl-C, was not tried to its end.
-        wants = result.verdict == "ABORTED" or retry_due(result, retries=self.rules.retries)
+        wants = result.verdict == "ABORTED" or self._was_cut_off(result)
+        wants = wants or retry_due(result, retries=self.rules.retries)
         return wants and not self.rules.is_real(plan)
+
+    def _was_cut_off(self, result: RunResult) -> bool:
+        """Return whether a run was cut off after its verdict, and is to be flown to its end."""
+        return self.rules.repeats_cut_off and is_cut_off(result)
 
     def _begun(self, plan: RunPlan, found: RunResult | str, earlier: list[Attempt]) -> str:
         """Return what was begun of a run that may not be flown again; "" for one that may."""
@@ -140,7 +148,22 @@ class _Resumption:
         return "" if order is None else f"it was ordered from {order.node} and has no folder"
 
     def _earlier(self, plan: RunPlan) -> list[Attempt]:
-        return [_attempt(self.folder, place) for place in earlier_folders(self.folder, plan.name)]
+        places = earlier_folders(self.folder, plan.name)
+        return [self._attempt_in(place) for place in places]
+
+    def _attempt_in(self, place: Path) -> Attempt:
+        """Return the earlier attempt in a folder that the resumption sets aside."""
+        name = str(place.relative_to(self.folder))
+        try:
+            return self._attempt_of(read_result(place / _RESULT), name)
+        except ResultError:
+            return Attempt(None, _CUT_OFF, name)
+
+    def _attempt_of(self, result: RunResult, place: str) -> Attempt:
+        """Return a result as an earlier attempt; one that was cut off has spent no retry."""
+        if result.verdict != "ABORTED" and self._was_cut_off(result):
+            return Attempt(None, f"in flight, after {result.verdict}: {result.reason}", place)
+        return attempt_of(result, place)
 
     def _keep(self, plan: RunPlan, result: RunResult) -> None:
         """Have a result count; the ledger has it, too."""
@@ -156,7 +179,7 @@ class _Resumption:
             last = (
                 Attempt(None, found, str(place))
                 if isinstance(found, str)
-                else attempt_of(found, str(place))
+                else self._attempt_of(found, str(place))
             )
             why = f"{last.verdict or 'cut off'}, {last.reason}; kept in {place}"
             self.say(f"{plan.name}: {why}")
@@ -193,15 +216,6 @@ def _find_results(home: Path, plan: RunPlan) -> RunResult | str:
     if (result.case, result.mode, result.rep, result.seed, result.required) != wanted:
         return f"{home / _RESULT} is of another run"
     return result
-
-
-def _attempt(folder: Path, place: Path) -> Attempt:
-    """Return the earlier attempt in a folder that the resumption sets aside."""
-    name = str(place.relative_to(folder))
-    try:
-        return attempt_of(read_result(place / _RESULT), name)
-    except ResultError:
-        return Attempt(None, _CUT_OFF, name)
 
 
 def _wait_for(home: Path, say: Say) -> None:

@@ -196,7 +196,13 @@ class LocalWorkers(Generic[Order, Outcome]):
 
     async def start(self) -> LocalWorker[Order, Outcome]:
         """Return a new worker process; preparing the run server takes seconds, in a thread."""
-        return await asyncio.get_running_loop().run_in_executor(None, self._start)
+        loop = asyncio.get_running_loop()
+        starting = loop.run_in_executor(None, self._start)
+        try:
+            return await asyncio.shield(starting)
+        except asyncio.CancelledError:
+            starting.add_done_callback(_kill_started)
+            raise
 
     async def close(self) -> None:
         """Do nothing: the run server ends with its campaign."""
@@ -226,6 +232,12 @@ async def receive_message(connection: Connection) -> object:
             loop.remove_reader(connection.fileno())
     message: object = connection.recv()
     return message
+
+
+def _kill_started(starting: "asyncio.Future[LocalWorker[Any, Any]]") -> None:
+    """Kill a worker process that nobody waits for any more."""
+    if not starting.cancelled() and starting.exception() is None:
+        starting.result().kill()
 
 
 def _set_once(ready: "asyncio.Future[None]") -> None:

@@ -21,7 +21,7 @@ from orchestrator.campaign.workers.run_workers import (
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import News, Report
 from safety.guard.core.operator_command import OperatorCommand
-from vehicles.tasks import finish
+from vehicles.tasks import finish, start, stop
 
 _FIRST_WORD_S = 600.0
 """Until its first word a worker loads the campaign's files and compiles."""
@@ -78,6 +78,8 @@ class Pool(Generic[Order, Outcome]):
         self._stopped: OperatorCommand | None = None
         self._going = asyncio.Event()
         self._going.set()
+        self._needless = asyncio.Event()
+        """Set while no order waits for a worker."""
 
     def abort(self, command: OperatorCommand) -> None:
         """Have every worker's run land as aborted; orders not begun are not flown.
@@ -90,6 +92,7 @@ class Pool(Generic[Order, Outcome]):
             return
         self._stopped = command
         self._going.set()
+        self._needless.set()
         self.pass_on(command)
         for busy in self._busy:
             busy.hurry()
@@ -121,31 +124,61 @@ class Pool(Generic[Order, Outcome]):
         try:
             while waiting:
                 await self._going.wait()
-                # Preparing the run server takes seconds; signals are heeded meanwhile.
                 if worker is None:
-                    worker = await self._workers.start()
+                    worker = await self._start_worker()
                 await self._going.wait()
-                if self._stopped is not None or not waiting:
+                if worker is None or self._stopped is not None or not waiting:
                     break
                 if any(_is_for(command, worker.place) for command in self._barred):
                     worker.kill()  # no other task gets it, and so ends without its orders
                     break
                 order = self._ready(waiting.popleft())
+                self._note_waiting(waiting)
                 if order is None:
                     continue
                 outcome = await self._fly_one(worker, order)
                 over, worker = worker, None
-                ended = await finish(over.end(), name="the end of a worker")
-                if ended and not isinstance(outcome, WorkerLost):
-                    self._ended_badly(ended)
+                await self._end(over, is_lost=isinstance(outcome, WorkerLost))
                 again = self._done(order, outcome)
                 if again is not None:
                     waiting.appendleft(again)
+                    self._note_waiting(waiting)
         finally:
             if worker is not None:
-                ended = await finish(worker.end(), name="the end of a worker")
-                if ended:
-                    self._ended_badly(ended)
+                await self._end(worker, is_lost=False)
+
+    async def _end(self, worker: Worker[Order, Outcome], *, is_lost: bool) -> None:
+        """End a worker; report what was wrong with that, unless it is lost anyway."""
+        ended = await finish(worker.end(), name="the end of a worker")
+        if ended and not is_lost:
+            self._ended_badly(ended)
+
+    def _note_waiting(self, waiting: "deque[Order]") -> None:
+        """Take whether an order still waits for a worker."""
+        if self._stopped is None and waiting:
+            self._needless.clear()
+        else:
+            self._needless.set()
+
+    async def _start_worker(self) -> Worker[Order, Outcome] | None:
+        """Return a new worker; None where by then no order waits for one.
+
+        Preparing the run server takes seconds, a place on a cluster as long as others have it;
+        signals are heeded meanwhile.
+        """
+        starting = start(self._workers.start(), name="the start of a worker")
+        needless = start(self._needless.wait(), name="orders that wait for a worker")
+        try:
+            await asyncio.wait([starting, needless], return_when=asyncio.FIRST_COMPLETED)
+        except asyncio.CancelledError:
+            await stop(needless, starting)
+            if not starting.cancelled():
+                starting.result().kill()
+            raise
+        await stop(needless)
+        if not starting.done():
+            await stop(starting)
+        return None if starting.cancelled() else starting.result()
 
     async def _fly_one(self, worker: Worker[Order, Outcome], order: Order) -> Outcome | WorkerLost:
         busy = _BusyWorker(worker)

@@ -51,14 +51,14 @@ class FakeActor:
         self._threads = ThreadPoolExecutor(8)
         self.made = made()
         self._waiting: list[Future[Any]] = []
-        self._is_dead = False
+        self.is_dead = False
 
     def __getattr__(self, name: str) -> FakeMethod:
         return FakeMethod(self, name)
 
     def submit(self, name: str, values: tuple[object, ...]) -> "Future[Any]":
         given: Future[Any] = Future()
-        if self._is_dead:
+        if self.is_dead:
             given.set_exception(_ActorDiedError("the actor is dead"))
             return given
         self._waiting.append(given)
@@ -78,9 +78,9 @@ class FakeActor:
 
     def die(self) -> None:
         """End as a worker of Ray does: its child is killed, and who waits is told."""
-        if self._is_dead:
+        if self.is_dead:
             return
-        self._is_dead = True
+        self.is_dead = True
         self.made.die()
         for given in self._waiting:
             if not given.done():
@@ -88,12 +88,34 @@ class FakeActor:
         self._threads.shutdown(wait=False)
 
 
+class PendingActor(FakeActor):
+    """An actor for which the cluster has no place: its calls have no result until it is killed."""
+
+    def __init__(self) -> None:
+        self._waiting = []
+        self.is_dead = False
+
+    def submit(self, name: str, values: tuple[object, ...]) -> "Future[Any]":
+        self._waiting.append(Future())
+        return self._waiting[-1]
+
+    def die(self) -> None:
+        self.is_dead = True
+        for given in self._waiting:
+            if not given.done():
+                given.set_exception(_ActorDiedError("the actor has died"))
+
+
 class FakeRay:
-    """What of the module ray the engine uses. agent: makes what stands for an agent."""
+    """What of the module ray the engine uses. agent: makes what stands for an agent.
+
+    cpus: of the one node; an actor more than that finds no place.
+    """
 
     exceptions = FakeExceptions
 
-    def __init__(self, agent: Callable[[], Any]) -> None:
+    def __init__(self, agent: Callable[[], Any], cpus: int = 64) -> None:
+        self.cpus = cpus
         self._agent = agent
         self.actors: list[FakeActor] = []
         self.options: dict[str, object] = {}
@@ -105,7 +127,8 @@ class FakeRay:
         class Remote:
             @staticmethod
             def remote() -> FakeActor:
-                ray.actors.append(FakeActor(ray._agent))
+                there = sum(not one.is_dead for one in ray.actors)
+                ray.actors.append(FakeActor(ray._agent) if there < ray.cpus else PendingActor())
                 return ray.actors[-1]
 
         return lambda _: Remote
@@ -115,6 +138,11 @@ class FakeRay:
             return [one.future().result(timeout) for one in references]
         except FutureTimeoutError as error:
             raise _GetTimeoutError from error
+
+    def nodes(self) -> list[dict[str, Any]]:
+        return [
+            {"Alive": True, "NodeManagerHostname": "here", "Resources": {"CPU": float(self.cpus)}}
+        ]
 
     def kill(self, actor: FakeActor, *, no_restart: bool) -> None:
         assert no_restart

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from orchestrator.engines import node_process
 from orchestrator.engines.node_process import NodeRuns
 from orchestrator.operator import local_commands
 from orchestrator.operator.campaign_records import Place, Places
@@ -18,6 +19,10 @@ class SilentWorker:
 
     def __init__(self) -> None:
         self.commands: list[OperatorCommand] = []
+        self.is_killed = False
+
+    def kill(self) -> None:
+        self.is_killed = True
 
     def send(self, command: OperatorCommand) -> None:
         self.commands.append(command)
@@ -43,8 +48,11 @@ async def test_an_abort_goes_past_a_run_that_hangs_to_its_guard_and_no_other(
         while not told:  # noqa: ASYNC110 - sets no event
             await asyncio.sleep(0.01)
     assert told == [(run / "socket", "abort", "ben")]
+    assert not worker.is_killed
+    monkeypatch.setattr(node_process, "_LANDED_S", 0.05)
     sender.close()  # the cluster is gone
     await passing
+    assert worker.is_killed  # so that nothing is left on the node; its guard has the vehicles
     assert [(one.kind, one.who) for one in worker.commands] == [
         ("hold", "anna"),
         ("abort", "ben"),

@@ -4,9 +4,11 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import psutil
 import pytest
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
@@ -14,9 +16,9 @@ from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSetting
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli import main
 from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.engines import node_agent
+from orchestrator.engines import node_agent, ray_agents, ray_engine
 from orchestrator.engines.node_facts import node_facts, unfit_text
-from orchestrator.engines.ray_agents import hire_agents
+from orchestrator.engines.ray_agents import HIRED_S, hire_agents
 from orchestrator.engines.ray_engine import RayEngine, engine_address
 from orchestrator.model.progress import Progress
 from tests.orchestrator.engines.fake_ray import FakeRay
@@ -29,11 +31,16 @@ NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
 
 
 class MortalAgent(node_agent.NodeAgent):
-    """An agent whose death takes the node's process along, as Ray has it."""
+    """An agent that dies as a worker of Ray does: with its children, and its pipes are closed."""
 
     def die(self) -> None:
-        self._process.kill()
-        self._process.wait()
+        for child in psutil.Process().children():
+            if "orchestrator.engines.node_process" in child.cmdline():
+                child.kill()
+        self._to.close()
+
+    def wait(self) -> None:
+        assert node_agent.await_end(self.pid, 120.0)
 
 
 class Acting(SilentDisplay):
@@ -56,14 +63,17 @@ def fly(
     act: Callable[[FakeRay], object] = lambda _: None,
     workers: int = 1,
     resume: bool = False,
+    cpus: int = 64,
+    jobs: int = 1,
 ) -> CampaignOutcome:
-    ray = FakeRay(MortalAgent)
+    ray = FakeRay(MortalAgent, cpus)
     engine = RayEngine(ray, 1, idle=hire_agents(ray, workers, cores=1))
-    settings = FlyingSettings(out=out, clock="virtual", jobs=1, engine=engine, resume=resume)
+    settings = FlyingSettings(out=out, clock="virtual", jobs=jobs, engine=engine, resume=resume)
     try:
         return fly_campaign(campaign, settings, Acting(lambda: act(ray)))
     finally:
-        assert ray.options["max_restarts"] == ray.options["max_task_retries"] == 0
+        if ray.actors:
+            assert ray.options["max_restarts"] == ray.options["max_task_retries"] == 0
         for actor in ray.actors:
             actor.die()
 
@@ -129,6 +139,66 @@ def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(
     assert (flown.folder / "default/sim/1/log.jsonl").is_file()
 
 
+def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
+    tmp_path: Path,
+) -> None:
+
+    def lose_node(ray: FakeRay) -> None:
+        ray.cpus = 0  # of the two places one is gone, and the other is taken
+        ray.actors[1].die()
+
+    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=4))
+    began_s = time.monotonic()
+    flown = fly(campaign, tmp_path / "out", act=lose_node, workers=2, jobs=2)
+    # It was waited for a place for the lost one's successor, for five minutes.
+    assert time.monotonic() - began_s < HIRED_S / 2
+    verdicts = sorted(run.verdict for run in flown.summary.runs)
+    assert (verdicts, flown.exit_code) == (["ERROR", "PASS", "PASS", "PASS"], 3)
+    assert sorted(events(flown.folder)) == ["begun", *["ended"] * 3, "lost", *["ordered"] * 4]
+
+
+def test_a_cluster_with_fewer_places_flies_fewer_at_once_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ray, said = FakeRay(MortalAgent, 1), list[str]()
+
+    @contextmanager
+    def running(address: str | None, *, cpus: int) -> Iterator[FakeRay]:
+        yield ray
+
+    monkeypatch.setattr(ray_engine, "running_ray", running)
+    with ray_engine.ray_engine("127.0.0.1:1", jobs=3, cores=1, say=said.append) as engine:
+        assert (len(engine.idle), engine.places) == (1, 3)
+        engine.idle[0].actor.die()
+    assert said[0] == (
+        "the cluster has place for 1 of 3 runs at once, of 1 CPU each (here 1); others fly as soon "
+        "as there is place for them"
+    )
+
+
+def test_the_wait_for_a_full_cluster_is_reported_and_a_part_flies(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ray_agents, "HIRED_S", 1.0)
+    ray, said = FakeRay(MortalAgent, 0), list[str]()
+    monkeypatch.setattr(ray_agents, "SAY_S", 0.1)
+    with pytest.raises(EngineError, match="no place for 2 runs of 1 CPUs each within 1 s"):
+        hire_agents(ray, 2, cores=1, say=said.append)
+    (waiting,) = said
+    assert waiting == (
+        "a run waits for a worker with 1 CPU: its node still loads wil-campaign, others have its "
+        "place, or a node is missing; places: here 0; waiting up to 1 s"
+    )
+    assert all(one.is_dead for one in ray.actors)
+    monkeypatch.setattr(ray_agents, "HIRED_S", 60.0)
+    monkeypatch.setattr(ray_agents, "SAY_S", 59.0)  # a node's first import takes its time
+    ray = FakeRay(MortalAgent, 1)
+    (agent,) = hire_agents(ray, 2, cores=1, say=said.append)
+    assert said[-1] == "1 of 2 runs have a place on the cluster, and fly"
+    assert [one.is_dead for one in ray.actors] == [False, True]
+    agent.actor.die()
+
+
 def test_an_operator_reaches_the_run_on_its_node(tmp_path: Path) -> None:
     path = write_hover(tmp_path)
     path.write_text(path.read_text().replace("autonomy: still.py:Still", NEAR_ENDLESS))
@@ -158,10 +228,7 @@ def test_an_unfit_node_flies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(EngineError, match=r"here it is 2\.7") as raised:
         hire_agents(ray, 1, cores=1)
     assert raised.value.code == 2
-    deadline_s = time.monotonic() + 10
-    while ray.actors[0].made._process.poll() is None and time.monotonic() < deadline_s:
-        time.sleep(0.01)
-    assert ray.actors[0].made._process.poll() is not None
+    ray.actors[0].made.wait()
 
 
 @pytest.mark.parametrize(

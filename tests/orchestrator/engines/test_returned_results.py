@@ -50,7 +50,7 @@ def test_a_run_that_was_finished_counts(order: RunOrder) -> None:
 def test_a_run_in_flight_is_waited_for_and_not_given_up(
     order: RunOrder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(returned_results, "_LANDED_S", 0.4)
+    monkeypatch.setattr(returned_results, "LANDED_S", 0.4)
     order.folder.mkdir(parents=True)
     with held(order.folder):
         assert "in flight still" in str(SharedResults().of_lost(order, ""))

@@ -2,8 +2,11 @@
 
 import json
 import shutil
+import time
 from collections.abc import Callable, Iterator
+from multiprocessing import Pipe
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,12 +14,20 @@ from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
 from orchestrator.campaign.folder.campaign_folder import OutputError
 from orchestrator.campaign.workers.run_engine import EngineError
+from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.cli import main
 from orchestrator.cli.progress_display import SilentDisplay
+from orchestrator.engines.node_messages import CampaignBrought, RunOrdered
+from orchestrator.engines.node_process import NodeRuns
+from orchestrator.engines.node_results import StoredResults
 from orchestrator.engines.ray_agents import hire_agents
 from orchestrator.engines.ray_engine import RayEngine
+from orchestrator.engines.returned_results import LANDED_S, FetchedResults
+from orchestrator.engines.travelling_files import TravellingFiles
+from orchestrator.model.results_reader import read_result
+from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.store import StoreLimits, open_store
-from orchestrator.storage.stored_runs import fetch_run
+from orchestrator.storage.stored_runs import fetch_run, write_session
 from tests.orchestrator.engines.fake_ray import FakeRay
 from tests.orchestrator.engines.test_ray_engine import Acting, MortalAgent, contents, events
 from tests.orchestrator.hover import write_hover
@@ -58,13 +69,7 @@ def fly(
     finally:
         for actor in ray.actors:
             actor.die()
-            actor.made._process.wait(120)
-
-
-def lose_worker(ray: FakeRay) -> None:
-    """Have Ray lose a worker, while the node's process is left to land its run."""
-    ray.actors[0].made.die = ray.actors[0].made._to.close
-    ray.actors[0].die()
+            actor.made.wait()
 
 
 def lines(folder: Path) -> list[dict[str, str]]:
@@ -160,11 +165,52 @@ def test_a_worker_that_dies_in_flight_is_waited_for_in_the_store(
     path.write_text(
         path.read_text().replace("still.py:Still", "{use: still.py:Still, with: {ticks: 20000}}")
     )
-    flown = fly(path, tmp_path / "out", store, act=lose_worker)
+    flown = fly(path, tmp_path / "out", store, act=lambda ray: ray.actors[0].die())
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
     assert "has lost the worker" in run.reason
     assert events(flown.folder) == ["begun", "ordered", "lost"]
+    # Ray kills what its worker has started; the run has landed, and was sent all the same.
+    (sent,) = store.rglob("sent.json")
+    landed = read_result(sent.with_name("result.json"))
+    assert (landed.verdict, landed.reason) == (
+        "ABORTED",
+        "aborted by the node: its cluster is gone",
+    )
+    assert (flown.folder / "default/sim/1/log.jsonl").is_file()
+
+
+class IdleWorkers:
+    """Starts a worker that gets no order."""
+
+    async def start(self) -> "IdleWorkers":
+        return self
+
+    async def end(self) -> str:
+        return ""
+
+
+async def test_a_node_that_is_deserted_before_a_run_begins_says_so_in_the_store(
+    tmp_path: Path, store: Path
+) -> None:
+    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    order = RunOrder(plan=plan, folder=tmp_path / "out" / plan.name, clock="virtual")
+    place, run = open_store(f"file://{store}", LIMITS), "hover/1/default/sim/1/a"
+    write_session(place, "hover/1", "session")
+    brought: Any = CampaignBrought(
+        str(tmp_path / "out"), "session", TravellingFiles(()), store=place.url, place="hover/1"
+    )
+    commands, sender = Pipe()
+    node: Any = NodeRuns(commands, Pipe()[0], tmp_path / "node")
+    node._results, node._workers = StoredResults(brought, place), IdleWorkers()
+    sender.close()
+    ended = await node._fly(RunOrdered(order, run))
+    assert isinstance(ended.outcome, WorkerLost)
+    began_s = time.monotonic()
+    found = FetchedResults(place, tmp_path / "out", "hover/1").of_lost(order, run)
+    # It was waited for, for two minutes: the node had said that it begins, and sent nothing more.
+    assert time.monotonic() - began_s < LANDED_S / 4
+    assert found == "its node has sent no result: it had not begun to fly, or was killed"
 
 
 def test_what_was_sent_for_a_program_that_died_is_fetched_by_the_next(
@@ -208,7 +254,7 @@ def test_an_order_of_an_earlier_start_is_refused_by_the_store(tmp_path: Path, st
     finally:
         for actor in ray.actors:
             actor.die()
-            actor.made._process.wait(120)
+            actor.made.wait()
     assert [run.verdict for run in flown.summary.runs] == ["PASS", "ERROR"]
     assert "resumed by another start" in flown.summary.runs[1].reason
 

@@ -6,9 +6,22 @@ from typing import Any
 
 import pytest
 
+from campaigns.expansion.expansion import Campaign, Options
+from campaigns.search.search_file import load_search
+from orchestrator.campaign.workers import run_engine
+from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.cli import main
+from orchestrator.cli.progress_display import SilentDisplay
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import News, Progress, Report
+from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import read_result
+from orchestrator.search.engine import BatchEngine, EngineResult
 from orchestrator.search.ledger import read_ledger
-from tests.orchestrator.search.searches import SEARCH, write_search
+from orchestrator.search.search_runner import SearchSettings, fly_search
+from orchestrator.state.run_setup import RunOrder
+from safety.guard.core.operator_command import OperatorCommand
+from tests.orchestrator.search.searches import LIMIT_M, SEARCH, write_search
 
 WITH_LIDAR = (
     "autopilot: px4}",
@@ -57,3 +70,77 @@ def test_a_failure_is_found_confirmed_made_smaller_and_flown_from_its_file(
     # The same seeds: the same flights, to the last digit.
     assert [flown_height_m(one) for one in again] == [flown_height_m(one) for one in reduced]
     assert len(again) == 2
+
+
+class Orphaned:
+    """Has the program of a flight die once the flight has failed: its run lands. Lives in a run."""
+
+    def __init__(self, report: Report) -> None:
+        self._report = report
+        self._has_failed = False
+        self._has_told = False
+
+    def report(self, news: News) -> None:
+        if isinstance(news, Progress):
+            heights_m = [-one.position_ned_m[2] for one in news.vehicles if one.position_ned_m]
+            self._has_failed |= max(heights_m, default=0.0) > LIMIT_M + 0.1
+        self._report(news)
+
+    def poll(self) -> OperatorCommand | None:
+        if self._has_told or not self._has_failed:
+            return None
+        self._has_told = True
+        return OperatorCommand("abort", "the run itself: its parent process died")
+
+
+def fly_cut_off(order: RunOrder, report: Report, _: Inbox) -> RunResult:
+    """Fly an order whose program dies when it has failed; lives in the worker process."""
+    orphaned = Orphaned(report)
+    return fly_order(order, orphaned.report, orphaned)
+
+
+class KilledError(Exception):
+    """Ends a search as kill -9 does: nothing after it is written."""
+
+
+class KilledEngine:
+    """Is killed in its first batch, when the flight that fails has done so."""
+
+    def __init__(self, engine: BatchEngine) -> None:
+        self._engine = engine
+
+    def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(run_engine, "fly_order", fly_cut_off)
+            self._engine.fly(campaign, folder)
+        raise KilledError
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.usefixtures("forked_workers")
+def test_a_search_killed_after_a_flight_had_failed_comes_to_the_same(tmp_path: Path) -> None:
+    engine = BatchEngine(clock="virtual", jobs=1, real_kind="embedded", watcher=SilentDisplay())
+    documents: dict[str, Any] = {}
+    for name in ("whole", "killed"):
+        (tmp_path / name).mkdir()
+        path = write_search(
+            tmp_path / name, SEARCH.replace("steps: 3", "steps: 2").replace("sim: 3", "sim: 2")
+        )
+        search, out = load_search(path, Options()), tmp_path / name / "out"
+        settings = SearchSettings(out=out, clock="virtual", at_once=2)
+        if name == "killed":
+            with pytest.raises(KilledError):
+                fly_search(search, settings, KilledEngine(engine), lambda _: None)
+            settings = SearchSettings(out=out, clock="virtual", at_once=2, resume=True)
+        folder = fly_search(search, settings, engine, lambda _: None).folder
+        documents[name] = json.loads((folder / "search.json").read_text())
+        for cost in documents[name]["costs"]:
+            cost["wall_s"] = 0.0
+    (aside,) = folder.glob("flights/0001/earlier/*/sim/*/result.json")
+    cut_off = read_result(aside)
+    assert (cut_off.verdict, [one.verdict for one in cut_off.also]) == ("FAIL", ["ABORTED"])
+    (kept,) = folder.glob(f"flights/0001/{cut_off.case}/sim/1/result.json")
+    assert flown_height_m(kept) > flown_height_m(aside) + 0.1
+    (attempt,) = read_result(kept).attempts
+    assert (attempt.verdict, attempt.reason[:21]) == (None, "in flight, after FAIL")
+    assert documents["killed"] == documents["whole"]

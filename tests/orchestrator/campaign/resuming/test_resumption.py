@@ -31,7 +31,7 @@ from orchestrator.model.attempts import after_attempts
 from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
-from orchestrator.model.results import Attempt, RunResult, SyncResult
+from orchestrator.model.results import Also, Attempt, RunResult, SyncResult
 from orchestrator.state.run_setup import RunOrder
 from safety.model.oracle_results import Verdict
 from tests.orchestrator.hover import write_hover
@@ -192,6 +192,39 @@ def test_what_is_flown_again(
     if not kept:
         place = "earlier/default/sim/1-1"
         assert found.attempts[plan.name] == (Attempt(verdict, "why", place),)
+
+
+@pytest.mark.parametrize(
+    ("repeats_cut_off", "is_real", "kept"),
+    [(True, False, False), (True, True, True), (False, False, True)],
+)
+@pytest.mark.parametrize("verdict", ["FAIL", "ERROR"])
+def test_a_search_flies_what_was_cut_off_after_its_verdict_again_but_no_real_vehicle(
+    campaign: Path,
+    tmp_path: Path,
+    verdict: Verdict,
+    *,
+    repeats_cut_off: bool,
+    is_real: bool,
+    kept: bool,
+) -> None:
+    loaded = load_campaign(campaign)
+    plan = loaded.runs[0]
+    home = tmp_path / plan.name
+    home.mkdir(parents=True)
+    aborted = Also("ABORTED", "aborted by the run itself: its parent process died", 3.0)
+    cut_off = replace(result_of(plan, verdict, "too high"), also=(aborted,))
+    write_whole(home / "result.json", to_json(cut_off))
+    rules = ResumeRules(is_real=lambda _: is_real, repeats_cut_off=repeats_cut_off)
+    found = resume_campaign(loaded, tmp_path, rules, say=lambda _: None)
+    assert (plan.name in found.results) is kept
+    if not kept:
+        # No verdict: by one it would have spent a retry that the flight to its end still has.
+        told = f"in flight, after {verdict}: too high"
+        attempt = Attempt(None, told, "earlier/default/sim/1-1")
+        assert found.attempts[plan.name] == (attempt,)
+        again = resume_campaign(loaded, tmp_path, rules, say=lambda _: None)
+        assert again.attempts[plan.name] == (attempt,)
 
 
 def test_retries_are_counted_over_the_times_it_was_resumed(campaign: Path, tmp_path: Path) -> None:

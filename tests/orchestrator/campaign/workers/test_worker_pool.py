@@ -106,6 +106,95 @@ def test_abort_reaches_the_run_in_flight_and_stops_those_that_wait() -> None:
     assert outcomes == {"wait": "aborted by tester"}
 
 
+class QuickWorker:
+    """Does each order at once, or raises for one that is to be lost."""
+
+    place = FlightPlace()
+
+    def __init__(self, workers: "ScarceWorkers") -> None:
+        self._workers = workers
+        self._order = ""
+
+    async def begin(self, order: str) -> None:
+        self._order = order
+
+    async def receive(self) -> object:
+        if self._order == "lost":
+            raise EOFError
+        await asyncio.sleep(0.05)
+        return OrderDone(f"flown {self._order}")
+
+    def send(self, command: OperatorCommand) -> None: ...
+
+    def kill(self) -> None: ...
+
+    async def outcome_of_lost(self, reason: str) -> WorkerLost:
+        return WorkerLost("lost")
+
+    async def end(self) -> str:
+        self._workers.free += self._order != "lost"
+        return ""
+
+
+class ScarceWorkers:
+    """Has so many places; who finds none waits for a further one, which never comes."""
+
+    def __init__(self, free: int) -> None:
+        self.free = free
+        self.given_up = 0
+
+    async def start(self) -> QuickWorker:
+        try:
+            if not self.free:
+                await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            self.given_up += 1
+            raise
+        self.free -= 1
+        return QuickWorker(self)
+
+    async def close(self) -> None: ...
+
+
+@pytest.mark.parametrize("orders", [["lost", "a", "b", "c"], ["a", "lost"], ["lost", "again"]])
+def test_a_place_that_no_order_waits_for_is_not_waited_for(orders: list[str]) -> None:
+    outcomes: Outcomes = {}
+    workers = ScarceWorkers(2)
+    again = ["a"] if "again" in orders else []
+
+    def done(order: str, outcome: str | WorkerLost) -> str | None:
+        outcomes[order] = outcome
+        return again.pop() if again and order == "lost" else None
+
+    pool = Pool[str, str](jobs=2, workers=workers, report=lambda _: None, done=done)
+
+    async def main() -> None:
+        async with asyncio.timeout(10):
+            await pool.fly(orders)
+
+    asyncio.run(main())
+    flown = {name: f"flown {name}" for name in {*orders, *outcomes} if name != "lost"}
+    assert outcomes == flown | {"lost": WorkerLost("lost")}
+    assert workers.given_up <= 1
+
+
+def test_an_abort_ends_what_waits_for_a_place() -> None:
+    outcomes: Outcomes = {}
+    workers = ScarceWorkers(0)
+
+    async def main() -> None:
+        pool = Pool[str, str](
+            jobs=2, workers=workers, report=lambda _: None, done=outcomes.__setitem__
+        )
+        async with asyncio.timeout(10), asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["a", "b"]))
+            await asyncio.sleep(0.05)
+            pool.abort(OperatorCommand("abort", "tester"))
+
+    asyncio.run(main())
+    assert (outcomes, workers.given_up) == ({}, 2)
+
+
 def test_while_paused_no_order_is_begun() -> None:
     outcomes: Outcomes = {}
     begun: list[str] = []

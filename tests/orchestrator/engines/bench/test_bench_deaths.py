@@ -141,16 +141,22 @@ def vehicle_on(port: int) -> AttachedVehicle:
 class Killing:
     """Kills the process of the run in flight. guard: that of its vehicle, which lives on."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
         self.guard: list[psutil.Process] = []
+        self._folder = folder
 
     def __call__(self) -> None:
-        below = psutil.Process().children(recursive=True)
-        (node,) = [one for one in below if "orchestrator.engines.node_process" in one.cmdline()]
-        (server,) = [one for one in node.children() if "forkserver" in " ".join(one.cmdline())]
-        (run,) = server.children()
+        (run,) = [one for one in psutil.process_iter() if _is_run(one, self._folder)]
         self.guard = [one for one in psutil.process_iter() if _is_guard(one, run)]
         run.kill()
+
+
+def _is_run(one: psutil.Process, folder: Path) -> bool:
+    """Return whether a process flies a run beneath a folder."""
+    with suppress(psutil.Error):
+        if "forkserver" in " ".join(one.cmdline()):
+            return any(folder in Path(file.path).parents for file in one.open_files())
+    return False
 
 
 def _is_guard(one: psutil.Process, run: psutil.Process) -> bool:
@@ -168,7 +174,7 @@ def test_the_guard_lands_what_a_killed_process_flew_and_nobody_flies_it_again(
     port = free_port()
     path, bench = write_campaign(tmp_path, ticks=4000), write_bench(tmp_path, port)
     agree = ConsentAnswer(code=0, real_kind="sitl")
-    killing = Killing()
+    killing = Killing(tmp_path)
     with served(bench, tmp_path, lambda _: agree), vehicle_at(port):
         hired = hire_bench(FakeRay(MortalBenchAgent), "hall-a", 60.0)
         assert hired.ask_consent(ConsentAsked("hover", 2, arm=True, place=PLACE)).problem == ""
