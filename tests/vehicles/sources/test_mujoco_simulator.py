@@ -72,6 +72,7 @@ def test_ids_and_depth_are_where_our_renderer_has_them(
     seen = asked(simulator, Ask(1, 0.0, pose, camera, want_depth=True, want_ids=True))
     ours = Renderer(BLOCK_AND_GATE).render(pose, camera, 0.0, {}, want_depth=True, want_ids=True)
     assert 2 in seen.object_ids
+    assert ours.depth_m is not None
     assert np.count_nonzero(seen.object_ids != ours.object_ids) <= 5
     both = (seen.object_ids == ours.object_ids) & (seen.object_ids != 0)
     assert np.abs(seen.depth_m[both] - ours.depth_m[both]).max() < 0.01
