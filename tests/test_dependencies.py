@@ -26,7 +26,7 @@ OF_AN_EXTRA = {
     "ray",
 }
 OF_AN_EXAMPLE = {"mujoco"}
-"""What vehicles/sources/mujoco_simulator.py draws with: an example that is copied, not installed."""
+"""What vehicles/sources/mujoco_simulator.py draws with: an example, which is copied."""
 
 
 def sources(*folders: str) -> Iterator[Path]:
