@@ -71,6 +71,7 @@ def test_ids_and_depth_are_where_our_renderer_has_them(
     assert greet(simulator, BLOCK_AND_GATE) == ()
     seen = asked(simulator, Ask(1, 0.0, pose, camera, want_depth=True, want_ids=True))
     ours = Renderer(BLOCK_AND_GATE).render(pose, camera, 0.0, {}, want_depth=True, want_ids=True)
+    assert ours.depth_m is not None
     assert 2 in seen.object_ids
     assert ours.depth_m is not None
     assert np.count_nonzero(seen.object_ids != ours.object_ids) <= 5
