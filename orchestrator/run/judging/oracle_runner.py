@@ -161,15 +161,18 @@ class OracleRunner:
         state = context.driver.state
         if state.last_heard_s is None:
             return
-        for heard_s in context.driver.take_arrivals():
-            heard = LinkSample(heard_s, context.name)
-            self._tape(heard)
-            self._take(self._judge.received(heard))
+        self._take_arrivals(context)
         for name, reported_s in context.driver.reported_s.items():
             if reported_s > self._reported_s.get((context.name, name), -1.0):
                 self._reported_s[context.name, name] = reported_s
                 self.report(ReportSample(reported_s, context.name, name))
         self._judge_state(state_sample(context.name, state, t_s))
+
+    def _take_arrivals(self, context: VehicleContext) -> None:
+        for heard_s in context.driver.take_arrivals():
+            heard = LinkSample(heard_s, context.name)
+            self._tape(heard)
+            self._take(self._judge.received(heard))
 
     def _judge_state(self, sample: StateSample) -> None:
         self._tape(sample)
@@ -196,6 +199,9 @@ class OracleRunner:
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage in _JUDGED_STAGES:
+            for context in self._contexts:
+                # What came before the stage is no silence at it, if this loop was late.
+                self._take_arrivals(context)
             reached = StageSample(t_s, cast("JudgedStage", stage))
             self._tape(reached)
             self._take(self._judge.stage(reached))

@@ -79,3 +79,15 @@ def test_silence_is_found_however_late_the_judge_looks(late: LateJudge) -> None:
     late.sends(3.75, 6.0)
     late.runner.last_state(6.0)
     assert late.flags() == ["twin was silent for 1.8 s, more than 1 s"]
+
+
+def test_a_stage_finds_no_silence_where_the_judge_had_not_looked_yet(late: LateJudge) -> None:
+    """Seen with a PX4 at twice real time on a busy machine: 1.064 s, of a link without a gap."""
+    late.sends(0.0, 1.0)
+    late.runner.last_state(1.0)
+    late.judge.stage(StageSample(1.0, "takeoff"))
+    late.sends(1.0, 3.0)
+    late.runner._stage("landed", 3.0)
+    (link,) = [one for one in late.runner.results(3.0) if one.name == "link"]
+    assert link.verdict == "PASS"
+    assert link.actual == pytest.approx(0.2, abs=0.06)
