@@ -10,12 +10,12 @@ NUMBA_CACHE_DIR, else beside the package, else, where that cannot be written, in
 
 import hashlib
 import os
+import threading
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,16 +60,7 @@ def cache_folder(package: Path = _HERE / "render") -> Path | None:
 
 def compiled(function: Function) -> Function:
     """Return the function JIT-compiled at its first call (arguments give the types)."""
-    before = numba.config.CACHE_DIR
-    folder = cache_folder(Path(function.__code__.co_filename).parent)
-    numba.config.CACHE_DIR = str(folder or "")
-    try:
-        kernel: Function = numba.njit(nogil=True, cache=folder is not None, error_model="numpy")(
-            function
-        )
-    finally:
-        numba.config.CACHE_DIR = before
-    return kernel
+    return cast("Function", _Kernel(function, is_kept=True))
 
 
 def is_kept(kernel: Callable[..., object]) -> bool:
@@ -83,5 +74,44 @@ def inlined(function: Function) -> Function:
 
     Not kept on disk by itself. It saves about 0.2 s of the first compilation, each.
     """
-    helper: Function = numba.njit(nogil=True, error_model="numpy", inline="always")(function)
-    return helper
+    return cast("Function", _Kernel(function, is_kept=False, inline="always"))
+
+
+class _Kernel:
+    """A function for which Numba is imported at the first call: that takes half a second.
+
+    To Numba it is its dispatcher, whose attributes are read where another kernel calls it.
+    """
+
+    _loading = threading.RLock()
+    """The folder of the cache is a setting of the process."""
+
+    def __init__(self, function: Callable[..., object], *, is_kept: bool, **options: str) -> None:
+        self._function = function
+        self._is_kept = is_kept
+        self._options = options
+        self.__name__ = function.__name__
+        self.__doc__ = function.__doc__
+        self.__code__ = function.__code__
+
+    def __call__(self, *arguments: object) -> object:
+        return self.dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.dispatcher, name)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """Return what Numba makes of the function."""
+        import numba  # noqa: PLC0415 - half a second, and few commands call kernels
+
+        with self._loading:
+            folder = cache_folder(Path(self.__code__.co_filename).parent) if self._is_kept else None
+            before = numba.config.CACHE_DIR
+            numba.config.CACHE_DIR = str(folder or "")
+            try:
+                return numba.njit(
+                    nogil=True, cache=folder is not None, error_model="numpy", **self._options
+                )(self._function)
+            finally:
+                numba.config.CACHE_DIR = before

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from campaigns.statistics.proportions import Interval
 
@@ -32,6 +31,8 @@ def bootstrap_interval(
     None where it has no spread (equal runs, a single run in each sample) or no finite value: a
     width of zero would claim a knowledge that equal runs do not give.
     """
+    from scipy.special import ndtr, ndtri  # noqa: PLC0415 - takes half a second
+
     rng = np.random.default_rng(seed)
     drawn = [rng.multinomial(n, np.full(n, 1.0 / n), size=resamples) / n for n in sizes]
     values = statistic(drawn)

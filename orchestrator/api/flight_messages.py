@@ -1,6 +1,7 @@
 """What a program and the process that flies its campaign send to each other: lines of JSON."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
@@ -70,10 +71,15 @@ class CampaignRefused:
 
 FlightMessage = RunFinished | Message | CampaignEnded | CampaignRefused
 
-_REQUEST: TypeAdapter[FlightRequest] = TypeAdapter(FlightRequest)
-_MESSAGE: TypeAdapter[FlightMessage] = TypeAdapter(
-    Annotated[FlightMessage, Field(discriminator="kind")]
-)
+
+@cache
+def _request_model() -> TypeAdapter[FlightRequest]:
+    return TypeAdapter(FlightRequest)
+
+
+@cache
+def _message_model() -> TypeAdapter[FlightMessage]:
+    return TypeAdapter(Annotated[FlightMessage, Field(discriminator="kind")])
 
 
 def encode_line(message: FlightRequest | FlightMessage) -> bytes:
@@ -83,9 +89,9 @@ def encode_line(message: FlightRequest | FlightMessage) -> bytes:
 
 def decode_request(line: bytes) -> FlightRequest:
     """Return the request in a line. Raises ValueError."""
-    return _REQUEST.validate_json(line)
+    return _request_model().validate_json(line)
 
 
 def decode_message(line: bytes) -> FlightMessage:
     """Return the message in a line. Raises ValueError."""
-    return _MESSAGE.validate_json(line)
+    return _message_model().validate_json(line)

@@ -1,5 +1,6 @@
 """Reads result.json back, and trusts it only when it is whole and as we write it; summary.json."""
 
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,8 +11,6 @@ from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 from worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
-_RESULT = TypeAdapter(RunResult)
-_SUMMARY = TypeAdapter(Summary)
 T = TypeVar("T")
 
 
@@ -19,9 +18,21 @@ class ResultError(Exception):
     """A result.json or summary.json that is missing, cut, damaged or of another version; why."""
 
 
+@cache
+def result_model() -> TypeAdapter[RunResult]:
+    """Return the validator of a result.json; it takes 50 ms to build, and few commands read any."""
+    return TypeAdapter(RunResult)
+
+
+@cache
+def summary_model() -> TypeAdapter[Summary]:
+    """Return the validator of a summary.json."""
+    return TypeAdapter(Summary)
+
+
 def read_result(path: Path) -> RunResult:
     """Return the result in a result.json. Raises ResultError."""
-    result, text = _parse_document(path, _RESULT)
+    result, text = _parse_document(path, result_model())
     if _written(result) != text:
         raise ResultError(f"{path} was changed, or is of another version: it is not as we write it")
     return result
@@ -29,7 +40,7 @@ def read_result(path: Path) -> RunResult:
 
 def read_summary(path: Path) -> Summary:
     """Return the summary in a summary.json, also of an earlier version. Raises ResultError."""
-    return _parse_document(path, _SUMMARY)[0]
+    return _parse_document(path, summary_model())[0]
 
 
 def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:

@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,11 @@ from orchestrator.model.document_writer import sync_folder, to_json, write_whole
 from orchestrator.search.errors import SearchError
 
 FILE_NAME = "ledger.jsonl"
-_OUTCOMES = TypeAdapter(tuple[FlightOutcome, ...])
+
+
+@cache
+def _outcomes_model() -> TypeAdapter[tuple[FlightOutcome, ...]]:
+    return TypeAdapter(tuple[FlightOutcome, ...])
 
 
 @dataclass(slots=True)
@@ -49,7 +54,7 @@ def read_ledger(text: str) -> LedgerContents:
             elif "begun" in entry:
                 contents.batches[int(entry["begun"]["number"])] = entry["begun"]
             else:
-                found = _OUTCOMES.validate_json(json.dumps(entry["outcomes"]), strict=True)
+                found = _outcomes_model().validate_json(json.dumps(entry["outcomes"]), strict=True)
                 contents.outcomes[int(entry["flown"])] = found
                 contents.is_broken |= bool(entry["is_broken"])
         except (ValueError, KeyError, TypeError, ValidationError) as error:

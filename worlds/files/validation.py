@@ -17,9 +17,14 @@ from worlds.files.yaml_nodes import Data
 
 
 class Part(BaseModel):
-    """The base model of every part of a file: no unknown keys, no NaN, strict types."""
+    """The base model of every part of a file: no unknown keys, no NaN, strict types.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    Its validator is built when it is first used: few processes read every kind of file.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
+    )
 
 
 class KeyFaultError(ValueError):

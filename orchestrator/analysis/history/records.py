@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -42,7 +43,9 @@ class FlightRecord:
     ending: str | None = None
 
 
-_RECORD = TypeAdapter(FlightRecord)
+@cache
+def _record_model() -> TypeAdapter[FlightRecord]:
+    return TypeAdapter(FlightRecord)
 
 
 class HistoryFileError(Exception):
@@ -92,7 +95,7 @@ def read_records(path: Path) -> list[FlightRecord]:
         if not line.strip():
             continue
         try:
-            found.append(_RECORD.validate_json(line))
+            found.append(_record_model().validate_json(line))
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))

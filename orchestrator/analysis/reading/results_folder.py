@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
 from orchestrator.campaign.resuming.run_ledger import open_orders
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import result_model, summary_model
 from worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
 T = TypeVar("T")
@@ -28,8 +29,6 @@ _BEGUN = (
     "--resume` accounts for"
 )
 _OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
-_RESULT = TypeAdapter(RunResult)
-_SUMMARY = TypeAdapter(Summary)
 
 
 class UnreadableError(Exception):
@@ -199,13 +198,13 @@ def read_data(path: Path) -> bytes:
 
 
 def _parse_result(text: str) -> RunResult:
-    found = _RESULT.validate_json(text)
+    found = result_model().validate_json(text)
     _require_numbers(text)
     return found
 
 
 def _parse_summary(text: str) -> Summary:
-    found = _SUMMARY.validate_json(text)
+    found = summary_model().validate_json(text)
     _require_numbers(text)
     return found
 

@@ -1,12 +1,14 @@
 """What a user's Python file imports: its files, and the packages that it needs."""
 
 import ast
+import re
+import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.metadata import packages_distributions
+from importlib.metadata import Distribution, distributions
 from pathlib import Path
 
 _MOST_FILES = 2000
@@ -29,7 +31,6 @@ def imported_by(files: set[Path]) -> Imported:
     or parsed imports nothing here: whoever loads it reports that.
     """
     installed = [Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib")]
-    distributions = _distributions()
     found, packages, waiting = set(files), set[str](), list(files)
     while waiting and len(found) < _MOST_FILES:
         for module in _modules(waiting.pop()):
@@ -38,7 +39,7 @@ def imported_by(files: set[Path]) -> Imported:
             if origin is None:
                 continue
             if any(origin.is_relative_to(folder) for folder in installed):
-                packages.update(distributions.get(top, ()))
+                packages.update(_distributions_of(top))
             elif origin not in found:
                 found.add(origin)
                 waiting.append(origin)
@@ -46,9 +47,24 @@ def imported_by(files: set[Path]) -> Imported:
 
 
 @cache
-def _distributions() -> Mapping[str, list[str]]:
-    """Return what is installed, by the modules that it brings; once, for it takes a second."""
-    return packages_distributions()
+def _distributions_of(module: str) -> frozenset[str]:
+    """Return the names of the installed distributions that bring a top-level module.
+
+    As importlib.metadata.packages_distributions(), which parses what all of them bring and say of
+    themselves: that takes half a second.
+    """
+    if module in sys.stdlib_module_names:
+        return frozenset()
+    return frozenset(one.name for one in distributions() if _brings(one, module))
+
+
+def _brings(distribution: Distribution, module: str) -> bool:
+    """Return whether an installed distribution brings a top-level module."""
+    declared = distribution.read_text("top_level.txt")
+    if declared and declared.strip():
+        return module in declared.split()
+    files = distribution.read_text("RECORD") or "\n".join(map(str, distribution.files or ()))
+    return re.search(rf"^{re.escape(module)}[/.]", files, re.MULTILINE) is not None
 
 
 def _modules(file: Path) -> Iterator[str]:

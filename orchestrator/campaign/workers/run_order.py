@@ -14,7 +14,6 @@ from orchestrator.model.document_writer import sync_files, to_json, write_whole
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
-from orchestrator.run.flight.run import fly
 from orchestrator.run.stages.return_flight import return_setup
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from worlds.files.references import forget_loaded
@@ -34,6 +33,9 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     The run's folder is held meanwhile: who takes the campaign up waits until this has landed, also
     when whoever ordered it has died.
     """
+    # The run server has it, and who only sends orders to it does without.
+    from orchestrator.run.flight.run import fly  # noqa: PLC0415
+
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # else the runs that a worker flew before this one could tell
     make_run_folder(order.folder, order.plan.name)

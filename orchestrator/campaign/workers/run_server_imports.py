@@ -1,5 +1,6 @@
 """Imported by the run server alone: what every run needs, before one is forked from it."""
 
+# ruff: noqa: E402 - the number of threads is read, and garbage looked for, by what is imported
 import os
 
 # A fork has no threads but its first; runs share the cores by processes as it is.
@@ -8,9 +9,12 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import gc
 import signal
 
+gc.disable()  # what is imported stays
+
 import cv2
 
 import orchestrator.campaign.workers.run_order
+import orchestrator.run.flight.run
 from orchestrator.campaign.workers.run_server import remove_listeners_at_exit
 from orchestrator.run.perception.warm_up import load_kept_kernels
 
@@ -24,3 +28,4 @@ remove_listeners_at_exit()
 load_kept_kernels()
 gc.collect()
 gc.freeze()
+gc.enable()

@@ -29,7 +29,7 @@ def test_a_result_is_written_though_somebody_removed_the_folder(
         shutil.rmtree(tmp_path / "out")
         return result
 
-    monkeypatch.setattr(run_order, "fly", fly)
+    monkeypatch.setattr("orchestrator.run.flight.run.fly", fly)
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
     assert run_order.fly_order(order, lambda _: None, NoCommands()) == result
     assert read_result(folder / "result.json") == result
@@ -43,7 +43,7 @@ def test_an_order_whose_folder_has_a_result_is_not_flown(
     folder.mkdir(parents=True)
     (folder / "result.json").write_text("given up")
     flown: list[object] = []
-    monkeypatch.setattr(run_order, "fly", lambda *given: flown.append(given))
+    monkeypatch.setattr("orchestrator.run.flight.run.fly", lambda *given: flown.append(given))
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
     with pytest.raises(OutputError, match="was given up, and is not flown"):
         run_order.fly_order(order, lambda _: None, NoCommands())
