@@ -1,5 +1,6 @@
 """How many runs fit on the nodes of a Ray cluster, and in words what has to be waited for; pure."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -9,14 +10,13 @@ def places_by_node(nodes: Iterable[Mapping[str, Any]], cores: int) -> dict[str, 
 
     nodes: as Ray describes them. cores: that a run takes.
     """
-    return {
-        str(node.get("NodeManagerHostname") or node.get("NodeName", "")): int(
-            node.get("Resources", {}).get("CPU", 0)
-        )
-        // max(cores, 1)
-        for node in nodes
-        if node.get("Alive")
-    }
+    places: Counter[str] = Counter()
+    for node in nodes:
+        if node.get("Alive"):
+            # A machine may be several nodes: that of its bench has no place for other runs.
+            name = str(node.get("NodeManagerHostname") or node.get("NodeName", ""))
+            places[name] += int(node.get("Resources", {}).get("CPU", 0)) // max(cores, 1)
+    return dict(places)
 
 
 def shortage_text(nodes: Iterable[Mapping[str, Any]], wanted: int, cores: int) -> str:

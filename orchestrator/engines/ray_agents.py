@@ -104,10 +104,13 @@ class Hire:
         self._actor = remote.remote()
         self.future: Future[Any] = self._actor.receive.remote(HIRED_S).future()
         """Of its first message; an error of Ray where its node cannot fly."""
+        self._is_dismissed = False
 
     def dismiss(self) -> None:
-        """Take the request back, or end the agent."""
-        self._ray.kill(self._actor, no_restart=True)
+        """Take the request back, or end the agent; once."""
+        if not self._is_dismissed:
+            self._is_dismissed = True
+            self._ray.kill(self._actor, no_restart=True)
 
     def agent(self) -> HiredAgent:
         """Return the agent, which is up and flies as this machine does. Raises EngineError."""

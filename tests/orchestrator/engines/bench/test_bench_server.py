@@ -3,6 +3,7 @@
 import pickle
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from multiprocessing.connection import Client
 from pathlib import Path
@@ -18,6 +19,7 @@ from orchestrator.engines.bench import bench_server
 from orchestrator.engines.bench.bench_engine import hire_bench
 from orchestrator.engines.node_messages import RunOrdered
 from tests.orchestrator.engines.bench.test_bench_engine import write_bench
+from tests.orchestrator.engines.fake_ray import FakeReference
 
 ORDER: Any = "no order"
 WHOLE = pickle.dumps(RunOrdered(ORDER))
@@ -103,10 +105,14 @@ class Saying:
         self.killed = 0
 
     def remote(self, **_: object) -> Any:
+        said: Future[list[bytes]] = Future()
+        said.set_result([self.content])
+
         class Actor:
             class receive:  # noqa: N801 - an attribute of the actor
                 @staticmethod
-                def remote(_: float) -> None: ...
+                def remote(_: float) -> FakeReference:
+                    return FakeReference(said)
 
         return lambda _: type("Class", (), {"remote": staticmethod(Actor)})
 
