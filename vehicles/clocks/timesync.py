@@ -104,6 +104,7 @@ class ClockMap:
         self.resets = 0
         self.began_s = -math.inf
         """When the pace began that holds now: arrivals before it say nothing of this mapping."""
+        self.unsteady = False
 
     @property
     def known(self) -> bool:
@@ -198,7 +199,7 @@ class ClockMap:
     def _refit(self) -> None:
         """Refit the clock map: intersect the bounds of all TIMESYNC exchanges."""
         step_s = self._step_s()
-        steady = _steady_exchanges(self._exchanges, step_s)
+        began_s, steady = self.began_s, _steady_exchanges(self._exchanges, step_s)
         if steady >= _EXCHANGES_OF_A_PACE:
             while len(self._exchanges) > steady:
                 self._exchanges.popleft()
@@ -218,6 +219,7 @@ class ClockMap:
         self._remote_s = at_s
         self._run_s = (low + high) / 2.0
         self._uncertainty_s = (high - low) / 2.0
+        self.unsteady = low > high or self.began_s != began_s or self.resets > 0
         if low > high:
             # The clock does not run steadily, or stamps late: by how much at least, this shows.
             self._uncertainty_s = self._half_round_trip_s + (low - high) / 2.0
@@ -269,7 +271,7 @@ def _round_trip(exchange: _Exchange) -> float:
 
 
 _INVERSIONS = 3
-"""Each leaves a fifth of the error of the one before it."""
+"""Each leaves a fifth of the error of the last."""
 
 
 class _LeastDelay:
@@ -359,7 +361,9 @@ class VehicleClock:
         if self._map.began_s != began_s:
             self._mapped_delay = _LeastDelay(5.0)
         left_s = 0.0 if before_s is None else before_s - self._map.run_time(remote_s)
-        self._slew = _Slew(remote_s, left_s) if abs(left_s) <= _LONGEST_SLEW_S else _Slew()
+        # What a steady clock is known better by now is no correction of its pace.
+        slews = self._map.unsteady or self._slew.at(remote_s)
+        self._slew = _Slew(remote_s, left_s if slews and abs(left_s) <= _LONGEST_SLEW_S else 0.0)
         return True
 
     def stamped(self, boot_s: float, arrived_s: float) -> float:
