@@ -34,6 +34,7 @@ from orchestrator.search.engine import BatchEngine
 from orchestrator.search.search_runner import SearchSettings, fly_search
 
 STRATEGIES: tuple[StrategyName, ...] = ("tpe", "sobol", "random")
+_INTERRUPTED = 130
 NOISE = 0.05
 """Standard deviation of a made-up margin under another seed."""
 Find = Callable[[StrategyName, int], Findings]
@@ -120,7 +121,10 @@ def flown(name: str, budget: int, jobs: int) -> Find:
                 clock="virtual", jobs=jobs, real_kind="embedded", watcher=SilentDisplay()
             )
             settings = SearchSettings(out=Path(folder), clock="virtual", at_once=jobs)
-            found = fly_search(search, settings, engine, lambda _: None).findings
+            outcome = fly_search(search, settings, engine, lambda _: None)
+        if outcome.exit_code == _INTERRUPTED:
+            sys.exit(_INTERRUPTED)
+        found = outcome.findings
         what = f"{flights_of(found)} flights, {'found' if found.confirmed else 'found none'}"
         print(f"{strategy} seed {seed}: {what}", file=sys.stderr, flush=True)
         return found

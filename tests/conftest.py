@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -109,6 +109,9 @@ WALL = (
 
 YIELDING = 5
 """What workers add to their niceness once they are at tests that wait for nothing."""
+YIELDING_SESSION = 10
+"""The niceness of the workers' session, beside the sessions of programs that fly."""
+_WEIGHED = pytest.StashKey[int]()
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -122,6 +125,26 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
         load_kernels()
         gc.enable()  # the workers collect the tests
+        _weigh_session(session.config, YIELDING_SESSION)
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Weigh the session as it was: it is that of somebody's terminal."""
+    if (before := config.stash.get(_WEIGHED, None)) is not None:
+        _weigh_session(config, before)
+
+
+def _weigh_session(config: pytest.Config, nice: int) -> None:
+    """Weigh all processes of this session together (autogroup), where Linux does so.
+
+    The niceness of a process counts among those of its session alone. Programs that fly on the wall
+    clock have sessions of their own: the workers' would take as much as all that one flight needs.
+    """
+    group = Path("/proc/self/autogroup")
+    with suppress(OSError, ValueError):
+        before = int(group.read_text("utf-8").rpartition(" ")[2])
+        group.write_text(str(nice), "utf-8")
+        config.stash.setdefault(_WEIGHED, before)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
