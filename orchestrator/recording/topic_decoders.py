@@ -10,6 +10,7 @@ from mcap.records import Channel, Message, Schema
 from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.mcap.mcap_decode import decode
 from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from vehicles.readings.checks import fault_of
 from vehicles.sources.readings.reading_message import Sampled
 from vehicles.sources.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
 from worlds.files.limited_json import loads_limited
@@ -107,7 +108,8 @@ class TopicDecoders:
         when = Sampled(t_s, logged_s if is_late else t_s, "real", self._mount)
         before = self._before.get(message.channel_id)
         reading = read_ros2(schema.name, decoded, when, before)
-        self._before[message.channel_id] = reading
+        if fault_of(reading) is None:
+            self._before[message.channel_id] = reading
         return reading
 
     def _ros2_decoder(self, schema: Schema) -> Decoder:

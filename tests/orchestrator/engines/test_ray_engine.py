@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -28,6 +29,15 @@ pytestmark = pytest.mark.timeout(400)
 """Each node is a process that prepares itself as a campaign does, before one flies by it."""
 
 NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
+
+
+class QuickAgent:
+    """An agent that is up at once, without a process of its own."""
+
+    def receive(self, _: float) -> list[bytes]:
+        return [pickle.dumps(node_facts())]
+
+    def die(self) -> None: ...
 
 
 class MortalAgent(node_agent.NodeAgent):
@@ -190,13 +200,11 @@ def test_the_wait_for_a_full_cluster_is_reported_and_a_part_flies(
         "place, or a node is missing; places: here 0; waiting up to 1 s"
     )
     assert all(one.is_dead for one in ray.actors)
-    monkeypatch.setattr(ray_agents, "HIRED_S", 60.0)
-    monkeypatch.setattr(ray_agents, "SAY_S", 59.0)  # a node's first import takes its time
-    ray = FakeRay(MortalAgent, 1)
+    ray = FakeRay(QuickAgent, 1)
     (agent,) = hire_agents(ray, 2, cores=1, say=said.append)
     assert said[-1] == "1 of 2 runs have a place on the cluster, and fly"
     assert [one.is_dead for one in ray.actors] == [False, True]
-    agent.actor.die()
+    assert agent.node == node_facts()["node"]
 
 
 def test_an_operator_reaches_the_run_on_its_node(tmp_path: Path) -> None:

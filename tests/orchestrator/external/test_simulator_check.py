@@ -5,17 +5,16 @@ Stand-ins draw with our renderer what they are told to, and say nothing of what 
 
 import asyncio
 import math
-import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
-import zmq
 
 from orchestrator.external.simulator_check import SimulatorCheck
+from tests.vehicles.sources.simulator.replier import Replier
 from vehicles.sources.simulator.simulator_camera import SimulatorError, ZmqImageSource
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
@@ -31,7 +30,7 @@ PERIOD_S = 1 / 15
 Drawn = Callable[[dict[str, Any]], Scene]
 
 
-class StandIn:
+class StandIn(Replier):
     """A simulator on a thread: draws what `drawn` says of each question."""
 
     def __init__(
@@ -41,26 +40,8 @@ class StandIn:
         self._marks = marks
         self._frozen = frozen
         self._first: dict[str, Any] = {}
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.REP)
-        self.address = f"tcp://127.0.0.1:{self._socket.bind_to_random_port('tcp://127.0.0.1')}"
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
+        super().__init__(self._answer)
         self.wanted: list[list[str]] = []
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._context.destroy(linger=0)
-
-    def _serve(self) -> None:
-        while not self._stop.is_set():
-            if self._socket.poll(10):
-                self._socket.send_multipart(self._answer(msgpack.unpackb(self._socket.recv())))
 
     def _answer(self, ask: dict[str, Any]) -> list[bytes]:
         if ask["type"] == "hello":

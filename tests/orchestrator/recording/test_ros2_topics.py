@@ -20,6 +20,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
+from vehicles.readings.checks import fault_of
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.readings.ros2_messages import ROS2_TYPES
 from worlds.frames import Pose, euler_from_quat, quat_from_euler
@@ -119,6 +120,34 @@ def test_a_scan_counts_to_the_right(tmp_path: Path) -> None:
     at = dict(zip(found.angles_rad.round(6).tolist(), found.ranges_m.tolist(), strict=True))
     assert at == {-1.0: math.inf, -0.5: math.inf, 0.0: 2.0, 0.5: 1.0}
     assert found.mount == NOSE
+
+
+def scan(*ranges_m: float) -> dict[str, Any]:
+    limits = {"range_min": 0.2, "range_max": 6.0, "time_increment": 0.0, "scan_time": 0.1}
+    angles = {"angle_min": 0.0, "angle_max": 1.0, "angle_increment": 0.5}
+    return {**limits, **angles, "ranges": list(ranges_m), "intensities": []}
+
+
+def test_what_is_too_near_or_was_not_measured_is_no_free_space(tmp_path: Path) -> None:
+    laser = "sensor_msgs/msg/LaserScan"
+    found = one_of(tmp_path, "lidar", laser, scan(-math.inf, 1.0, math.inf))
+    assert isinstance(found, LidarScanReading)
+    assert found.ranges_m.tolist() == pytest.approx([math.inf, 1.0, 0.2])
+    path = write_bag(tmp_path / "blind.mcap", [("/it", laser, AT_S, scan(math.nan, math.nan))])
+    with pytest.raises(SourceError, match=r"none of its messages can be used.*not a number"):
+        read(path, "lidar")
+    lost = [("/it", "sensor_msgs/msg/Range", AT_S, distance(math.nan))]
+    (one,) = read(write_bag(tmp_path / "lost.mcap", lost), "rangefinder")
+    assert fault_of(one) is not None
+
+
+@pytest.mark.parametrize("latitude_deg", [math.nan, 120.0])
+def test_a_fix_after_one_that_is_nowhere_is_read(tmp_path: Path, latitude_deg: float) -> None:
+    schema = "sensor_msgs/msg/NavSatFix"
+    nowhere = {**fix(), "latitude": latitude_deg}
+    bag = [("/gps", schema, AT_S + k, one) for k, one in enumerate((fix(), nowhere, fix(1e-5)))]
+    sound = [one for one in read(write_bag(tmp_path / "bag.mcap", bag), "gps") if not fault_of(one)]
+    assert [one.t_s - AT_S for one in sound] == pytest.approx([0.0, 2.0], abs=1e-6)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])

@@ -21,6 +21,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
+from vehicles.readings.checks import fault_of
 from vehicles.sources.messagepack import BadMessageError
 from vehicles.sources.readings.reading_message import Sampled
 from worlds.frames import (
@@ -63,28 +64,29 @@ def stamp_s(message: Any) -> float:
 def read_ros2(schema: str, message: Any, when: Sampled, before: Reading | None) -> Reading:
     """Return the reading in a message of ROS 2. Raises BadMessageError.
 
-    schema: as in "sensor_msgs/msg/Imu". before: the reading before it; a fix has no velocity of
-    its own: it is the change of place since then.
+    schema: as in "sensor_msgs/msg/Imu". before: the sound reading before it; a fix has no velocity
+    of its own: it is the change of place since then, and 0 of the first.
     """
     try:
         reading: Reading = ROS2_TYPES[schema].read(message, when)
     except (ValueError, TypeError, AttributeError, IndexError, KeyError, OverflowError) as error:
         raise BadMessageError(f"is no {schema}: {error}") from error
-    if isinstance(reading, GpsReading) and isinstance(before, GpsReading):
-        return _moving(reading, before)
-    return reading
+    if not isinstance(reading, GpsReading) or not isinstance(before, GpsReading):
+        return reading
+    return _moving(reading, before) if fault_of(reading) is None else reading
 
 
 def _rangefinder(message: Any, when: Sampled) -> RangefinderReading:
     low_m, high_m = float(message.min_range), float(message.max_range)
     found_m = float(message.range)
-    # REP 117: within no range there is nothing, or what is nearer than the least.
+    if found_m == -math.inf:
+        found_m = low_m  # REP 117: something is nearer than that
     return RangefinderReading(
         t_s=when.t_s,
         arrived_s=when.arrived_s,
         seq=0,
         source=when.side,
-        range_m=low_m if found_m == -math.inf else found_m if found_m <= high_m else math.inf,
+        range_m=math.inf if found_m > high_m else found_m,
         range_min_m=low_m,
         range_max_m=high_m,
         mount=when.mount,
@@ -94,7 +96,11 @@ def _rangefinder(message: Any, when: Sampled) -> RangefinderReading:
 def _lidar(message: Any, when: Sampled) -> LidarScanReading:
     low_m, high_m = float(message.range_min), float(message.range_max)
     ranges_m = np.asarray(message.ranges, np.float32)
-    nothing = ~((ranges_m >= low_m) & (ranges_m <= high_m))
+    if len(ranges_m) and np.isnan(ranges_m).all():
+        raise BadMessageError("each of its beams is not a number")
+    # REP 117: something is nearer than that.
+    ranges_m = np.where(np.isneginf(ranges_m), np.float32(low_m), ranges_m)
+    nothing = ~((ranges_m >= np.float32(low_m)) & (ranges_m <= np.float32(high_m)))
     step_rad = float(message.angle_increment)
     last_rad = float(message.angle_min) + (len(ranges_m) - 1) * step_rad
     # ROS counts to the left: from the last beam on it is to the right.

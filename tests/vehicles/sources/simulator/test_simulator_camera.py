@@ -6,15 +6,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
-import zmq
 
+from tests.vehicles.sources.simulator.replier import Replier, Reply
 from vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
 from vehicles.sources.simulator.shown_world import asked_world
 from vehicles.sources.simulator.simulator_camera import (
@@ -37,8 +37,6 @@ AHEAD = Pose.of(0.0, 0.0, 1.2)
 SMALL_GATE = SceneObject(2, "gate", gate("square", 0.5, 0.1), Pose.of(3.0, 1.1, 1.2))
 WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
-Answer = Callable[[dict[str, Any]], list[bytes]]
-
 
 @pytest.fixture
 def reference() -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
@@ -54,34 +52,16 @@ def reference() -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     process.stdout.close()
 
 
-class Simulator:
-    """Answers as a test wants, from a thread."""
+class Simulator(Replier):
+    """Answers as a test wants, and greets as a simulator does."""
 
-    def __init__(self, answer: Answer, *, greets: bool = True) -> None:
+    def __init__(self, answer: Reply, *, greets: bool = True) -> None:
         self._answer = answer
         self._greets = greets
-        self._context = zmq.Context()
-        self._socket = self._context.socket(zmq.REP)
-        port = self._socket.bind_to_random_port("tcp://127.0.0.1")
-        self.address = f"tcp://127.0.0.1:{port}"
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
+        super().__init__(self._answer_or_greet)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._context.destroy(linger=0)
-
-    def _serve(self) -> None:
-        while not self._stop.is_set():
-            if self._socket.poll(10):
-                ask = msgpack.unpackb(self._socket.recv())
-                greeting = ask["type"] == "hello" and self._greets
-                self._socket.send_multipart(welcome() if greeting else self._answer(ask))
+    def _answer_or_greet(self, ask: dict[str, Any]) -> list[bytes]:
+        return welcome() if ask["type"] == "hello" and self._greets else self._answer(ask)
 
 
 def welcome() -> list[bytes]:
@@ -148,7 +128,7 @@ async def test_a_simulator_that_dies_is_a_clear_error_and_never_a_hang(
         assert source.counts.timeouts == 2
 
 
-def garbage() -> list[tuple[str, Answer, str]]:
+def garbage() -> list[tuple[str, Reply, str]]:
     return [
         ("rubbish", lambda _: [b"rubbish"], "MessagePack"),
         ("empty", lambda _: [b""], "MessagePack"),
@@ -165,7 +145,7 @@ def garbage() -> list[tuple[str, Answer, str]]:
 @pytest.mark.parametrize(
     ("answer", "words"), [g[1:] for g in garbage()], ids=[g[0] for g in garbage()]
 )
-async def test_garbage_is_counted_reported_and_never_an_image(answer: Answer, words: str) -> None:
+async def test_garbage_is_counted_reported_and_never_an_image(answer: Reply, words: str) -> None:
     good = [False]
     with Simulator(lambda a: right(a) if good[0] else answer(a)) as simulator:
         async with ZmqImageSource(address=simulator.address, timeout_s=20.0) as source:
