@@ -179,9 +179,11 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
     turn = body[9] * (g[19] * er + s[24] - g[25] * s[30])
     s[22] = clamp(s[22] + g[20] * ep * dt, 0.3)
     s[23] = clamp(s[23] + g[21] * eq * dt, 0.3)
-    s[24] = clamp(s[24] + g[22] * er * dt, 0.3)
     s[31] += filter_share(g[26], dt) * (turn - s[31])
-    allocate(body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out)
+    lacking = allocate(body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out)
+    # What the motors do not give is not integrated.
+    if lacking * er <= 0.0:
+        s[24] = clamp(s[24] + g[22] * er * dt, 0.3)
     return 0
 
 

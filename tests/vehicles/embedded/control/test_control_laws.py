@@ -201,6 +201,16 @@ def test_px4_integrates_less_by_what_thrust_did_not_produce() -> None:
     assert climbing._state[10] == pytest.approx(0.4 * (1.0 - 2.0 / 1.8 * missing_m_s2) * 0.008)
 
 
+def test_px4_does_not_integrate_a_turn_that_the_motors_do_not_give() -> None:
+    law = new_law(PX4, MC_YAWRATE_P=1.0)
+    integral = []
+    for _ in range(250):
+        thrusts = law.run(motion(), Target((0.0, 0.0, 0.0), yaw_rad=2.0, direct=True))
+        integral.append(float(law._state[24]))
+    assert min(thrusts) == pytest.approx(0.0, abs=1e-9)
+    assert integral[-1] == integral[100] > 0.0
+
+
 def test_arducopter_never_exceeds_its_acceleration_and_jerk() -> None:
     law = new_law(COPTER)
     target = Target((8.0, 6.0, None), (0.0, 0.0, 0.0), 0.0, speed_m_s=(3.0, 1.0, 1.0))
