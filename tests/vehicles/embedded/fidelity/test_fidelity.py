@@ -32,6 +32,11 @@ def flight(request: pytest.FixtureRequest) -> Flight:
     return request.param, *fly_steps(request.param)
 
 
+@pytest.fixture(scope="module")
+def px4() -> Series:
+    return fly_steps("px4")[0]
+
+
 def test_every_figure_is_within_reach_of_the_firmware(flight: Flight) -> None:
     autopilot, flown, _ = flight
     rows = compare(load_ranges(autopilot), figures_of(flown))
@@ -47,21 +52,21 @@ def test_each_segment_is_where_the_firmware_is(flight: Flight) -> None:
     assert far == {}
 
 
-def test_px4_is_no_farther_from_the_firmwares_flights_than_they_are_from_each_other() -> None:
+def test_px4_is_no_farther_from_the_firmwares_flights_than_they_are_from_each_other(
+    px4: Series,
+) -> None:
     """Not even as far as the one of the ten that is the farthest from the other nine."""
     firmware = load_flights()
     assert len(firmware) == 10
-    flown, _ = fly_steps("px4")
     most = {segment: max(each) for segment, each in scatter(firmware).items()}
-    apart = median_distances(firmware, flown)
+    apart = median_distances(firmware, px4)
     assert len(apart) == 16
     assert {k: v for k, v in apart.items() if v > most[k]} == {}
 
 
 @pytest.mark.parametrize("segment", ["speed 0.8", "speed 1.5", "stop 1.5", "position 2"])
-def test_px4_pitches_as_and_when_the_firmware_does(segment: str) -> None:
-    flown, _ = fly_steps("px4")
-    assert pitch_distance_deg(load_series("px4"), flown, segment, 2.0) < 0.5
+def test_px4_pitches_as_and_when_the_firmware_does(px4: Series, segment: str) -> None:
+    assert pitch_distance_deg(load_series("px4"), px4, segment, 2.0) < 0.5
 
 
 def test_events_follow_each_other_as_the_firmware_has_them(flight: Flight) -> None:
