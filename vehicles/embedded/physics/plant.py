@@ -77,7 +77,7 @@ class Plant:
         self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
         self._bind()
         self._raw, self.zero = np.zeros(NUMBERS), np.zeros(3)
-        self._bytes = memoryview(self._raw).cast("B")
+        self._bytes = self._raw.data.cast("B")
         self._settle()
 
     def step(self, thrusts: Thrusts) -> None:
