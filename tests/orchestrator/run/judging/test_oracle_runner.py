@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from campaigns.expansion.expansion import Options, load_campaign
@@ -63,3 +64,17 @@ def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) 
     runner.last_state(2.05)
     assert [(flag.oracle, flag.t_s) for flag in judge.flags] == [("modes", 2.0)]
     assert [one.kind for one in run_state.decisive] == ["FAIL"]
+
+
+def test_the_least_clearance_is_of_the_oracles_that_measure_one() -> None:
+    def oracle(name: str, actual: float | None) -> Any:
+        return SimpleNamespace(name=name, result=lambda _: SimpleNamespace(actual=actual))
+
+    oracles = (oracle("near", 0.7), oracle("touch", None), oracle("wide", 0.9), oracle("fast", 0.1))
+    kinds = {"near": "clearance", "touch": "collision", "wide": "collision", "fast": "speed"}
+    judge: Any = SimpleNamespace(oracles=oracles)
+    run_state = RunState(time=lambda: 1.0)
+    runner = OracleRunner(
+        judge=judge, run_state=run_state, kinds=kinds, watch=(), tape=lambda _: None
+    )
+    assert runner.clearance_m(1.0) == 0.7

@@ -18,7 +18,7 @@ from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import Stage
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, frozen, relay, stopped
-from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, NoCommands, vehicles_on
+from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, ROOT, NoCommands, vehicles_on
 from tests.orchestrator.wall import write_wall
 from vehicles.mavlink.framing import Frame
 from vehicles.readings import PoseReading
@@ -231,3 +231,14 @@ def test_reports_are_expected_where_an_oracle_judges_them_and_as_long(tmp_path: 
         ("heartbeat", False, "goal", "land"),
         ("battery", True, "goal", "landed"),
     ]
+
+
+def test_a_required_oracle_needs_the_poses_of_the_vehicles_that_it_watches_alone(
+    tmp_path: Path,
+) -> None:
+    options = Options(cases=("large",), modes=("wil",))
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
+    terms = signal_terms(setup, build_judge(setup, {}).oracles)
+    needed = {one.vehicle: one.required for one in terms if one.signal == "pose"}
+    assert needed == {"real": True, "twin": False}
