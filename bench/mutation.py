@@ -229,15 +229,15 @@ class Tree:
         target.write_text(mutant.source, encoding="utf-8")
         try:
             steps = (self._failing(tests) for tests in ladder_of(mutant.file, wider))
-            found = next(filter(None, steps), None)
+            found = next(filter(None, steps), [])
         finally:
             target.write_text(original, encoding="utf-8")
-        if found is not None and self._failing(found.split(" ")) is not None:
-            raise SystemExit(f"{found} fails without the mutant too")
-        return found
+        if found and self._failing(found):
+            raise SystemExit(f"{' '.join(found)} fails without the mutant too")
+        return " ".join(found) or None
 
-    def _failing(self, tests: list[str]) -> str | None:
-        """Return the first test that fails, or the tests if they do not end in time."""
+    def _failing(self, tests: list[str]) -> list[str]:
+        """Return the first test that fails, all if they do not end in time, none if none does."""
         pytest = [sys.executable, "-B", "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
         try:
             ended = subprocess.run(  # noqa: S603 - our own tests
@@ -251,11 +251,12 @@ class Tree:
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            return " ".join(tests)
+            return tests
         if ended.returncode in (0, 5):  # 5: no test was collected
-            return None
-        named = (one.split(" ")[1] for one in ended.stdout.splitlines() if one.startswith(FAILED))
-        return next(named, " ".join(tests))
+            return []
+        lines = (one for one in ended.stdout.splitlines() if one.startswith(FAILED))
+        named = (one.partition(" ")[2].partition(" - ")[0] for one in lines)
+        return next(([one] for one in named), tests)
 
 
 def main() -> int:
