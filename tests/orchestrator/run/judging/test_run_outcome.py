@@ -9,7 +9,7 @@ from orchestrator.run.judging.run_outcome import _unseen, also_of
 from safety.model.verdict import Decision, DecisiveEvent
 
 
-def test_what_is_cut_is_told_with_the_first_event_that_is_left_out() -> None:
+def test_what_is_cut_is_reported_as_the_first_event_that_is_left_out() -> None:
     kinds = ["ERROR"] * 49 + ["INVALID"] + ["FAIL"] * 30
     events = tuple(
         DecisiveEvent(2.0 + at, kind, f"event {at}")  # type: ignore[arg-type]  # a kind's name
