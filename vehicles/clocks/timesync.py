@@ -15,8 +15,9 @@ too old at most, which the greatest common divisor of the stamps shows.
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
+
+from vehicles.clocks.steady_pace import Exchange, SteadyPace
 
 _OFFSET_WINDOW_S = 5.0
 _JUMP_S = 0.05
@@ -38,7 +39,7 @@ _LATEST_PLAUSIBLE_S = 1.0
 _SLEW = 0.2
 """By how much the mapped clock may be faster or slower while it makes a correction good..."""
 _LONGEST_SLEW_S = 0.25
-"""... which is not larger than this: beyond, the vehicle's clock was set, or stood for long."""
+"""... where the vehicle's clock was not set, and did not stand, for longer than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,30 +58,6 @@ class ClockEstimate:
     resets: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Exchange:
-    """One TIMESYNC exchange: sent, received, and the vehicle's time."""
-
-    sent_s: float
-    received_s: float
-    remote_ns: int
-
-    @property
-    def remote_s(self) -> float:
-        """Return the vehicle's time in a TIMESYNC exchange, seconds."""
-        return self.remote_ns * 1e-9
-
-    @property
-    def round_trip_s(self) -> float:
-        """Return the round trip of a TIMESYNC exchange, seconds."""
-        return self.received_s - self.sent_s
-
-    @property
-    def middle_s(self) -> float:
-        """Return the run clock's time in the middle of a TIMESYNC exchange."""
-        return (self.sent_s + self.received_s) / 2.0
-
-
 class ClockMap:
     """Maps a vehicle's clock to the run clock from TIMESYNC exchanges, however asymmetric.
 
@@ -92,7 +69,8 @@ class ClockMap:
     def __init__(self, *, window_s: float = 20.0, max_drift: float = 0.02) -> None:
         self._window_s = window_s
         self._max_drift = max_drift
-        self._exchanges: deque[_Exchange] = deque()
+        self._exchanges: deque[Exchange] = deque()
+        self._pace = SteadyPace()
         self._step_ns = 0
         self._rate = 1.0
         self._run_s = 0.0
@@ -105,6 +83,10 @@ class ClockMap:
         self.began_s = -math.inf
         """When the pace began that holds now: arrivals before it say nothing of this mapping."""
         self.unsteady = False
+        self.leap_s = 0.0
+        """By how much the clock itself was set or stood, from one exchange to the next, at most
+        since the map held; what the map is off by beyond it is an error of its pace."""
+        self._newest: Exchange | None = None
 
     @property
     def known(self) -> bool:
@@ -128,9 +110,11 @@ class ClockMap:
         """
         if not t_received_s >= t_sent_s:
             raise ValueError(f"answered at {t_received_s} s what was asked at {t_sent_s} s")
-        new = _Exchange(t_sent_s, t_received_s, remote_ns)
+        new = Exchange(t_sent_s, t_received_s, remote_ns)
+        self._note_leap(new)
         if self._has_jumped(new):
             self._exchanges.clear()
+            self._pace = SteadyPace()
             self._step_ns = 0
             self._contradictions = 0
             self.resets += 1
@@ -178,7 +162,7 @@ class ClockMap:
         if not self._exchanges:
             raise ValueError("no TIMESYNC was answered yet")
 
-    def _has_jumped(self, new: _Exchange) -> bool:
+    def _has_jumped(self, new: Exchange) -> bool:
         """Return whether the vehicle's clock was set or restarted since the last TIMESYNC."""
         if not self._exchanges:
             return False
@@ -190,6 +174,13 @@ class ClockMap:
         self._contradictions = self._contradictions + 1 if apart_s > agreed_s else 0
         return self._contradictions >= _CONTRADICTIONS_TO_RESET
 
+    def _note_leap(self, new: Exchange) -> None:
+        """Note by how much the vehicle's clock went otherwise than ours since the last TIMESYNC."""
+        last, self._newest = self._newest, new
+        if last is not None:
+            leap_s = abs(new.remote_s - last.remote_s - (new.middle_s - last.middle_s))
+            self.leap_s = max(leap_s, self.leap_s if self._contradictions else 0.0)
+
     def _step_s(self) -> float:
         """Return by how much stamps may be too old: the steps of the vehicle's clock."""
         if self._step_ns < _SHORTEST_STEP_NS or len(self._exchanges) < _STAMPS_TO_TELL_STEPS:
@@ -199,7 +190,7 @@ class ClockMap:
     def _refit(self) -> None:
         """Refit the clock map: intersect the bounds of all TIMESYNC exchanges."""
         step_s = self._step_s()
-        began_s, steady = self.began_s, _steady_exchanges(self._exchanges, step_s)
+        began_s, steady = self.began_s, self._pace.steady(self._exchanges, step_s)
         if steady >= _EXCHANGES_OF_A_PACE:
             while len(self._exchanges) > steady:
                 self._exchanges.popleft()
@@ -244,28 +235,7 @@ class ClockMap:
         return (low + high) / 2.0, (high - low) / 2.0
 
 
-def _steady_exchanges(exchanges: Sequence[_Exchange], step_s: float) -> int:
-    """Return of how many TIMESYNC exchanges, from the newest back, one steady pace explains all.
-
-    Each bounds the clock map at its moment; a line through all bounds exists where the slopes that
-    each two of them permit have one in common.
-    """
-    low, high = -math.inf, math.inf
-    taken: list[_Exchange] = []
-    for old in reversed(exchanges):
-        for new in taken:
-            span_s = new.remote_s - old.remote_s
-            if span_s <= 0.0:
-                continue
-            low = max(low, (new.sent_s - step_s - old.received_s) / span_s)
-            high = min(high, (new.received_s - old.sent_s + step_s) / span_s)
-        if low > high:
-            break
-        taken.append(old)
-    return len(taken)
-
-
-def _round_trip(exchange: _Exchange) -> float:
+def _round_trip(exchange: Exchange) -> float:
     """Return a TIMESYNC exchange's round trip, to sort by."""
     return exchange.round_trip_s
 
@@ -363,7 +333,8 @@ class VehicleClock:
         left_s = 0.0 if before_s is None else before_s - self._map.run_time(remote_s)
         # What a steady clock is known better by now is no correction of its pace.
         slews = self._map.unsteady or self._slew.at(remote_s)
-        self._slew = _Slew(remote_s, left_s if slews and abs(left_s) <= _LONGEST_SLEW_S else 0.0)
+        was_set = min(abs(left_s), self._map.leap_s) > _LONGEST_SLEW_S
+        self._slew = _Slew(remote_s, left_s if slews and not was_set else 0.0)
         return True
 
     def stamped(self, boot_s: float, arrived_s: float) -> float:
@@ -425,7 +396,10 @@ class VehicleClock:
     def _judge_epoch(self) -> None:
         """Decide whether TIMESYNC and time_boot share an epoch, and their shift."""
         least_s = self._mapped_delay.value
-        early_s = -(self._map.uncertainty_s + _EARLY_SLACK_S)
+        # A clock whose pace changes may be mapped ahead by as much as is made good.
+        changes = self._map.began_s > -math.inf
+        slack_s = _EARLY_SLACK_S + (_LONGEST_SLEW_S if changes else 0.0)
+        early_s = -(self._map.uncertainty_s + slack_s)
         same_epoch = early_s <= least_s <= _LATEST_PLAUSIBLE_S
         self._epoch_shift_s = 0.0 if same_epoch else least_s - self._map.half_round_trip_s
 

@@ -9,10 +9,10 @@ import numpy as np
 from vehicles.embedded.control import copter_kernel, px4_kernel
 from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate, read
+from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate, read, read_and_estimate
 from vehicles.embedded.physics.states import Thrusts
 from worlds.frames import Vec3
-from worlds.jit import F64
+from worlds.jit import F64, direct
 
 _OUTER_EVERY = 2
 """The position part runs every second step, 125 Hz."""
@@ -89,8 +89,10 @@ def load_kernels() -> None:
     for kind in (PX4, COPTER):
         state, gains = np.zeros(kind.state), np.ones(len(kind.gains))
         kind.step(state, gains, np.ones(10), motion, np.zeros(12), 0.004, 1, thrusts)
-    read(motion, np.zeros(3), 0.0, 0.0, 0.0, motion)
-    estimate(motion, np.zeros(9), np.zeros((1, 6)), 0, motion)
+    zero, errors, late = np.zeros(3), np.zeros(9), np.zeros((1, 6))
+    read(motion, zero, motion)
+    estimate(motion, errors, late, 0, motion)
+    read_and_estimate(motion, zero, motion, errors, late, 0, motion)
 
 
 class ControlLaw:
@@ -100,6 +102,7 @@ class ControlLaw:
         self, *, kind: LawKind, airframe: Airframe, dt_s: float, parameters: Gains
     ) -> None:
         self._kind = kind
+        self._step = direct(kind.step)
         self._dt_s = dt_s
         self._body = np.array(
             [
@@ -160,9 +163,7 @@ class ControlLaw:
         if outer and target is not self._taken:
             self._set_target(target)
         out = self._thrusts
-        self._kind.step(
-            self._state, self._gains, self._body, now, self._target, self._dt_s, outer, out
-        )
+        self._step(self._state, self._gains, self._body, now, self._target, self._dt_s, outer, out)
         a, b, c, d = out.tolist()
         return (a, b, c, d)
 

@@ -7,7 +7,7 @@ import numpy as np
 from vehicles.embedded.physics.battery import Battery
 from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from vehicles.embedded.physics.estimator import Estimator
-from vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED
+from vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED, read
 from vehicles.embedded.physics.noise import GaussMarkov
 from vehicles.embedded.physics.plant import Plant
 from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, TruthSample, motion_of
@@ -61,7 +61,7 @@ class Body:
         self._resting_steps = 0
         self._wrecked = False
         self._motion = np.zeros(NUMBERS)
-        self._plant.read(self._motion)
+        read(self._plant.numbers(), self._plant.zero, self._motion)
         self._truth: Motion | None = None
         self._pose: Pose | None = None
         self.touching = True
@@ -87,18 +87,24 @@ class Body:
             if not self._still_air:
                 north, east, down = self._air.advance()
                 self._plant.set_wind((north, east, down))
-        if not self._is_resting():
+        estimator, motion = self._estimator, self._motion
+        if self._is_resting():
+            estimate = estimator.estimate(motion)
+        else:
             factor, plant = self.battery.thrust_factor, self._plant
             a, b, c, d = thrusts
             plant.step((a * factor, b * factor, c * factor, d * factor))
-            bits = plant.read(self._motion)
+            bits = estimator.read(plant.numbers(), plant.zero, motion)
+            if not bits:
+                raise plant.divergence()
+            estimate = estimator.present
             self._pose = self._truth = None
             self.touching = bool(bits & NEAR_GROUND) and plant.on_ground()
             if bits & WRECKED:
                 self._wreck()
         if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
             self._look_around(t_s)
-        return self._estimator.estimate(self._motion)
+        return estimate
 
     def pose(self) -> Pose:
         """Return the body's true pose in the world's local frame."""
@@ -151,14 +157,9 @@ class Body:
         return True
 
     def _wreck(self) -> None:
-        """Bring the body to rest where it lies: legs do not carry one that turned over.
-
-        The ground is then what it has touched.
-        """
+        """Leave the body where it lies; the ground is then what it has touched."""
         self._wrecked = self.touching = self.motors_stopped = True
         self.contact = self.contact or "ground"
-        self._motion[3:6] = self._motion[9:12] = 0.0
-        self._truth = None
 
     def _look_around(self, t_s: float) -> None:
         if self._surroundings is None or self.contact is not None:

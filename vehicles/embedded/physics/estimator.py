@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate
+from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate, read_and_estimate
 from vehicles.embedded.physics.noise import GaussMarkov
 from vehicles.embedded.profile import EstimatorNoise
-from worlds.jit import F64
+from worlds.jit import F64, direct
 
 _RADIANS_PER_DEGREE = 0.017453292519943295
 _WALKS_HZ = 25
@@ -50,18 +50,33 @@ class Estimator:
         self._late = np.zeros((1 + round(noise.delay_s * rate_hz), 6))
         self._every = rate_hz // _WALKS_HZ
         self._steps = 0
-        self._errors, self._estimate = np.zeros(9), np.zeros(NUMBERS)
+        self._read = direct(read_and_estimate)
+        self._errors, self.present = np.zeros(9), np.zeros(NUMBERS)
+        """The present estimate: the same array at each step."""
 
     def estimate(self, truth: F64) -> F64:
-        """Return the estimate after one more step of true motion: motion arrays both.
+        """Return the estimate after one more step of true motion: motion arrays both."""
+        self._walk()
+        estimate(truth, self._errors, self._late, self._steps, self.present)
+        self._steps += 1
+        return self.present
 
-        The array is the same one at each step.
+    def read(self, raw: F64, zero: F64, truth: F64) -> int:
+        """Set the true motion from JSBSim's numbers, and `present` to its estimate, one step on.
+
+        Returns the bits of what holds (see motion_kernel); 0 where a number is not finite.
         """
+        self._walk()
+        bits: int = self._read(
+            raw, zero, truth, self._errors, self._late, self._steps, self.present
+        )
+        self._steps += 1
+        return bits
+
+    def _walk(self) -> None:
+        """Let the estimator's errors walk when they are due."""
         if self._steps % self._every == 0:
             (n, e, d), (on, oe, od) = self._position.advance(), self._origin
             self._errors[:] = (
                 n - on, e - oe, d - od, *self._velocity.advance(), *self._angles.advance()
             )  # fmt: skip
-        estimate(truth, self._errors, self._late, self._steps, self._estimate)
-        self._steps += 1
-        return self._estimate

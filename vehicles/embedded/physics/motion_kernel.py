@@ -13,6 +13,11 @@ FINITE, NEAR_GROUND, WRECKED = 1, 2, 4
 """Bits of what `read` returns."""
 
 _METRES_PER_FOOT = 0.3048
+_NEAR_M = 0.5
+"""Above this height over the start no leg can touch the flat ground, even upside down."""
+_WRECK_HEIGHT_M = 0.15
+"""Half the body's width: tilted far over below this height, a propeller strikes the ground."""
+_WRECK_COSINE = 0.5
 
 
 @inlined
@@ -22,11 +27,10 @@ def _wrap(angle_rad: Float) -> Float:
 
 
 @compiled
-def read(raw: F64, zero: F64, near_m: float, wreck_m: float, wreck_cosine: float, out: F64) -> Int:
-    """Set a motion array from JSBSim's numbers (feet, up); return the bits of what holds.
+def read(raw: F64, zero: F64, out: F64) -> Int:
+    """Set a motion array from JSBSim's numbers (feet, up); return the bits of what holds, or 0.
 
-    near_m: below this height the ground is near. wreck_m, wreck_cosine: lower than this and tilted
-    so far that the cosine is smaller, the body lies on the ground.
+    WRECKED: it lies on the ground, tilted far over, and rests there: legs do not carry it.
     """
     for i in range(NUMBERS):
         if not math.isfinite(raw[i]):
@@ -40,10 +44,13 @@ def read(raw: F64, zero: F64, near_m: float, wreck_m: float, wreck_cosine: float
     out[2] = -raw[2] * _METRES_PER_FOOT - zero[2]
     out[8] = _wrap(raw[8])
     bits, height_m = FINITE, -out[2]
-    if height_m < near_m:
+    if height_m < _NEAR_M:
         bits |= NEAR_GROUND
-    if height_m < wreck_m and math.cos(out[6]) * math.cos(out[7]) < wreck_cosine:
+    if height_m < _WRECK_HEIGHT_M and math.cos(out[6]) * math.cos(out[7]) < _WRECK_COSINE:
         bits |= WRECKED
+        for i in range(3):
+            out[3 + i] = 0.0
+            out[9 + i] = 0.0
     return bits
 
 
@@ -67,3 +74,14 @@ def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
     for i in range(9, NUMBERS):
         out[i] = truth[i]
     return 0
+
+
+@compiled
+def read_and_estimate(
+    raw: F64, zero: F64, truth: F64, errors: F64, late: F64, step: int, out: F64
+) -> Int:
+    """Do what `read` does, then `estimate`: a call for each costs as much as both."""
+    bits = read(raw, zero, truth)
+    if bits != 0:
+        estimate(truth, errors, late, step, out)
+    return bits

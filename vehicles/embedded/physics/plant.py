@@ -2,6 +2,7 @@
 
 import math
 import os
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -19,11 +20,8 @@ import jsbsim  # it reads JSBSIM_DEBUG when imported
 
 _METRES_PER_FOOT = 0.3048
 _TURBULENCE_NONE = 0.0
-_NEAR_M = 0.5
-"""Above this height over the start no leg can touch the flat ground, even upside down."""
-_WRECK_HEIGHT_M = 0.15
-"""Half the body's width: tilted far over below this height, a propeller strikes the ground."""
-_WRECK_COSINE = 0.5
+_NUMBERS = struct.Struct(f"{NUMBERS}d")
+"""Packed into an array: a third quicker than assigning a list to it."""
 
 
 class PlantError(Exception):
@@ -53,7 +51,7 @@ class Plant:
     """The simulated plant: one JSBSim quadrotor on flat ground, heading and place given.
 
     `motor_factors` multiply the commanded thrusts: the spread between motors. Positions are NED
-    metres from where it stands after settling.
+    metres from where it stands after settling, which is at `zero`.
     """
 
     def __init__(
@@ -78,7 +76,8 @@ class Plant:
         self._dt_s = 1.0 / rate_hz
         self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
         self._bind()
-        self._raw, self._zero = np.zeros(NUMBERS), np.zeros(3)
+        self._raw, self.zero = np.zeros(NUMBERS), np.zeros(3)
+        self._bytes = self._raw.data.cast("B")
         self._settle()
 
     def step(self, thrusts: Thrusts) -> None:
@@ -94,24 +93,22 @@ class Plant:
     def motion(self) -> Motion:
         """Return the plant's true motion. Raises PlantError when a number is not finite."""
         motion = np.zeros(NUMBERS)
-        self.read(motion)
+        if not read(self.numbers(), self.zero, motion):
+            raise self.divergence()
         return motion_of(motion)
 
-    def read(self, out: F64) -> int:
-        """Set a motion array to the plant's true motion; return the bits of what holds.
+    def numbers(self) -> F64:
+        """Return JSBSim's numbers of the motion, for the kernels; the same array at each call."""
+        _NUMBERS.pack_into(self._bytes, 0, *[get() for get in self._moves])
+        return self._raw
 
-        Raises PlantError when a number is not finite.
-        """
-        raw = self._raw
-        raw[:] = [get() for get in self._moves]
-        bits: int = read(raw, self._zero, _NEAR_M, _WRECK_HEIGHT_M, _WRECK_COSINE, out)
-        if not bits:
-            n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, *_ = raw.tolist()
-            raise PlantError(
-                f"the physics left the finite numbers: position {(n, e, u)} ft, "
-                f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
-            )
-        return bits
+    def divergence(self) -> PlantError:
+        """Return what to raise when a number of the plant's motion is not finite."""
+        n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, *_ = self._raw.tolist()
+        return PlantError(
+            f"the physics left the finite numbers: position {(n, e, u)} ft, "
+            f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
+        )
 
     def thrusts(self) -> Thrusts:
         """Return each motor's thrust in the plant, newtons: lagging its command."""
@@ -181,4 +178,4 @@ class Plant:
         """Let the plant's legs settle, then count positions from there."""
         for _ in range(round(0.5 / self._dt_s)):
             self.step((0.0, 0.0, 0.0, 0.0))
-        self._zero[:] = self.motion().position_ned_m
+        self.zero[:] = self.motion().position_ned_m

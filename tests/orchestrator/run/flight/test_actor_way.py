@@ -23,6 +23,13 @@ def test_the_way_begins_with_the_climb_and_ends_at_the_last_waypoint() -> None:
     assert WAY.pose_at(60.0).position_ned_m == pytest.approx((-0.5, 0.0, -1.0))
 
 
+def test_it_climbs_to_the_first_waypoint_whatever_comes_after_it() -> None:
+    begin, higher = Pose.of(2.5, 0.0, 0.0), Waypoint((-0.5, 0.0, -3.0), 1.0)
+    first = Waypoint((2.5, 0.0, -1.0), 0.5)
+    for waypoints in ((first, higher), (first,)):
+        assert ActorWay(Motion(begin, waypoints)).climb_m == pytest.approx(1.0)
+
+
 def test_velocity_and_speed_are_those_of_the_leg() -> None:
     assert WAY.velocity_at(1.0) == pytest.approx((0.0, 0.0, -0.5))
     assert WAY.velocity_at(3.0) == pytest.approx((-1.0, 0.0, 0.0))

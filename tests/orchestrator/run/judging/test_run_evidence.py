@@ -13,11 +13,12 @@ from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
 from orchestrator.run.flight.run import Disturb, fly
 from orchestrator.run.judging.run_evidence import signal_terms
+from orchestrator.run.judging.run_oracles import build_judge
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.run_state import Stage
 from tests.faults.motion_capture import Alter, captured
 from tests.faults.relay import Change, Position, frozen, relay, stopped
-from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, NoCommands, vehicles_on
+from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, ROOT, NoCommands, vehicles_on
 from tests.orchestrator.wall import write_wall
 from vehicles.mavlink.framing import Frame
 from vehicles.readings import PoseReading
@@ -212,3 +213,32 @@ def test_an_estimate_beside_a_simulator_is_not_held_to_its_velocity(
     assert pose.references["mavlink"].velocity_m_s == velocity_m_s
     signals = [one.signal for one in signal_terms(setup, ())]
     assert signals == (["pose", "velocity"] if source == "simulator" else ["pose"])
+
+
+REPORTED = """{
+    battery: {min_percent: 20, from: goal},
+    modes: {required: false},
+    collision: {},
+}"""
+
+
+def test_reports_are_expected_where_an_oracle_judges_them_and_as_long(tmp_path: Path) -> None:
+    plan = load_campaign(write_wall(tmp_path), Options(sets=(f"oracles={REPORTED}",))).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
+    pose, *reports = signal_terms(setup, build_judge(setup, {}).oracles)
+    assert (pose.signal, pose.required) == ("pose", True)
+    assert [(one.signal, one.required, one.window.first, one.window.last) for one in reports] == [
+        ("heartbeat", False, "goal", "land"),
+        ("battery", True, "goal", "landed"),
+    ]
+
+
+def test_a_required_oracle_needs_the_poses_of_the_vehicles_that_it_watches_alone(
+    tmp_path: Path,
+) -> None:
+    options = Options(cases=("large",), modes=("wil",))
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
+    terms = signal_terms(setup, build_judge(setup, {}).oracles)
+    needed = {one.vehicle: one.required for one in terms if one.signal == "pose"}
+    assert needed == {"real": True, "twin": False}

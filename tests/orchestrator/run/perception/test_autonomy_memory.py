@@ -3,6 +3,8 @@
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from campaigns.values.autonomy_limits import AutonomyLimits
 from orchestrator.model.results import RunResult
 from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy
 from orchestrator.run.perception.autonomy_memory import MemoryMeter
+from orchestrator.run.perception.runner_factory import _build_autonomy
 from vehicles.autonomy import Command
 from vehicles.process_memory import limited_allocation
 from vehicles.setpoints import VelocitySetpoint
@@ -53,6 +56,17 @@ class Hoarder:
     def act(self, telemetry: object) -> Command:
         self._kept.append(np.ones(self._megabytes * _MB, np.uint8))
         return Command(VelocitySetpoint((0.0, 0.0, 0.0)))
+
+
+def test_one_that_is_too_large_once_it_is_built_is_an_error_before_it_flies() -> None:
+    limits = AutonomyLimits(memory_mb=300.0)
+    held = iter((1000.0, 1400.0))
+    meter = MemoryMeter(limits, resident_mb=lambda: next(held))
+    under_test = SimpleNamespace(limits=limits, build=lambda _: Hoarder(parameters={}))
+    setup: Any = SimpleNamespace(seed=1, campaign=SimpleNamespace(under_test=under_test))
+    with pytest.raises(AutonomyFault, match="the autonomy of twin uses too much") as caught:
+        _build_autonomy(setup, "twin", meter)
+    assert caught.value.kind == "ERROR"
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,7 @@ def test_a_faithful_mixture_shows_the_gate_in_its_place(watch: Watching) -> None
     assert gate["offset_px"]["p99"] <= 6.0
     assert flown.run["mixing"]["not_measured"] == ""
     messages = flown.visibility()
-    assert len(messages) >= flown.run["mixing"]["frames_measured"]
+    assert len(messages) >= flown.run["mixing"]["frames_measured"] >= gate["frames_in_view"]
     shown = [one for message in messages for one in message["objects"] if one["is_shown"]]
     assert len(shown) >= gate["frames_shown"]
     assert all(one["unit"] == "px" and one["offset"] <= one["limit"] for one in shown)

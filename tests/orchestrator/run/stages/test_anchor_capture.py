@@ -74,3 +74,5 @@ def test_who_moves_or_is_not_seen_is_not_anchored() -> None:
 def test_a_flight_that_is_anchored_by_motion_capture(fly_run: Fly) -> None:
     result, _ = fly_run(sets=(*BRIEF, "vehicles.real.anchor=mocap"))
     assert (result.verdict, result.reason) == ("PASS", "")
+    (anchored,) = [one for one in result.before_arming if one.step == "anchor"]
+    assert (anchored.vehicle, anchored.text.split(":")[0]) == ("real", "its origin")

@@ -2,11 +2,15 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from orchestrator.model.clock import run_virtual
 from orchestrator.model.results import RunResult
+from orchestrator.run.stages.landing import bring_down
+from orchestrator.state.run_state import RunState, Stage
 from tests.orchestrator.conftest import FEW_PICTURES
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
@@ -43,3 +47,34 @@ def test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air(
     assert result.verdict == "ERROR"
     said = [result.reason, *(one.reason for one in result.also)]
     assert any("and armed after that" in text for text in said), said
+
+
+class Guard:
+    """A guard that has everything down at once."""
+
+    def bring_down(self, reason: str) -> None:
+        self.reason = reason
+
+    async def all_down(self, within_s: float) -> bool:
+        return within_s > 0.0
+
+
+@pytest.mark.parametrize(
+    ("entered", "after"),
+    [
+        (["ready"], []),
+        (["ready", "arm"], ["land"]),
+        (["ready", "arm", "takeoff", "goal"], ["land", "landed"]),
+    ],
+)
+def test_what_the_guard_brings_down_enters_the_stages_that_it_flew_for(
+    entered: list[Stage], after: list[Stage]
+) -> None:
+    run_state = RunState(time=lambda: 0.0)
+    for stage in entered:
+        run_state.enter(stage)
+    driver = SimpleNamespace(state=SimpleNamespace(armed=False))
+    pair: Any = SimpleNamespace(guard=Guard(), contexts=[SimpleNamespace(driver=driver)])
+    run_virtual(bring_down(pair, run_state))
+    assert list(run_state.entered_s) == ["start", *entered, *after]
+    assert pair.guard.reason == "the flight was not completed"

@@ -129,3 +129,21 @@ def test_one_vehicle_alone_has_no_skew_to_measure() -> None:
     sync.check_takeoff()
     assert run_state.decisive == []
     assert sync.result().takeoff_skew_s is None
+
+
+def test_what_an_estimate_did_on_the_ground_is_no_liftoff() -> None:
+    """Both drifted up at one time while they stood; that they never left the ground is INVALID."""
+    run_state = RunState(time=lambda: 5.0)
+    sync = Synchronisation(setup=LIMITS, run_state=run_state)
+    contexts: Any = [
+        SimpleNamespace(name=name, liftoff=LiftoffDetector()) for name in ("real", "twin")
+    ]
+    sync.attach(tuple(contexts))
+    for context in contexts:
+        liftoff(context, 1.0)
+    assert sync.result().takeoff_skew_s == pytest.approx(0.0)
+    run_state.enter("takeoff")
+    assert sync.result().takeoff_skew_s is None
+    sync.check_takeoff()
+    reasons = [one.text for one in run_state.decisive if one.source == "sync/takeoff"]
+    assert reasons == ["takeoff skew was not measured: no liftoff of real and twin"]

@@ -8,7 +8,7 @@ import pytest
 
 from orchestrator.model.clock import run_on
 from orchestrator.run.stages.twin_monitor import TwinMonitor
-from orchestrator.state.run_state import RunState
+from orchestrator.state.run_state import RunState, Stage
 from vehicles.poses.pose_history import PoseHistory
 from worlds.frames import Pose
 
@@ -73,3 +73,28 @@ def test_a_distance_that_was_never_measured_proves_nothing() -> None:
     (event,) = run_state.decisive
     assert (event.kind, event.source) == ("INVALID", "sync/twin")
     assert "was never measured" in event.text
+
+
+@pytest.mark.parametrize(
+    ("needed_by", "vehicle", "stage", "decided"),
+    [
+        (("lidar",), "twin", "goal", ["INVALID"]),
+        ((), "twin", "goal", []),
+        (("lidar",), "intruder", "goal", []),
+        (("lidar",), "twin", "done", []),
+    ],
+)
+def test_a_twin_that_lands_alone_takes_the_mixture_that_needs_it_along(
+    needed_by: tuple[str, ...], vehicle: str, stage: Stage, decided: list[str]
+) -> None:
+    """Its sensors may go on where it stands: no reading is missing, and no distance is measured."""
+    run_state = RunState(time=lambda: 7.0)
+    monitor = TwinMonitor(coupling="free", limit_m=1.0, run_state=run_state)
+    monitor.attach("twin", needed_by=needed_by)
+    run_state.enter("goal")
+    run_state.enter(stage)
+    run_state.drop_out(vehicle, "left its fence")
+    assert [one.kind for one in run_state.decisive] == decided
+    if decided:
+        assert "the mixture of lidar" in run_state.decisive[0].text
+        assert not run_state.over.is_set()

@@ -93,7 +93,7 @@ class Failsafes:
         if view.offboard and view.setpoint_age_s > self._p["COM_OF_LOSS_T"]:
             action = _OFFBOARD_LOST.get(int(self._p["COM_OBL_RC_ACT"]), Action.RETURN)
             return Decision("offboard", action)
-        for cause, action in self._causes(view).items():
+        for cause, action in self._causes(view):
             if action is Action.NONE:
                 self._active.pop(cause, None)
             elif self._active.get(cause) is not action:
@@ -109,16 +109,13 @@ class Failsafes:
         self._pending = (t_s + delay_s, decision)
         return Decision(decision.cause, Action.HOLD)
 
-    def _causes(self, view: View) -> dict[str, Action]:
-        p = self._p
-        link = view.gcs_age_s > p["COM_DL_LOSS_T"] and math.isfinite(view.gcs_age_s)
-        return {
-            "link": _LINK_LOST.get(int(p["NAV_DLL_ACT"]), Action.NONE) if link else Action.NONE,
-            "fence": _FENCE.get(int(p["GF_ACTION"]), Action.NONE)
-            if view.outside_fence
-            else Action.NONE,
-            "battery": self._battery(view.battery),
-        }
+    def _causes(self, view: View) -> tuple[tuple[str, Action], ...]:
+        p, link, fence = self._p, Action.NONE, Action.NONE
+        if view.gcs_age_s > p["COM_DL_LOSS_T"] and view.gcs_age_s < math.inf:
+            link = _LINK_LOST.get(int(p["NAV_DLL_ACT"]), Action.NONE)
+        if view.outside_fence:
+            fence = _FENCE.get(int(p["GF_ACTION"]), Action.NONE)
+        return (("link", link), ("fence", fence), ("battery", self._battery(view.battery)))
 
     def _battery(self, remaining: float) -> Action:
         """Return what COM_LOW_BAT_ACT does: 0 warns, 2 lands when critical, 3 returns first."""

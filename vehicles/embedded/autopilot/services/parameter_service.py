@@ -39,6 +39,8 @@ class ParameterService:
 
     def due(self) -> list[Any]:
         """Return the next few parameters of a list under way."""
+        if not self._queue:
+            return []
         count = min(self._PER_TURN, len(self._queue))
         return [self._value(self._queue.popleft(), indexed=True) for _ in range(count)]
 

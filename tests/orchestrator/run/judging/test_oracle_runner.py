@@ -1,0 +1,80 @@
+"""What a vehicle reports is judged when it comes, not when the oracles are ticked next."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.run.judging.oracle_runner import OracleRunner
+from orchestrator.run.judging.run_oracles import build_judge
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from orchestrator.state.run_state import RunState, Stage
+from tests.orchestrator.wall import write_wall
+from vehicles.autopilots.autopilot import Mode
+from vehicles.driver.vehicle_state import VehicleEvent, VehicleState
+
+
+class Vehicle:
+    """A twin that reports what it is told to."""
+
+    name = "twin"
+    may_drop_out = False
+
+    def __init__(self) -> None:
+        self.state = VehicleState(
+            armed=True, mode=Mode.GUIDED, mode_name="GUIDED", last_heard_s=0.0
+        )
+        self.reported_s: dict[str, float] = {}
+        self._event: Callable[[VehicleEvent], None] = lambda _: None
+
+    @property
+    def driver(self) -> "Vehicle":
+        return self
+
+    def on_event(self, take: Callable[[VehicleEvent], None]) -> None:
+        self._event = take
+
+    def ignore(self, *_: object) -> None: ...
+
+    on_pose = on_reference = on_contact = on_failure = ignore
+
+    def take_arrivals(self) -> tuple[float, ...]:
+        return ()
+
+    def reports(self, t_s: float, mode: Mode) -> None:
+        self.state = self.state._replace(mode=mode, mode_name=mode.name, last_heard_s=t_s)
+        self._event(VehicleEvent(t_s, "mode", mode.name, mode=mode))
+
+
+def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) -> None:
+    """A radio that stalled delivers several heartbeats at once; the last is none of the others."""
+    plan = load_campaign(write_wall(tmp_path), Options(sets=("oracles.modes={}",))).runs[0]
+    judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")), {})
+    run_state = RunState(time=lambda: 1.0)
+    runner = OracleRunner(judge=judge, run_state=run_state, kinds={}, watch=(), tape=lambda _: None)
+    vehicle: Any = Vehicle()
+    runner.attach(vehicle)
+    runner.last_state(0.5)
+    stages: tuple[Stage, ...] = ("takeoff", "at_height", "goal")
+    for stage in stages:
+        run_state.enter(stage)
+    for mode in (Mode.HOLD, Mode.GUIDED):
+        vehicle.reports(2.0, mode)
+    runner.last_state(2.05)
+    assert [(flag.oracle, flag.t_s) for flag in judge.flags] == [("modes", 2.0)]
+    assert [one.kind for one in run_state.decisive] == ["FAIL"]
+
+
+def test_the_least_clearance_is_of_the_oracles_that_measure_one() -> None:
+    def oracle(name: str, actual: float | None) -> Any:
+        return SimpleNamespace(name=name, result=lambda _: SimpleNamespace(actual=actual))
+
+    oracles = (oracle("near", 0.7), oracle("touch", None), oracle("wide", 0.9), oracle("fast", 0.1))
+    kinds = {"near": "clearance", "touch": "collision", "wide": "collision", "fast": "speed"}
+    judge: Any = SimpleNamespace(oracles=oracles)
+    run_state = RunState(time=lambda: 1.0)
+    runner = OracleRunner(
+        judge=judge, run_state=run_state, kinds=kinds, watch=(), tape=lambda _: None
+    )
+    assert runner.clearance_m(1.0) == 0.7

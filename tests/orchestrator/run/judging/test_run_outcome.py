@@ -1,0 +1,44 @@
+"""What stands in a result beside its verdict: later events, and what no mixture had in view."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from orchestrator.run.judging.run_outcome import _unseen, also_of
+from safety.model.verdict import Decision, DecisiveEvent
+
+
+def test_what_is_cut_is_reported_as_the_first_event_that_is_left_out() -> None:
+    kinds = ["ERROR"] * 49 + ["INVALID"] + ["FAIL"] * 30
+    events = tuple(
+        DecisiveEvent(2.0 + at, kind, f"event {at}")  # type: ignore[arg-type]  # a kind's name
+        for at, kind in enumerate(kinds)
+    )
+    cut = also_of(Decision("FAIL", "touched", events))
+    assert [one.reason for one in cut[:49]] == [f"event {at}" for at in range(49)]
+    assert (cut[49].verdict, cut[49].at_s) == ("INVALID", 51.0)
+
+
+def mixture(frames_measured: int, in_view: int | None = None, **not_mixed: int) -> Any:
+    """Return a combination's result; in_view: of the gate, None where it is not mixed in."""
+    shown = {} if in_view is None else {"gate": SimpleNamespace(frames_in_view=in_view)}
+    return SimpleNamespace(frames_measured=frames_measured, shown=shown, not_mixed=not_mixed)
+
+
+@pytest.mark.parametrize(
+    ("combinations", "unseen"),
+    [
+        ([mixture(9, 0)], ("gate",)),
+        ([mixture(9, 0, gate=0)], ("gate",)),
+        ([mixture(9, 1)], ()),
+        ([mixture(9, 0), mixture(7, 3)], ()),
+        ([mixture(9, 0), mixture(7, gate=2)], ()),
+        ([mixture(0, 0)], ()),
+        ([mixture(9, None, tree=0)], ()),
+    ],
+)
+def test_a_named_object_that_no_mixture_had_in_view_is_unseen(
+    combinations: list[Any], unseen: tuple[str, ...]
+) -> None:
+    assert _unseen(tuple(combinations), {"gate"}) == unseen

@@ -1,0 +1,46 @@
+"""What geometry says that a sensor shows, and where it cannot know."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from orchestrator.run.perception.expected_views import ExpectedViews
+from orchestrator.run.perception.visibility import _some_beams
+from recipes.visibility.model import Virtual
+from worlds.camera import Intrinsics
+from worlds.frames import Pose
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import box
+
+WALL_M = 3.0
+CAMERA = Intrinsics.from_fov(64, 48, math.radians(60.0))
+WALL = SceneObject(2, "wall", box((0.1, 9.0, 9.0)), Pose((WALL_M, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    ("real_m", "unknown"), [(None, None), (WALL_M - 0.5, True), (WALL_M + 0.5, False)]
+)
+def test_what_stands_behind_what_the_real_camera_sees_is_unknown(
+    real_m: float | None, unknown: bool | None
+) -> None:
+    views = ExpectedViews(real=Scene(), virtual=Scene((WALL,)), events={})
+    depth_m = None if real_m is None else np.full((48, 64), real_m, np.float32)
+    expected = views.picture(
+        Pose((0.0, 0.0, 0.0)), CAMERA, 0.0, virtual=Virtual({2: "wall"}), real_depth_m=depth_m
+    )
+    assert (expected.ids == 2).all()
+    if unknown is None:
+        assert expected.unknown is None
+    else:
+        assert expected.unknown is not None
+        assert (expected.unknown == unknown).all()
+
+
+@pytest.mark.parametrize(("columns", "cast"), [(90, 90), (375, 375), (750, 375)])
+def test_of_a_lidar_with_many_beams_only_some_are_cast(columns: int, cast: int) -> None:
+    pattern = SimpleNamespace(columns=columns, rings=8, lowest_rad=-0.2, highest_rad=0.2)
+    lidar: Any = SimpleNamespace(pattern=pattern)
+    assert len(_some_beams(lidar)) == cast * pattern.rings

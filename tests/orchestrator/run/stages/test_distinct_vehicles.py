@@ -1,0 +1,51 @@
+"""One vehicle on two links is refused: beside itself it would keep every distance."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from orchestrator.run.stages.distinct_vehicles import require_distinct
+from orchestrator.run.vehicles.pair import Pair
+from orchestrator.state.run_state import FlightError, RunState
+from tests.orchestrator.conftest import BRIEF, Fly
+
+
+def contexts(*uids: str) -> Any:
+    names = ("real", "twin", "intruder")
+    boards = (SimpleNamespace(simulation=False, uid=uid) for uid in uids)
+    driven = (SimpleNamespace(identity=board) for board in boards)
+    return [
+        SimpleNamespace(name=name, driver=driver)
+        for name, driver in zip(names, driven, strict=False)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("uids", "same"),
+    [(("3132", "3132"), "real and twin"), (("3132", "77", "3132"), "real and intruder")],
+)
+def test_one_board_on_two_links_is_refused(uids: tuple[str, ...], same: str) -> None:
+    with pytest.raises(FlightError, match=f"{same} are the same vehicle.*uid 3132"):
+        require_distinct(contexts(*uids))
+
+
+def test_boards_of_their_own_are_not() -> None:
+    require_distinct(contexts("3132", "77", "78"))
+
+
+def test_a_pair_that_is_one_vehicle_never_arms(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Embedded vehicles share a uid, and are told apart for they have no board."""
+
+    def as_one_board(pair: Pair, _: RunState) -> None:
+        real, twin = (context.driver for context in pair.contexts)
+        one = SimpleNamespace(simulation=False, uid="3132")
+        for driver in (real, twin):
+            monkeypatch.setattr(type(driver), "identity", one)
+
+    result, _ = fly_run("gate", "large", "wil", sets=BRIEF, disturb=as_one_board)
+    assert result.verdict == "ERROR"
+    assert "are the same vehicle" in result.reason
+    assert result.duration_s is None

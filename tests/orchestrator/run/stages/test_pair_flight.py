@@ -1,0 +1,54 @@
+"""When a vehicle is at its height: once it has stayed there, and not while it passes through."""
+
+import asyncio
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from orchestrator.model.clock import run_virtual
+from orchestrator.run.stages.pair_flight import _at_height
+from orchestrator.state.run_state import FlightError
+
+SYNC: Any = SimpleNamespace(takeoff_timeout_s=8.0, takeoff_tolerance_m=0.1)
+HEIGHT_M = 1.5
+Height = Callable[[float], float | None]
+
+
+def seen_at_height_s(height_m: Height) -> float:
+    async def wait() -> float:
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        context: Any = SimpleNamespace(
+            name="real", height_m=lambda: height_m(loop.time() - began_s)
+        )
+        await _at_height(context, HEIGHT_M, SYNC)
+        return loop.time() - began_s
+
+    return run_virtual(wait())
+
+
+def passing_through(t_s: float) -> float:
+    """Climb at 1 m/s to 2.5 m, through the height at 1.5 s, and come back for good at 4 s."""
+    return min(t_s, 2.5) if t_s < 4.0 else HEIGHT_M
+
+
+def unknown_between(t_s: float) -> float | None:
+    return None if 0.2 < t_s < 1.0 else HEIGHT_M
+
+
+@pytest.mark.parametrize(
+    ("height_m", "at_s"),
+    [(lambda _: HEIGHT_M + 0.09, 0.5), (passing_through, 4.5), (unknown_between, 1.5)],
+)
+def test_a_vehicle_is_at_its_height_when_it_has_stayed_there(height_m: Height, at_s: float) -> None:
+    assert seen_at_height_s(height_m) == pytest.approx(at_s, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "where"), [(lambda _: HEIGHT_M - 0.11, "1.39 m"), (lambda _: None, "unknown")]
+)
+def test_one_that_is_never_there_ends_the_takeoff(height_m: Height, where: str) -> None:
+    with pytest.raises(FlightError, match=f"not at 1.5 m within 8 s .*its height is {where}"):
+        seen_at_height_s(height_m)
