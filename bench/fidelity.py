@@ -5,17 +5,25 @@ those with which the firmwares were measured: the least and the most of each fig
 flights lie in vehicles/step_response, a 50 Hz series of one in tests/vehicles/embedded/fidelity. A
 figure is off by its distance from the firmware's range relative to the nearer end; an overshoot by
 its distance over 0.15 m or 5 degrees. Beside it, the RMS distance between the series of each
-segment, counted from the segment's start, and the orders of events.
+segment, counted from the segment's start, and the orders of events; for PX4 the median of the
+distances from ten flights of the firmware, and what that is for each of them (median, most).
 """
 
 import argparse
 import sys
 import time
 from pathlib import Path
+from statistics import median
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.vehicles.embedded.fidelity.comparison import distances, load_series
+from tests.vehicles.embedded.fidelity.comparison import (
+    distances,
+    load_flights,
+    load_series,
+    median_distances,
+    scatter,
+)
 from tests.vehicles.embedded.fidelity.step_flight import fly_steps
 from vehicles.step_response.comparison import compare, load_ranges
 from vehicles.step_response.figures import figures_of
@@ -40,6 +48,15 @@ def main() -> None:
             )
         for segment, metres in distances(load_series(autopilot), flown).items():
             print(f"{autopilot:9s} {segment:13s} RMS {metres:.3f} m")
+        if autopilot == "px4":
+            flights = load_flights()
+            own = scatter(flights)
+            for segment, metres in median_distances(flights, flown).items():
+                least, most = median(own[segment]), max(own[segment])
+                print(
+                    f"{autopilot:9s} {segment:13s} of ten flights {metres:.3f} m, "
+                    f"they of each other {least:.3f} m, at most {most:.3f} m"
+                )
         for order in orders:
             mark = f"  <-- firmware {order.firmware}" if order.beyond else ""
             print(f"{autopilot:9s} {order.name:13s} {' > '.join(order.flown)}{mark}")

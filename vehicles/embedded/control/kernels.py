@@ -133,7 +133,8 @@ def from_euler(roll: Float, pitch: Float, yaw: Float) -> tuple[Float, Float, Flo
 def allocate(body: F64, thrust: Float, roll: Float, pitch: Float, yaw: Float, out: F64) -> Int:
     """Set the motors' thrusts (N) for a thrust (N) and torques (N m), PX4's quad X order.
 
-    Yaw gives way first, then thrust: that all motors stay between nothing and their most.
+    Yaw gives way first, then thrust: that all motors stay between nothing and their most. Return
+    the sign of the yaw torque that they do not give, 0 where they give all.
     """
     most = body[6]
     a, b, c = 0.25 * thrust, roll / body[4], pitch / body[4]
@@ -144,9 +145,10 @@ def allocate(body: F64, thrust: Float, roll: Float, pitch: Float, yaw: Float, ou
     least = 0.05 * most
     upwards = max(least, min(most - m0, most - m1, m2, m3))
     downwards = max(least, min(m0, m1, most - m2, most - m3))
-    d = min(max(yaw / body[5], -downwards), upwards)
+    asked = yaw / body[5]
+    d = min(max(asked, -downwards), upwards)
     out[0] = min(max(m0 + d, 0.0), most)
     out[1] = min(max(m1 + d, 0.0), most)
     out[2] = min(max(m2 - d, 0.0), most)
     out[3] = min(max(m3 - d, 0.0), most)
-    return 0
+    return (asked > d) - (asked < d)

@@ -1,6 +1,6 @@
 """PX4's control law, compiled: position P, velocity PID, attitude P with yaw weight, rate PID.
 
-As docs.px4.io describes it (Multicopter Controller Diagrams; Brescianini, Hehn, D'Andrea,
+As docs.px4.io describes it (Multicopter Controller Diagrams of v1.18; Brescianini, Hehn, D'Andrea,
 "Nonlinear Quadrocopter Attitude Control", 2013), with the parameters that it names.
 """
 
@@ -52,22 +52,28 @@ GAINS = (
     "MPC_JERK_AUTO",
     "MPC_ACC_UP_MAX",
     "MPC_YAWRAUTO_MAX",
+    "MC_REF_W_N",
+    "MC_REF_FF",
+    "MC_REF_FF_MAX",
 )
 """The law's gains in their order in the array; angles in rad there."""
 
 DEGREES = ("MPC_TILTMAX_AIR", "MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX",
-           "MPC_YAWRAUTO_MAX")  # fmt: skip
+           "MPC_YAWRAUTO_MAX", "MC_REF_FF_MAX")  # fmt: skip
 
 _SPEED_GAIN = 5.0
 """1/s. PX4's trajectories change speed in the least time that the jerk allows; eases the end."""
 _MOST_INTEGRAL_M_S2 = 1e3
 """No flight comes near it; gains that make the anti-windup diverge end there, not at infinity."""
+_LEAST_W_N_RAD_S = 1.0
+"""The least of the documented range of MC_REF_W_N; at 0 no attitude would be flown to."""
 
 STATE = 48
 """Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (3), 13 velocity (3),
 16 its filtered rate (3), 19 acceleration setpoint (3), 22 rate integral (3), 25 rates (3),
 28 their filtered rate (3), 31 filtered yaw torque, 32 whether a trajectory is flown,
-33 whether anything was flown, 34 acceleration that thrust and tilt allowed (2)."""
+33 whether anything was flown, 35 turn rate without a heading, 36 attitude reference (4),
+40 its body rates (3), 43 its turn of this step (3)."""
 
 
 @compiled
@@ -121,13 +127,15 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     north = g[2] * en + s[10] - g[4] * s[16] + an
     east = g[2] * ee + s[11] - g[4] * s[17] + ae
     downwards = g[5] * ed + s[12] - g[7] * s[18] + ad
+    # Tilted as far as the limit, with the thrust that height asks for: that thrust's horizontal
+    # part is what is produced (thrust follows the tilt over gravity alone, MPC_ACC_DECOUPLE).
     most = GRAVITY_M_S2 * math.tan(g[9])
     size = math.hypot(north, east)
-    wound_n, wound_e = 0.0, 0.0
-    if size > most:
-        limited_n, limited_e = north * most / size, east * most / size
-        wound_n, wound_e = north - limited_n, east - limited_e
-        north, east = limited_n, limited_e
+    share = most / size if size > most else 1.0
+    produced = share * max(1.0 - downwards / GRAVITY_M_S2, 0.0)
+    missing = max(1.0 - produced, 0.0)
+    wound_n, wound_e = north * missing, east * missing
+    north, east = north * share, east * share
     # Anti-windup: what was not produced is taken from the error that is integrated.
     s[10] = clamp(s[10] + g[3] * (en - 2.0 / g[2] * wound_n) * dt, _MOST_INTEGRAL_M_S2)
     s[11] = clamp(s[11] + g[3] * (ee - 2.0 / g[2] * wound_e) * dt, _MOST_INTEGRAL_M_S2)
@@ -158,12 +166,70 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
     right, forward = zy * cos - zx * sin, zx * cos + zy * sin
     roll_sp = -math.asin(min(max(right, -1.0), 1.0))
     pitch_sp = math.atan2(forward, zz)
+    _smooth(s, g, from_euler(roll_sp, pitch_sp, yaw), dt)
     q = from_euler(m[6], m[7], m[8])
-    qi = (q[0], -q[1], -q[2], -q[3])
-    qd = from_euler(roll_sp, pitch_sp, yaw)
-    # Reduced attitude: the shortest turn that aligns z alone, then yaw with its weight.
+    p_sp, q_sp, r_sp = _rate_setpoint(s, g, q)
+    share = filter_share(g[27], dt)
+    for i in range(3):
+        s[28 + i] += share * ((m[9 + i] - s[25 + i]) / dt - s[28 + i])
+        s[25 + i] = m[9 + i]
+    ep, eq, er = p_sp - m[9], q_sp - m[10], r_sp - m[11]
+    roll = body[7] * (g[17] * ep + s[22] - g[23] * s[28])
+    pitch = body[8] * (g[18] * eq + s[23] - g[24] * s[29])
+    turn = body[9] * (g[19] * er + s[24] - g[25] * s[30])
+    s[22] = clamp(s[22] + g[20] * ep * dt, 0.3)
+    s[23] = clamp(s[23] + g[21] * eq * dt, 0.3)
+    s[31] += filter_share(g[26], dt) * (turn - s[31])
+    lacking = allocate(body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out)
+    # What the motors do not give is not integrated.
+    if lacking * er <= 0.0:
+        s[24] = clamp(s[24] + g[22] * er * dt, 0.3)
+    return 0
+
+
+@compiled
+def _smooth(s: F64, g: F64, qd: tuple[float, float, float, float], dt: float) -> Int:
+    """Advance the attitude reference towards a setpoint: second order, critically damped.
+
+    Solved exactly over dt, so stable at any frequency (MC_REF_W_N, rad/s).
+    """
+    if s[36] == 0.0 and s[37] == 0.0 and s[38] == 0.0 and s[39] == 0.0:
+        s[36], s[37], s[38], s[39] = qd
+        s[40] = s[41] = s[42] = 0.0
+    w, x, y, z = multiply((s[36], -s[37], -s[38], -s[39]), qd)
+    size = math.sqrt(x * x + y * y + z * z)
+    factor = 2.0 if w >= 0.0 else -2.0
+    if size > 1e-9:
+        factor = 2.0 * math.atan2(math.copysign(size, w), abs(w)) / size
+    turn = (x * factor, y * factor, z * factor)
+    w_n = max(g[32], _LEAST_W_N_RAD_S)
+    decay = math.exp(-w_n * dt)
+    for i in range(3):
+        pull = w_n * turn[i] - s[40 + i]
+        s[43 + i] = turn[i] - (turn[i] + pull * dt) * decay
+        s[40 + i] = (s[40 + i] + w_n * pull * dt) * decay
+    x, y, z = s[43], s[44], s[45]
+    angle = math.sqrt(x * x + y * y + z * z)
+    factor = math.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+    w, x, y, z = multiply(
+        (s[36], s[37], s[38], s[39]), (math.cos(0.5 * angle), x * factor, y * factor, z * factor)
+    )
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    s[36], s[37], s[38], s[39] = w / size, x / size, y / size, z / size
+    return 0
+
+
+@compiled
+def _rate_setpoint(
+    s: F64, g: F64, q: tuple[float, float, float, float]
+) -> tuple[float, float, float]:
+    """Return the body rates (rad/s) that turn an attitude to the reference."""
     w, x, y, z = q
     ex, ey, ez = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    qd = (s[36], s[37], s[38], s[39])
+    w, x, y, z = qd
+    zx, zy, zz = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+    # Reduced attitude: the shortest turn that aligns z alone, then yaw with its weight.
     dot = ex * zx + ey * zy + ez * zz
     rw, rx, ry, rz = 1.0 + dot, ey * zz - ez * zy, ez * zx - ex * zz, ex * zy - ey * zx
     norm = math.sqrt(rw * rw + rx * rx + ry * ry + rz * rz)
@@ -179,29 +245,14 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
         reduced, (math.cos(weight * math.acos(half_c)), 0.0, 0.0,
                   math.sin(weight * math.asin(half_s)))
     )  # fmt: skip
-    e = multiply(qi, qd)
+    e = multiply((q[0], -q[1], -q[2], -q[3]), qd)
     sign = 2.0 if e[0] >= 0.0 else -2.0
-    p_sp = clamp(sign * e[1] * g[10], g[14])
-    q_sp = clamp(sign * e[2] * g[11], g[15])
-    r_sp = sign * e[3] * g[12] / max(weight, 1e-4)
-    # The heading's own rate, seen by the body.
-    p_sp += s[35] * qi_z(q, 0)
-    q_sp += s[35] * qi_z(q, 1)
-    r_sp = clamp(r_sp + s[35] * qi_z(q, 2), g[16])
-    share = filter_share(g[27], dt)
-    for i in range(3):
-        s[28 + i] += share * ((m[9 + i] - s[25 + i]) / dt - s[28 + i])
-        s[25 + i] = m[9 + i]
-    ep, eq, er = p_sp - m[9], q_sp - m[10], r_sp - m[11]
-    roll = body[7] * (g[17] * ep + s[22] - g[23] * s[28])
-    pitch = body[8] * (g[18] * eq + s[23] - g[24] * s[29])
-    turn = body[9] * (g[19] * er + s[24] - g[25] * s[30])
-    s[22] = clamp(s[22] + g[20] * ep * dt, 0.3)
-    s[23] = clamp(s[23] + g[21] * eq * dt, 0.3)
-    s[24] = clamp(s[24] + g[22] * er * dt, 0.3)
-    s[31] += filter_share(g[26], dt) * (turn - s[31])
-    allocate(body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out)
-    return 0
+    # The heading's own rate, seen by the body, and the reference's.
+    turn, ahead, most = s[35], g[33], g[34]
+    p_sp = sign * e[1] * g[10] + turn * qi_z(q, 0) + clamp(ahead * s[40], most)
+    q_sp = sign * e[2] * g[11] + turn * qi_z(q, 1) + clamp(ahead * s[41], most)
+    r_sp = sign * e[3] * g[12] / max(weight, 1e-4) + turn * qi_z(q, 2) + clamp(ahead * s[42], most)
+    return clamp(p_sp, g[14]), clamp(q_sp, g[15]), clamp(r_sp, g[16])
 
 
 @compiled

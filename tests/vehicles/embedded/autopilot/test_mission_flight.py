@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable
+from statistics import median
 from typing import Any
 
 import pytest
@@ -58,14 +59,16 @@ def test_jumps_and_changes_of_speed_act(rig: Any, virtually: Scenario, autopilot
             )
             assert await upload(r, 0, items) == 0
             await begin(r)
-            fastest = 0.0
+            speeds: list[float] = []
             while r.armed:
-                fastest = max(fastest, r.speed_m_s)
+                speeds.append(r.speed_m_s)
                 await asyncio.sleep(0.1)
                 assert asyncio.get_running_loop().time() < 200.0
             reached = [m.seq - first for m in r.of("MISSION_ITEM_REACHED")]
             assert reached == [0, 2, 3, 2, 3, 5]
-            assert fastest == pytest.approx(1.5, abs=0.35)
+            assert median(speed for speed in speeds if speed > 1.0) == pytest.approx(1.5, abs=0.1)
+            # At a turn PX4 overshoots: in SIH with a tenth of its drag to 2.0 m/s.
+            assert max(speeds) < 2.05
 
     virtually(scenario())
 

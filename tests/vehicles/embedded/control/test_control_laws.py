@@ -113,9 +113,11 @@ def test_it_turns_the_shorter_way(kind: LawKind) -> None:
 )
 def test_every_parameter_of_a_law_acts(kind: LawKind, name: str, value: float) -> None:
     """Each gain changes the thrusts of a rough ride in which every limit is met."""
+    # What caps the feed-forward is nothing without one, and there is none by default.
+    needs = {"MC_REF_FF": 1.0} if name == "MC_REF_FF_MAX" else {}
 
     def ride(**overrides: float) -> list[tuple[float, ...]]:
-        law, rng = new_law(kind, **overrides), np.random.default_rng(1)
+        law, rng = new_law(kind, **(needs | overrides)), np.random.default_rng(1)
         thrusts: list[tuple[float, ...]] = []
         for step in range(600):
             now = motion(
@@ -171,6 +173,42 @@ def test_a_parameter_that_is_set_acts_at_once() -> None:
     other = new_law(PX4)
     other.configure(parameters(PX4, MPC_XY_VEL_P_ACC=4.0))
     assert law.run(motion(), target) != other.run(motion(), target)
+
+
+def test_px4s_attitude_reference_takes_a_step_critically_damped() -> None:
+    law = new_law(PX4, MPC_XY_VEL_I_ACC=0.0, MC_REF_W_N=20.0)
+    law.run(motion(), Target((None, None, None), (0.0, 0.0, 0.0), 0.0, direct=True))
+    asked_rad = -math.atan(1.8 / 9.80665)
+    for step in range(1, 100):
+        law.run(motion(), Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True))
+        # The position part runs every second step: the setpoint jumps at the second one here.
+        x = 20.0 * STEP_S * (step - 1)
+        w, _, y, _ = law._state[36:40]
+        assert 2.0 * math.atan2(y, w) == pytest.approx(
+            asked_rad * (1.0 - (1.0 + x) * math.exp(-x)), abs=1e-6
+        )
+
+
+def test_px4_integrates_less_by_what_thrust_did_not_produce() -> None:
+    """Climbing too fast it throttles down: tilted as asked, it is pushed less than asked."""
+    level, climbing = new_law(PX4), new_law(PX4)
+    target = Target((None, None, None), (1.0, 0.0, 0.0), 0.0, direct=True)
+    level.run(motion(), target)
+    climbing.run(motion(velocity=(0.0, 0.0, -0.5)), target)
+    # MPC_XY_VEL_I_ACC 0.4, MPC_XY_VEL_P_ACC 1.8, MPC_Z_VEL_P_ACC 4.0; one step of 8 ms.
+    missing_m_s2 = 1.8 * (4.0 * 0.5 / 9.80665)
+    assert level._state[10] == pytest.approx(0.4 * 0.008)
+    assert climbing._state[10] == pytest.approx(0.4 * (1.0 - 2.0 / 1.8 * missing_m_s2) * 0.008)
+
+
+def test_px4_does_not_integrate_a_turn_that_the_motors_do_not_give() -> None:
+    law = new_law(PX4, MC_YAWRATE_P=1.0)
+    integral = []
+    for _ in range(250):
+        thrusts = law.run(motion(), Target((0.0, 0.0, 0.0), yaw_rad=2.0, direct=True))
+        integral.append(float(law._state[24]))
+    assert min(thrusts) == pytest.approx(0.0, abs=1e-9)
+    assert integral[-1] == integral[100] > 0.0
 
 
 def test_arducopter_never_exceeds_its_acceleration_and_jerk() -> None:

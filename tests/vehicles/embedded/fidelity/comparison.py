@@ -4,6 +4,7 @@ import csv
 import gzip
 import math
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
@@ -20,6 +21,47 @@ def load_series(autopilot: AutopilotName) -> Series:
         for segment, *values in list(csv.reader(file))[1:]:
             flown.setdefault(segment, []).append(Sample(*map(float, values)))
     return flown
+
+
+def load_flights() -> list[Series]:
+    """Return ten flights of PX4, of that of `load_series` and nine more, five samples a second.
+
+    Samples hold metres along the first heading, to its right, and down from the segment's start.
+    """
+    flights: dict[str, Series] = {}
+    with gzip.open(_HERE / "px4-flights.csv.gz", "rt", newline="") as file:
+        for flight, segment, *values in list(csv.reader(file))[1:]:
+            t_s, along_m, right_m, down_m = map(float, values)
+            sample = Sample(t_s, along_m, right_m, down_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            flights.setdefault(flight, {}).setdefault(segment, []).append(sample)
+    return list(flights.values())
+
+
+def scatter(flights: list[Series]) -> dict[str, list[float]]:
+    """Return of each segment how far (m, RMS) each flight is from the others: the medians."""
+    apart = [[distances(one, other) for other in flights if other is not one] for one in flights]
+    return {
+        segment: [median(each[segment] for each in row) for row in apart] for segment in flights[0]
+    }
+
+
+def median_distances(flights: list[Series], embedded: Series) -> dict[str, float]:
+    """Return of each segment the median of a flight's RMS distances (m) from the firmware's."""
+    apart = [distances(flight, embedded) for flight in flights]
+    return {segment: median(each[segment] for each in apart) for segment in flights[0]}
+
+
+def pitch_distance_deg(firmware: Series, embedded: Series, segment: str, until_s: float) -> float:
+    """Return the RMS difference of pitch (deg) in the first seconds of a segment."""
+    one, other = (
+        np.array(
+            [(sample.t_s - flown[segment][0].t_s, sample.pitch_rad) for sample in flown[segment]]
+        )
+        for flown in (firmware, embedded)
+    )
+    times_s = np.arange(0.0, until_s, 0.02)
+    gaps = np.interp(times_s, *one.T) - np.interp(times_s, *other.T)
+    return math.degrees(math.sqrt(float(np.mean(np.square(gaps)))))
 
 
 def distances(firmware: Series, embedded: Series) -> dict[str, float]:
