@@ -82,10 +82,14 @@ FLIGHTS = (
     "vehicles/clients",
 )
 """What flies on the wall clock: vehicles, guard and orchestrator are processes that must all be in
-time. One such flight is in the air at a time. A test among them that is marked `no_turn`, with the
-reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or nothing flies. One
-that has its turn by the fixture `turn` gives it back itself, once what it waits for is no matter of
-the processor."""
+time. One such flight is in the air at a time, and beside it one of those that are marked `unmixed`:
+they wait for no image that is mixed, and take half a core. A test among them that is marked
+`no_turn`, with the reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or
+nothing flies. One that has its turn by the fixture `turn` gives it back itself, once what it waits
+for is no matter of the processor."""
+
+TURNS = {"mixed": Path(__file__), "unmixed": ROOT / "kernels.py"}
+"""The files by whose locks the flights on the wall clock take their turns."""
 
 FLIGHT_TIMEOUT_S = 400
 """A hang is found by it; how long a flight takes is the machine's matter."""
@@ -151,10 +155,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
-    one begins with all flights on the wall clock, and the others with what else waits on it and
-    then with the flights that need no turn: they are long.
+    two begin with the flights on the wall clock, and the others with what else waits on it and then
+    with the flights that need no turn: they are long.
     """
-    flights: list[pytest.Item] = []
+    flights: dict[str, list[pytest.Item]] = {name: [] for name in TURNS}
     waiting: list[pytest.Item] = []
     long: list[pytest.Item] = []
     others: list[pytest.Item] = []
@@ -167,12 +171,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if _takes_own_turn(item):
                 waiting.insert(0, item)
             else:
-                (flights if _needs_turn(item) else long).append(item)
+                (flights[_turn_of(item)] if _needs_turn(item) else long).append(item)
         else:
             (waiting if _is_among(path, WALL) else others).append(item)
     if (workers := _workers()) > 1:
-        then = range(workers - 1)
-        begun = [flights, *(waiting[k :: len(then)] + long[k :: len(then)] for k in then)]
+        then = range(max(1, workers - len(flights)))
+        begun = [*flights.values(), *(waiting[k :: len(then)] + long[k :: len(then)] for k in then)]
+        while len(begun) > workers:
+            begun[-2:] = [begun[-2] + begun[-1]]
         items[:] = _shares(begun, others)
 
 
@@ -189,7 +195,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Have one flight on the wall clock in the air at a time, and all that waits for nothing yield.
+    """Have flights on the wall clock take turns, and all that waits for nothing yield.
 
     A flight waits for its turn before its time counts. The kernel serves whoever is nicer last, so
     that searches and flights in virtual time fill what flights on the wall clock leave idle.
@@ -201,14 +207,14 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
         if _workers() > 1 and not _is_among(path, WALL) and os.nice(0) < YIELDING:
             os.nice(YIELDING - os.nice(0))
         return (yield)
-    with _in_turn():
+    with _in_turn(_turn_of(item)):
         return (yield)
 
 
 @contextmanager
-def _in_turn() -> Iterator[Callable[[], None]]:
+def _in_turn(name: str) -> Iterator[Callable[[], None]]:
     """Wait for the turn of a flight on the wall clock; gives what gives it back sooner."""
-    with Path(__file__).open(encoding="utf-8") as turn:
+    with TURNS[name].open(encoding="utf-8") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)
 
         def give_back() -> None:
@@ -222,9 +228,9 @@ def _in_turn() -> Iterator[Callable[[], None]]:
 
 
 @pytest.fixture
-def turn() -> Iterator[Callable[[], None]]:
+def turn(request: pytest.FixtureRequest) -> Iterator[Callable[[], None]]:
     """The turn of a flight on the wall clock; call it to give it back before the test's end."""
-    with _in_turn() as give_back:
+    with _in_turn(_turn_of(request.node)) as give_back:
         yield give_back
 
 
@@ -234,6 +240,10 @@ def _workers() -> int:
 
 def _needs_turn(item: pytest.Item) -> bool:
     return item.get_closest_marker("no_turn") is None
+
+
+def _turn_of(item: pytest.Item) -> str:
+    return "mixed" if item.get_closest_marker("unmixed") is None else "unmixed"
 
 
 def _takes_own_turn(item: pytest.Item) -> bool:

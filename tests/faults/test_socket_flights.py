@@ -24,12 +24,14 @@ WALL = replace(
 
 
 @pytest.mark.timeout(400)
+@pytest.mark.unmixed
 async def test_a_wall_is_touched_over_relays_that_alter_nothing(tmp_path: Path) -> None:
     outcome = await inject(WALL, tmp_path, disturbed=False)
     assert (outcome.verdict, outcome.reason) == ("FAIL", "twin touched wall.box")
 
 
 @pytest.mark.timeout(400)
+@pytest.mark.unmixed
 async def test_motion_capture_that_repeats_itself_before_a_wall_proves_nothing(
     tmp_path: Path,
 ) -> None:

@@ -11,6 +11,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import pytest
+
 from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
 from tests.vehicles.sources.pumping import pump
 from vehicles.perception.blobs import BlobFinder
@@ -150,6 +152,7 @@ FLY = """
 """
 
 
+@pytest.mark.unmixed
 async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     script = tmp_path / "fly.py"
     script.write_text(textwrap.dedent(FLY))

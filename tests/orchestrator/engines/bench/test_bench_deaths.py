@@ -56,6 +56,7 @@ bench.bench_node = node
 sys.exit(main(["bench", "serve", sys.argv[1], "--engine", "ray://127.0.0.1:6379"]))
 """
 INTERRUPT = b"\x03"
+pytestmark = pytest.mark.unmixed
 
 
 @dataclass

@@ -17,6 +17,7 @@ from vehicles.processes.identity import ProcessId
 PACE = ("--mode", "sim", "--set", "clock.speed=4", "--json")
 
 
+@pytest.mark.unmixed
 async def test_a_flight_at_four_times_real_time(tmp_path: Path) -> None:
     async with Program(tmp_path / "out", *PACE, clock="scaled") as program:
         landed = await program.end()
@@ -33,6 +34,7 @@ async def test_a_flight_at_four_times_real_time(tmp_path: Path) -> None:
     assert 10.0 < run["duration_s"] < 40.0
 
 
+@pytest.mark.unmixed
 async def test_a_launched_simulator_leads_at_the_pace_that_it_attains(tmp_path: Path) -> None:
     launch = f"{{launch: ardupilot, binary: {make_arducopter(tmp_path)}, speedup: 5}}"
     sets = ("--set", "vehicles.twin.autopilot=ardupilot", "--set", f"vehicles.twin.link={launch}")
