@@ -155,8 +155,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
-    two begin with the flights on the wall clock, and the others with what else waits on it and then
-    with the flights that need no turn: they are long.
+    two begin with the flights on the wall clock, one with the flights that need no turn, so that no
+    more than three fly at a time, and the others with what else waits on the wall clock.
     """
     flights: dict[str, list[pytest.Item]] = {name: [] for name in TURNS}
     waiting: list[pytest.Item] = []
@@ -169,14 +169,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if _is_among(path, FLIGHTS):
             item.add_marker(pytest.mark.timeout(FLIGHT_TIMEOUT_S))
             if _takes_own_turn(item):
-                waiting.insert(0, item)
+                long.insert(0, item)
             else:
                 (flights[_turn_of(item)] if _needs_turn(item) else long).append(item)
         else:
             (waiting if _is_among(path, WALL) else others).append(item)
     if (workers := _workers()) > 1:
-        then = range(max(1, workers - len(flights)))
-        begun = [*flights.values(), *(waiting[k :: len(then)] + long[k :: len(then)] for k in then)]
+        then = range(max(1, workers - len(flights) - 1))
+        begun = [*flights.values(), long, *(waiting[k :: len(then)] for k in then)]
         while len(begun) > workers:
             begun[-2:] = [begun[-2] + begun[-1]]
         items[:] = _shares(begun, others)
