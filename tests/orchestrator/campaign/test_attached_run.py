@@ -106,6 +106,7 @@ async def _is_as_before(port: int) -> None:
         assert await driver.onboard.fences.read() == ()
 
 
+@pytest.mark.no_turn("flies nothing")
 async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
     build = make_px4_build(tmp_path)
     port = free_port(socket.SOCK_STREAM)

@@ -1,4 +1,4 @@
-"""The console beside a flight on the wall clock, in a browser: what it shows, and an abort."""
+"""The console beside a flight of real processes, in a browser: what it shows, and an abort."""
 
 import asyncio
 import json
@@ -99,9 +99,10 @@ async def look_and_abort(program: Program, link: str) -> None:
         assert page.value(text_of("air")) == "nothing"
 
 
+@pytest.mark.no_turn("lockstep")
 async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) -> None:
-    given = ("--mode", "wil", "--console", "auto", *STAYING)
-    async with Program(tmp_path / "out", *given) as program:
+    given = ("--mode", "wil", "--console", "auto", "--set", "clock.speed=1", *STAYING)
+    async with Program(tmp_path / "out", *given, clock="scaled") as program:
         assert program.process.stdout is not None
         line = (await program.process.stdout.readline()).decode()
         link = line.removeprefix("operator: ").strip()

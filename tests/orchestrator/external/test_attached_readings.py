@@ -36,6 +36,7 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
+@pytest.mark.no_turn("flies nothing")
 @pytest.mark.parametrize(
     ("autopilot", "kind", "message"),
     [

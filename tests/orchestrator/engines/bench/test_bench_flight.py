@@ -81,6 +81,10 @@ def vehicle_at(port: int) -> Iterator[None]:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+            here.bind(("127.0.0.1", port))
+            here.settimeout(90.0)
+            here.recv(2048)  # its first word: its process has started
         yield
     finally:
         process.terminate()

@@ -123,7 +123,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
 
     def everything(seed: int) -> tuple[str, bytes, bytes]:
-        result, folder = fly_run(seed=seed, sets=FEW_PICTURES)
+        result, folder = fly_run(seed=seed, sets=BRIEF)
         document = json.loads(to_json(result))
         del document["wall_s"]
         trajectory = (folder / "trajectory.csv").read_bytes()
@@ -384,7 +384,7 @@ def test_an_oracle_lands_the_run_at_once_where_the_campaign_says(
 
 def test_a_formula_that_cannot_hold_any_more_lands_the_run(fly_run: Fly) -> None:
     formula = "oracles.low={stl: 'always (up_m < 0.6)', from: takeoff, fail_fast: true}"
-    result, folder = fly_run(sets=(*FEW_PICTURES, formula))
+    result, folder = fly_run(sets=(*BRIEF, "goal.altitude_m=0.8", formula))
     assert result.verdict == "FAIL"
     assert "low cannot be satisfied any more" in result.reason
     assert "goal" not in [line.get("stage") for line in log_of(folder)]

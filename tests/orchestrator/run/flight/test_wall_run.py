@@ -105,7 +105,7 @@ async def test_the_operator_holds_and_gives_another_fence_and_then_aborts(tmp_pa
 
 @pytest.mark.no_turn("lockstep")
 async def test_ctrl_c_lands_first(tmp_path: Path) -> None:
-    given = ("--mode", "wil", "--json", *LOCKSTEP)
+    given = ("--mode", "wil", "--json", *LOCKSTEP, *STAYING)
     async with Program(tmp_path / "out", *given, clock="scaled") as program:
         await program.stage("takeoff")
         program.process.send_signal(signal.SIGINT)

@@ -13,6 +13,7 @@ from orchestrator.model.results import CombinationResult, RunResult
 from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
 from orchestrator.run.perception import warm_up
 from orchestrator.state.run_setup import RunOrder, RunSetup
+from tests.orchestrator.conftest import FEW_PICTURES
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import CameraReading, Reading, sensor_type_of
 from vehicles.setpoints import VelocitySetpoint
@@ -137,8 +138,8 @@ def knows_nothing(reading: Any) -> bool:
 def test_every_sensor_is_mixed_delivered_and_recorded(
     fly_run: Fly, tmp_path: Path, listening: list[Listening]
 ) -> None:
-    free = "vehicles.twin.coupling=free"
-    result, folder = fly_run(sets=(*CARRIED, *SMALLEST, free, recipe(tmp_path, ALL)))
+    free = ("vehicles.twin.coupling=free", "goal.altitude_m=0.5")
+    result, folder = fly_run(sets=(*CARRIED, *SMALLEST, *free, recipe(tmp_path, ALL)))
     assert result.mixing is not None
     combined = {one.name: one for one in result.mixing.combinations}
     names = ["depth", "scan", "points", "range", "gps", "pose", "imu", "sound"]
@@ -200,7 +201,9 @@ def test_an_autonomy_that_paints_on_its_images_changes_nobody_elses(
         monkeypatch.setattr(
             "campaigns.setup.autonomy_under_test.find_autonomy", lambda *_, kind=kind: kind
         )
-        _, folder = fly_run(sets=(*SMALLEST, "vehicles.twin.coupling=free"))
+        _, folder = fly_run(
+            sets=(*FEW_PICTURES, "vehicles.twin.coupling=free", "goal.altitude_m=0.5")
+        )
         perceived = [one for one in flown(Listening.made) if one.heard]
         assert len(perceived) == 2
         images = [
@@ -291,7 +294,7 @@ def test_a_step_of_the_users_that_cannot_be_made_is_an_error_too(
 def test_alone_a_vehicle_perceives_all_its_own_sensors(
     fly_run: Fly, listening: list[Listening]
 ) -> None:
-    result, folder = fly_run(mode="sim", sets=CARRIED)
+    result, folder = fly_run(mode="sim", sets=(*CARRIED, *SMALLEST, "goal.altitude_m=0.5"))
     assert result.mixing is None
     (alone,) = flown(listening)
     assert {reading.sensor for reading in alone.heard} == {"camera", *SENSORS}
