@@ -68,6 +68,7 @@ class LocalGuard:
         self.core = GuardCore(vehicles=vehicles, settings=settings, plan=plan)
         self.events: list[GuardEvent] = []
         self._links = dict(links)
+        self._with_gcs = frozenset(name for name, vehicle in vehicles.items() if vehicle.gcs)
         self._record = record
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._stack = AsyncExitStack()
@@ -191,7 +192,7 @@ class LocalGuard:
         Nothing that is found in them keeps them back, so they need not wait for it.
         """
         core, record = self.core, self._record_frames
-        orchestrator, gcs = ends.orchestrator, ends.gcs if core.has_gcs(name) else None
+        orchestrator, gcs = ends.orchestrator, ends.gcs if name in self._with_gcs else None
 
         def receive(data: bytes, t_s: float) -> None:
             frames = core.split_from_vehicle(name, data)

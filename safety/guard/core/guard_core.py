@@ -100,10 +100,6 @@ class GuardCore:
             if not supervised.is_out_of_reach and supervised.seen.may_be_armed(t_s)
         )
 
-    def has_gcs(self, name: str) -> bool:
-        """Return whether a ground station hears a vehicle through the guard."""
-        return self._supervised_vehicles[name].vehicle.gcs
-
     def last_received_s(self, name: str) -> float | None:
         """Return when the guard last received a vehicle; None for never."""
         return self._supervised_vehicles[name].seen.last_received_s
@@ -117,9 +113,10 @@ class GuardCore:
         frames = self.split_from_vehicle(name, data)
         if not frames:
             return ()
-        raw = tuple([frame.raw for frame in frames])
-        passed = (ToOrchestrator(name, raw), ToGcs(name, raw))[: 2 if self.has_gcs(name) else 1]
-        return (*passed, *self.judge_vehicle(name, frames, t_s))
+        raw, judged = tuple([one.raw for one in frames]), self.judge_vehicle(name, frames, t_s)
+        has_gcs = self._supervised_vehicles[name].vehicle.gcs
+        to_gcs = (ToGcs(name, raw),) if has_gcs else ()
+        return (ToOrchestrator(name, raw), *to_gcs, *judged)
 
     def split_from_vehicle(self, name: str, data: bytes) -> list[Frame]:
         """Return the whole frames in bytes from a vehicle: to be passed on, and then judged."""
