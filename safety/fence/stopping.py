@@ -125,7 +125,12 @@ class AccelerationEstimate:
         elapsed_s = t_s - before_s
         if elapsed_s < _LEAST_SPAN_S:
             return _STEADY
-        return scale(subtract(velocity_ned_m_s, before), 1.0 / elapsed_s)
+        factor = 1.0 / elapsed_s
+        return (
+            (velocity_ned_m_s[0] - before[0]) * factor,
+            (velocity_ned_m_s[1] - before[1]) * factor,
+            (velocity_ned_m_s[2] - before[2]) * factor,
+        )
 
 
 def _at_most(change: Vec3, most: float) -> Vec3:

@@ -4,7 +4,7 @@ It works on any event loop, so that virtual and wall time fly through the same g
 """
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import Self
@@ -16,7 +16,6 @@ from safety.guard.core.events import (
     GuardEvent,
     GuardSettings,
     Outputs,
-    ToGcs,
     ToOrchestrator,
     ToVehicle,
 )
@@ -27,11 +26,11 @@ from safety.model.samples import PoseSample
 from vehicles.links.impaired import ImpairedLink
 from vehicles.links.link import Link, Receiver
 from vehicles.poses.anchor import Anchor
-from vehicles.tasks import Contained
+from vehicles.tasks import FAULTS, Contained, report
+from worlds.frames import Vec3
 
 TICK_HZ = 20.0
 _LOGGED = (ToOrchestrator, ToVehicle)
-_RECORDING = Contained("the record of frames")
 
 Record = Callable[[str, float, bytes], None]
 """Takes a vehicle's name, the run clock's time and one whole frame, of either direction."""
@@ -69,6 +68,7 @@ class LocalGuard:
         self.core = GuardCore(vehicles=vehicles, settings=settings, plan=plan)
         self.events: list[GuardEvent] = []
         self._links = dict(links)
+        self._with_gcs = frozenset(name for name, vehicle in vehicles.items() if vehicle.gcs)
         self._record = record
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._stack = AsyncExitStack()
@@ -91,7 +91,7 @@ class LocalGuard:
         """Open the local guard's links and start ticks. Raises LinkError."""
         async with AsyncExitStack() as stack:
             for name, ends in self._links.items():
-                ends.vehicle.receive(self._receiver(self.core.from_vehicle, name))
+                ends.vehicle.receive(self._vehicle_receiver(name, ends))
                 ends.orchestrator.receive(self._receiver(self.core.from_orchestrator, name))
                 if ends.gcs is not None:
                     ends.gcs.receive(self._receiver(self.core.from_gcs, name))
@@ -116,6 +116,10 @@ class LocalGuard:
     def position(self, sample: PoseSample) -> None:
         """Give the local guard a vehicle's position, from the fastest source there is."""
         self._apply(self.core.position(sample), sample.t_s)
+
+    def place(self, name: str, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> None:
+        """Give the local guard a vehicle's position in the world, as `position` does."""
+        self._apply(self.core.place(name, position_ned_m, velocity_ned_m_s, t_s), t_s)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
         """Give the local guard a vehicle's local frame in the world."""
@@ -182,6 +186,32 @@ class LocalGuard:
 
         return receive
 
+    def _vehicle_receiver(self, name: str, ends: GuardLinks) -> Receiver:
+        """Return what takes a vehicle's bytes: passes frames on, and judges them in the same turn.
+
+        Nothing that is found in them keeps them back, so they need not wait for it.
+        """
+        core, record = self.core, self._record_frames
+        orchestrator, gcs = ends.orchestrator, ends.gcs if name in self._with_gcs else None
+
+        def receive(data: bytes, t_s: float) -> None:
+            frames = core.split_from_vehicle(name, data)
+            if not frames:
+                return
+            raw = [frame.raw for frame in frames]
+            passed = raw[0] if len(raw) == 1 else b"".join(raw)
+            orchestrator.write(passed)
+            if gcs is not None:
+                gcs.write(passed)
+            outputs = core.judge_vehicle(name, frames, t_s)
+            if outputs:
+                self._write_all(outputs)
+            trouble = record(name, t_s, raw)
+            if outputs or trouble:
+                self._note_all(outputs, t_s, trouble)
+
+        return receive
+
     def _schedule(self, count: int) -> None:
         loop = asyncio.get_running_loop()
         # After a stall of the loop the ticks that were missed are not caught up with.
@@ -197,48 +227,54 @@ class LocalGuard:
             (self._down.set if self.core.all_down else self._down.clear)()
 
     def _apply(self, outputs: Outputs, t_s: float) -> None:
-        if not outputs:
-            return
+        if outputs:
+            self._write_all(outputs)
+            self._note_all(outputs, t_s, [])
+
+    def _write_all(self, outputs: Outputs) -> None:
+        for output in outputs:
+            if not isinstance(output, GuardEvent):
+                ends, frames = self._links[output.name], output.frames
+                data = frames[0] if len(frames) == 1 else b"".join(frames)
+                if isinstance(output, ToVehicle):
+                    ends.vehicle.write(data)
+                elif isinstance(output, ToOrchestrator):
+                    ends.orchestrator.write(data)
+                elif ends.gcs is not None:
+                    ends.gcs.write(data)
+
+    def _note_all(self, outputs: Outputs, t_s: float, trouble: list[GuardEvent]) -> None:
+        """Record the frames of a decision; then report its events, and trouble with the record."""
         events: list[GuardEvent] = []
         for output in outputs:
             if isinstance(output, GuardEvent):
                 events.append(output)
-            else:
-                self._write(output)
-        if self._record is not None:
-            with _RECORDING:
-                events += self._write_down(self._record, outputs, t_s)
-        for event in events:
+            elif isinstance(output, _LOGGED):
+                trouble = [*trouble, *self._record_frames(output.name, t_s, output.frames)]
+        for event in (*events, *trouble):
             self.events.append(event)
             for listener in self._listeners:
                 with Contained(f"a listener to the guard ({event.kind})"):
                     listener(event)
 
-    def _write(self, output: ToOrchestrator | ToVehicle | ToGcs) -> None:
-        ends, data = self._links[output.name], _join_links(output.frames)
-        if isinstance(output, ToOrchestrator):
-            ends.orchestrator.write(data)
-        elif isinstance(output, ToVehicle):
-            ends.vehicle.write(data)
-        elif ends.gcs is not None:
-            ends.gcs.write(data)
+    def _record_frames(self, name: str, t_s: float, frames: Sequence[bytes]) -> list[GuardEvent]:
+        """Record frames; return the event that says why they are recorded no more, as a rule none.
 
-    def _write_down(self, record: Record, outputs: Outputs, t_s: float) -> list[GuardEvent]:
+        An exception of ours is reported, and the flight goes on.
+        """
+        record = self._record
+        if record is None:
+            return []
         try:
-            for output in outputs:
-                if isinstance(output, _LOGGED):
-                    for frame in output.frames:
-                        record(output.name, t_s, frame)
+            for frame in frames:
+                record(name, t_s, frame)
         except OSError as error:
             self._record = None
             return [GuardEvent(t_s, "record", "", f"the log of frames ends here: {error}")]
+        except FAULTS as error:
+            report(error, "the record of frames")
         return []
 
     @staticmethod
     def _now_s() -> float:
         return asyncio.get_running_loop().time()
-
-
-def _join_links(frames: tuple[bytes, ...]) -> bytes:
-    """Return several frames as one write of bytes for a link of the local guard."""
-    return frames[0] if len(frames) == 1 else b"".join(frames)

@@ -8,7 +8,7 @@ frames pass; once it latches, they do not, and its own contingency brings every 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from safety.fence.geofence import Fence
 from safety.guard.core.contingency import Action, ContingencyPlan, Phase
@@ -110,21 +110,32 @@ class GuardCore:
 
     def from_vehicle(self, name: str, data: bytes, t_s: float) -> Outputs:
         """Take bytes from a vehicle: the guard always passes them."""
-        supervised = self._supervised_vehicles[name]
-        frames = supervised.from_vehicle.feed(data)
+        frames = self.split_from_vehicle(name, data)
         if not frames:
             return ()
-        raw = tuple([frame.raw for frame in frames])
-        out: list[Output] = [ToOrchestrator(name, raw)]
-        if supervised.vehicle.gcs:
-            out.append(ToGcs(name, raw))
+        raw, judged = tuple([one.raw for one in frames]), self.judge_vehicle(name, frames, t_s)
+        has_gcs = self._supervised_vehicles[name].vehicle.gcs
+        to_gcs = (ToGcs(name, raw),) if has_gcs else ()
+        return (ToOrchestrator(name, raw), *to_gcs, *judged)
+
+    def split_from_vehicle(self, name: str, data: bytes) -> list[Frame]:
+        """Return the whole frames in bytes from a vehicle: to be passed on, and then judged."""
+        return self._supervised_vehicles[name].from_vehicle.feed(data)
+
+    def judge_vehicle(self, name: str, frames: Sequence[Frame], t_s: float) -> Outputs:
+        """Take a vehicle's frames, which were passed on; return what the guard does about them."""
+        supervised = self._supervised_vehicles[name]
+        out: list[Output] = []
         target, heard = supervised.vehicle.target, False
+        system, component = target.system, target.component
         for frame in frames:
-            if frame.system != target.system or frame.component != target.component:
+            if frame.system != system or frame.component != component:
                 continue
             if not heard:
                 heard = True
-                out += self._on_heartbeat(supervised, t_s)
+                supervised.seen.last_received_s = t_s
+                if supervised.lost:
+                    out.append(self._found_again(supervised, t_s))
             if frame.message_id in _READ:
                 out += self._read_frame(supervised, frame, t_s)
         return tuple(out)
@@ -168,9 +179,13 @@ class GuardCore:
 
     def position(self, sample: PoseSample) -> Outputs:
         """Take a vehicle's position, from the fastest source, into the guard."""
-        supervised = self._supervised_vehicles[sample.vehicle]
         place, velocity = sample.pose.position_ned_m, sample.velocity_ned_m_s
-        return self._place(supervised, place, velocity, sample.t_s, told=True)
+        return self.place(sample.vehicle, place, velocity, sample.t_s)
+
+    def place(self, name: str, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> Outputs:
+        """Take a vehicle's position in the world into the guard, as `position` does."""
+        supervised = self._supervised_vehicles[name]
+        return self._place(supervised, position_ned_m, velocity_ned_m_s, t_s, told=True)
 
     def command(self, command: OperatorCommand, t_s: float) -> Outputs:
         """Take an operator's command into the guard. Abort always wins and is final.
@@ -281,12 +296,9 @@ class GuardCore:
                 out += self._send(supervised, actions, t_s)
         return tuple(out)
 
-    def _on_heartbeat(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
-        supervised.seen.last_received_s = t_s
-        if not supervised.lost:
-            return ()
+    def _found_again(self, supervised: SupervisedVehicle, t_s: float) -> GuardEvent:
         supervised.lost = False
-        return (self._event(t_s, "heard", supervised.name, f"{supervised.name} is heard again"),)
+        return self._event(t_s, "heard", supervised.name, f"{supervised.name} is heard again")
 
     def _check_lost(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
         heard_s = supervised.seen.last_received_s

@@ -70,7 +70,6 @@ from safety.guard.process.process_links import (
 from safety.guard.process.run_clock import RunClock, Trouble
 from safety.guard.process.run_clock_factory import run_clock_of
 from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
-from safety.model.samples import PoseSample
 from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
 from vehicles.clocks.quick_loop import quick_loop
 from vehicles.errors import VehicleError
@@ -82,7 +81,6 @@ from vehicles.processes.clock_socket import clock_environment
 from vehicles.processes.identity import ProcessId
 from vehicles.processes.linux import rise_above_load
 from vehicles.tasks import FAULTS, TaskAccount, start
-from worlds.frames import Pose
 
 STATUS_S = 0.1
 _CHARTER_S = 20.0
@@ -116,7 +114,7 @@ class GuardProcess:
 
     async def run(self) -> int:
         """Run the guard process until the orchestrator ends it, or is gone and all are down."""
-        loop = asyncio.get_running_loop()
+        self._loop = loop = asyncio.get_running_loop()
         self._chartered = loop.create_future()
         loop.set_exception_handler(self._on_task_error)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -252,8 +250,8 @@ class GuardProcess:
         gc.freeze()
 
     def _send_status(self) -> None:
-        core, loop = self._shell.core, asyncio.get_running_loop()
-        rest = not core.may_be_armed(loop.time())
+        core = self._shell.core
+        rest = not core.may_be_armed(self._loop.time())
         if core.latched is None and rest:
             # Who is busy with other things on the ground endangers nobody by its silence.
             self._shell.alive()
@@ -268,12 +266,17 @@ class GuardProcess:
 
     def _take(self, message: ToGuard) -> None:
         self._unheard = 0
+        # By class, for the two that nearly all are of: patterns touch more than these need.
+        if isinstance(message, Bytes) and message.index < len(self._links):
+            self._links[message.index].arrive(message.data, self._loop.time())
+        elif isinstance(message, Position) and message.index < len(self._links):
+            name, place = self._names[message.index], message.position_ned_m
+            self._shell.place(name, place, message.velocity_ned_m_s, message.t_s)
+        else:
+            self._take_other(message)
+
+    def _take_other(self, message: ToGuard) -> None:
         match message:
-            case Bytes(index, _, data) if index < len(self._links):
-                self._links[index].arrive(data, asyncio.get_running_loop().time())
-            case Position(index, t_s, place, q_wxyz, velocity) if index < len(self._links):
-                pose = Pose(place, q_wxyz)
-                self._shell.position(PoseSample(t_s, self._names[index], pose, velocity))
             case Alive() if self._links:
                 self._shell.alive()
             case Reached(run_s) if self._clock is not None:
