@@ -28,6 +28,7 @@ from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
 from vehicles.errors import VehicleError
 from vehicles.links.link_strings import LinkAddress
+from vehicles.processes.linux import usable_cores
 from worlds.files.problems import printable
 
 REFUSED = 2
@@ -131,7 +132,7 @@ def user_name() -> str:
 
 def _default_jobs(clock: Clock) -> int:
     """Return the default number of parallel runs for a clock."""
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     return cores if clock == "virtual" else max(1, cores // 2)
 
 
