@@ -50,10 +50,10 @@ def remove_listeners_at_exit() -> None:
 
 def _listening_paths() -> Iterator[Path]:
     """Yield the path of each Unix socket at which this process listens."""
-    for name in os.listdir("/dev/fd"):  # Linux and macOS have it, and /proc only Linux
-        if not _is_socket(int(name)):
+    for entry in tuple(Path("/dev/fd").iterdir()):  # Linux and macOS have it, /proc only Linux
+        if not _is_socket(int(entry.name)):
             continue
-        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as end:
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as end:
             listens = end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
             name = end.getsockname()
             if end.family == socket.AF_UNIX and listens and isinstance(name, str) and name:

@@ -277,7 +277,7 @@ def test_a_parameter_without_an_answer_says_what_else_the_vehicle_said(
 
     with pytest.raises(ParameterError, match="answered about other parameters: most likely this"):
         _run(fake_pair, known, prepare)
-    with pytest.raises(ParameterError, match="nothing else .* received meanwhile: the link is dow"):
+    with pytest.raises(ParameterError, match="nothing else of the vehicle was received"):
         _run(fake_pair, silent, prepare)
 
 
