@@ -142,8 +142,8 @@ def settled_clock(campaign: Campaign, asked: Clock | None) -> Clock:
     outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
     if asked == "virtual" and outside:
         raise RefusedError(
-            f"--clock virtual: {' and '.join(outside)} is not embedded, and no clock of ours moves "
-            "it; leave --clock out, or say --clock wall",
+            f"--clock virtual: {' and '.join(outside)} is not embedded and flies in real time; "
+            "leave --clock out, or say --clock wall",
             REFUSED,
         )
     return asked or ("wall" if outside and able == "virtual" else able)
@@ -211,7 +211,8 @@ def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
             _ask_name(f"{said}. Type {actor.name} to consent: ", actor.name)
         elif not (actor.identity.simulation and other.identity.simulation):
             raise RefusedError(
-                f"{said}: one is no simulation; a person consents to that at a terminal", REFUSED
+                f"{said}: one of them may be hardware; consent is given by a person at a terminal",
+                REFUSED,
             )
     if has_terminal():
         _ask_to_arm(f"campaign '{campaign.name}'", len(campaign.plans), found)
