@@ -258,7 +258,7 @@ def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> 
         _run(fake_pair, script, prepare)
 
 
-def test_a_parameter_without_an_answer_says_what_else_the_vehicle_said(
+def test_a_parameter_without_an_answer_says_what_else_the_vehicle_sent(
     fake_pair: Callable[..., Any],
 ) -> None:
     def prepare(peer: Any) -> None:
