@@ -56,9 +56,9 @@ def peer_uid(end: socket.socket) -> int:
 
 def usable_cores() -> int:
     """Return how many cores this process may use; elsewhere than on Linux all that there are."""
-    if sys.platform.startswith("linux"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    if not sys.platform.startswith("linux"):
+        return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 def rise_above_load() -> str:
