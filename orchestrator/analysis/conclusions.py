@@ -162,7 +162,7 @@ def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Concl
     if nearer:
         yield Conclusion("shown", f"{where}: {claim}, by {_names(nearer)}.")
     if farther:
-        text = "WIL is not nearer to reality than simulation, it is farther away"
+        text = "WIL is farther from reality than simulation"
         yield Conclusion("contradicted", f"{where}: {text}, by {_names(farther)}.")
     if undecided:
         text = f"it is open whether {claim}, by {_names(undecided)}"

@@ -317,7 +317,7 @@ class _Flight:
                 place = set_aside(self._folder, name).relative_to(self._folder)
             except OSError as error:
                 raise OutputError(f"{self._folder / name} cannot be set aside: {error}") from error
-            self._watcher.say(f"{name}: flown beyond the decision, does not count; in {place}")
+            self._watcher.say(f"{name}: flown after the decision, does not count; in {place}")
 
     def _report(self, news: News) -> None:
         """Pass a run's progress on to the campaign's operators and watcher."""

@@ -28,6 +28,7 @@ from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
 from vehicles.errors import VehicleError
 from vehicles.links.link_strings import LinkAddress
+from vehicles.processes.linux import usable_cores
 from worlds.files.problems import printable
 
 REFUSED = 2
@@ -131,7 +132,7 @@ def user_name() -> str:
 
 def _default_jobs(clock: Clock) -> int:
     """Return the default number of parallel runs for a clock."""
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     return cores if clock == "virtual" else max(1, cores // 2)
 
 
@@ -141,8 +142,8 @@ def settled_clock(campaign: Campaign, asked: Clock | None) -> Clock:
     outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
     if asked == "virtual" and outside:
         raise RefusedError(
-            f"--clock virtual: {' and '.join(outside)} is not embedded, and no clock of ours moves "
-            "it; leave --clock out, or say --clock wall",
+            f"--clock virtual: {' and '.join(outside)} is not embedded and flies in real time; "
+            "leave --clock out, or say --clock wall",
             REFUSED,
         )
     return asked or ("wall" if outside and able == "virtual" else able)
@@ -210,7 +211,8 @@ def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
             _ask_name(f"{said}. Type {actor.name} to consent: ", actor.name)
         elif not (actor.identity.simulation and other.identity.simulation):
             raise RefusedError(
-                f"{said}: one is no simulation; a person consents to that at a terminal", REFUSED
+                f"{said}: one of them may be hardware; consent is given by a person at a terminal",
+                REFUSED,
             )
     if has_terminal():
         _ask_to_arm(f"campaign '{campaign.name}'", len(campaign.plans), found)

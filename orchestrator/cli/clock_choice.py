@@ -15,8 +15,7 @@ _NEEDS_SCALED = (
     "{:g} times real time is flown on the scaled clock: leave --clock out, or say --clock scaled"
 )
 _CANNOT_FOLLOW = (
-    "{} is attached and flies in real time: no clock of ours moves it; fly with --clock wall, and "
-    "without a speedup"
+    "{} is attached and flies in real time; fly with --clock wall, and without a speedup"
 )
 _NO_PACE = (
     "--clock scaled needs a pace: `clock: {speed: 4}` here for embedded vehicles, or a speedup "

@@ -77,7 +77,7 @@ _OF_OUTLETS = ("offered", "delivered")
 def _injection_text(all_: Sequence[InjectedResult]) -> str:
     """Return the line of an injection, summed over runs."""
     sent, stale = sum(one.sent for one in all_), sum(one.stale for one in all_)
-    said = f"{all_[0].vehicle} was told {all_[0].thing} {sent} times"
+    said = f"{all_[0].vehicle} was sent {all_[0].thing} {sent} times"
     return f"{said}; {stale} were too old to send" if stale else said
 
 

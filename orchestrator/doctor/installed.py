@@ -1,6 +1,5 @@
 """Python, our own packages, and those that spoil ours."""
 
-import os
 import platform
 import re
 import sys
@@ -8,6 +7,7 @@ from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 
 from orchestrator.doctor.findings import Finding
+from vehicles.processes.linux import usable_cores
 
 TOPIC = "installed"
 _OLDEST = (3, 11)
@@ -22,7 +22,7 @@ def python() -> Iterator[Finding]:
     """Yield the finding on the installed Python and the machine."""
     text = (
         f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, "
-        f"{len(os.sched_getaffinity(0))} cores"
+        f"{usable_cores()} cores"
     )
     if sys.version_info < _OLDEST:
         yield Finding(TOPIC, "trouble", text, "install Python 3.11 or later")

@@ -39,7 +39,7 @@ def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterato
     """
     text = f"wakes up {late_s * 1e3:.1f} ms late"
     if late_s > _LATE_S:
-        said = "end what keeps the machine busy: setpoints at 50 Hz have 20 ms each"
+        said = "end other programs: setpoints at 50 Hz are 20 ms apart"
         yield Finding(CLOCK, "trouble", text, said)
     else:
         yield Finding(CLOCK, "good", text)
@@ -50,11 +50,11 @@ def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterato
         yield Finding(
             CLOCK,
             "note",
-            "nobody keeps the system clock right",
+            "the system clock is not synchronised",
             "only recordings of several machines and signing need it: timedatectl set-ntp true",
         )
     elif synchronised:
-        yield Finding(CLOCK, "good", "the system clock is kept right")
+        yield Finding(CLOCK, "good", "the system clock is synchronised")
 
 
 def wakes_late_s() -> float:

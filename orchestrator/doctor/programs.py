@@ -57,7 +57,7 @@ def brokers(
         yield Finding(
             BROKERS,
             "note",
-            f"nobody answers on tcp {port}, and there is no mosquitto on PATH",
+            f"no broker answers on tcp {port}, and there is no mosquitto on PATH",
             "for operators on other machines: apt install mosquitto",
         )
     if find_spec(module) is not None:

@@ -45,7 +45,7 @@ from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
 _SAY_S = 5.0
-_DESERTED = "the node's cluster was gone before the run began"
+_DESERTED = "the node lost its cluster before the run began"
 _LANDED_S = 120.0
 """How long a run may take to land that nobody waits for any longer."""
 _PROGRESS_S = 0.5

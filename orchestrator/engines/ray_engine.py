@@ -159,7 +159,7 @@ class RayWorkers:
         engine = self._engine
         if engine.bench:
             raise EngineError(
-                f"bench {engine.bench} is lost: nothing more is flown; look what its vehicle does, "
+                f"bench {engine.bench} is lost: nothing more is flown; check its vehicle, "
                 "and start again with --resume"
             )
         hire = Hire(engine.ray, engine.cores)

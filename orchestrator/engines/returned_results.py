@@ -108,7 +108,7 @@ class FetchedResults:
             if isinstance(ended.outcome, WorkerLost):
                 return ended.outcome
             if not is_there:
-                why = f"{self.store.url}/{place} has nothing of it any more"
+                why = f"{self.store.url}/{place} no longer has its files"
             elif digest_of(path) != ended.sha256:
                 why = f"{path} is not what the node wrote: its SHA-256 is another"
             else:

@@ -1,8 +1,11 @@
 """All that one run has outside of this process: opened before its vehicles, closed after them."""
 
 import asyncio
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
 from typing import Self
 
 from campaigns.values.external_setups import MocapSetup
@@ -32,9 +35,32 @@ _STALLED_S = 1.0
 """Without a picture for so long in flight, a run proves nothing any more."""
 _FIRST_CAMERA = 100
 """MAV_COMP_ID_CAMERA; the next ones follow."""
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 Key = tuple[str, str]
 """A vehicle, and a sensor of it."""
+
+
+@dataclass(slots=True)
+class _Stall:
+    """The images that an external camera did not deliver since its last one, and why."""
+
+    since_s: float
+    _counts: Counter[str] = field(default_factory=Counter)
+    _latest: dict[str, str] = field(default_factory=dict)
+
+    def note(self, reason: str) -> None:
+        """Count a reason; numbers in it (of a question, of an offset) make it no other."""
+        kind = _NUMBER.sub("#", reason)
+        self._counts[kind] += 1
+        self._latest[kind] = reason
+
+    @property
+    def text(self) -> str:
+        """Return the commonest reason, and how common it is where there are others."""
+        (kind, count), *others = self._counts.most_common()
+        of = f" ({count} of {self._counts.total()} images)" if others else ""
+        return self._latest[kind] + of
 
 
 class ExternalIo:
@@ -50,7 +76,7 @@ class ExternalIo:
         self._events = events
         self._injectors: dict[str, Injector] = {}
         self._stack = AsyncExitStack()
-        self._missing: dict[Key, float] = {}
+        self._missing: dict[Key, _Stall] = {}
         self._doubted: Callable[[str], None] = lambda _: None
         self._proofs: tuple[InjectionProof, ...] = ()
         self.cameras: dict[Key, ExternalCamera] = {}
@@ -167,9 +193,10 @@ class ExternalIo:
     def missing(self, key: Key, reason: str) -> None:
         """Note that an external camera delivered no image; now and then is no stall."""
         now_s = asyncio.get_running_loop().time()
-        since_s = self._missing.setdefault(key, now_s)
-        if now_s - since_s > _STALLED_S:
-            self._doubted(f"{' '.join(key)}: {reason}")
+        stall = self._missing.setdefault(key, _Stall(now_s))
+        stall.note(reason)
+        if now_s - stall.since_s > _STALLED_S:
+            self._doubted(f"{' '.join(key)}: {stall.text}")
 
     def perceived(self, reading: Reading, by: Iterable[str]) -> None:
         """Send out a perceived reading: to outlets and to autopilots."""

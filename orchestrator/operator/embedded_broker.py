@@ -41,8 +41,8 @@ async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> Async
         await broker.start()
     except (OSError, BrokerError) as error:
         raise OperatingError(
-            f"the embedded broker cannot use port {address.port}: {error}; end who uses it, or "
-            "choose another: --broker embedded:1884"
+            f"the embedded broker cannot use port {address.port}: {error}; end the program that "
+            "uses it, or choose another: --broker embedded:1884"
         ) from error
     try:
         yield

@@ -319,8 +319,8 @@ class MqttOperator:
         if broker.tls and "timed out" in why:
             why += "; it may require a client certificate"
         return OperatingError(
-            f"the broker {broker} cannot be had: {why}; start it, mend operator.mqtt of the "
-            "campaign, or fly without --broker"
+            f"cannot connect to the MQTT broker {broker}: {why}; start it, correct "
+            "operator.mqtt of the campaign, or fly without --broker"
         )
 
 

@@ -96,7 +96,7 @@ class StatusTracker:
         self.readiness = self._autopilot.readiness()
         self._was_sound = False
         self._change(faults=())
-        self.tell(VehicleEvent(t_s, "reboot", "the vehicle's clock started anew"))
+        self.tell(VehicleEvent(t_s, "reboot", "the vehicle's clock restarted (it rebooted)"))
 
     def last_texts(self, count: int = 5) -> tuple[str, ...]:
         """Return the last STATUSTEXTs, oldest first; each once."""

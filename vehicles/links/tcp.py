@@ -108,7 +108,7 @@ class TcpInLink:
 
     def __init__(self, *, address: LinkAddress, clients: int = 1) -> None:
         if clients < 1:
-            raise ValueError(f"clients is {clients}: a port for nobody")
+            raise ValueError(f"clients is {clients}: no client could connect")
         self._address = address
         self._most = clients
         self._receiver: Receiver | None = None

@@ -54,6 +54,13 @@ def peer_uid(end: socket.socket) -> int:
     return int(uid)
 
 
+def usable_cores() -> int:
+    """Return how many cores this process may use; elsewhere than on Linux all that there are."""
+    if not sys.platform.startswith("linux"):
+        return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
+
+
 def rise_above_load() -> str:
     """Run before the machine's other programs; return the scheduling that the system granted.
 

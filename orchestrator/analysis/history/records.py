@@ -100,7 +100,7 @@ def read_records(path: Path) -> list[FlightRecord]:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
             raise HistoryFileError(
-                f"{path}:{number} is damaged, or no line of ours: {where} {first['msg']}"
+                f"{path}:{number} is damaged, or not a line of a history: {where} {first['msg']}"
             ) from error
     return found
 

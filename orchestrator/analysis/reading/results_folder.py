@@ -220,7 +220,7 @@ def _refuse_constant(text: str) -> None:
 
 def _finite(text: str) -> float:
     if not math.isfinite(number := float(text)):
-        raise ValueError(f"{text} is beyond all numbers")
+        raise ValueError(f"{text} is too large for a number")
     return number
 
 

@@ -69,7 +69,7 @@ def read_trajectory(path: Path) -> TrajectoryRows:
         columns = {name: number for number, name in enumerate(next(reader, ()))}
         if not columns.keys() >= _NEEDED:
             return TrajectoryRows(
-                problems=(f"{path.name} is none of ours: no t_s, vehicle, stage",)
+                problems=(f"{path.name} is no trajectory: no columns t_s, vehicle, stage",)
             )
         lines = (line for line in reader if line)
         found = [_row(columns, line) for line in islice(lines, MAX_TRAJECTORY_ROWS)]

@@ -8,6 +8,7 @@ import contextlib
 import multiprocessing as mp
 import os
 import socket
+import stat
 from collections.abc import Iterator
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
@@ -49,11 +50,19 @@ def remove_listeners_at_exit() -> None:
 
 def _listening_paths() -> Iterator[Path]:
     """Yield the path of each Unix socket at which this process listens."""
-    for entry in tuple(Path("/proc/self/fd").iterdir()):
-        if not entry.is_socket():
+    for entry in tuple(Path("/dev/fd").iterdir()):  # Linux and macOS have it, /proc only Linux
+        if not _is_socket(int(entry.name)):
             continue
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as end:
             listens = end.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
             name = end.getsockname()
             if end.family == socket.AF_UNIX and listens and isinstance(name, str) and name:
                 yield Path(name)
+
+
+def _is_socket(descriptor: int) -> bool:
+    """Return whether a descriptor is open, and that of a socket."""
+    try:
+        return stat.S_ISSOCK(os.fstat(descriptor).st_mode)
+    except OSError:
+        return False

@@ -45,16 +45,16 @@ class PoseOptions:
     Parameters
     ----------
     poses
-        Where the body was meanwhile: a CSV file, or motion capture's address (udp://HOST:PORT).
-        A run's folder has its own.
+        Poses of the camera's body during the recording: a CSV file, or the address of motion
+        capture (udp://HOST:PORT). A run's folder has its own.
     poses_latency_ms
-        How late motion capture is itself, by its data sheet.
+        The latency of the motion capture system, from its data sheet.
     body
         The body's name in motion capture.
     vehicle
-        Whose pictures and poses, of a run's folder.
+        The vehicle of a run's folder whose images and poses are used.
     sensor
-        Which camera, of a run's folder.
+        The camera of a run's folder whose images are used.
     """
 
     poses: str | None = None
@@ -72,9 +72,9 @@ class Live:
     Parameters
     ----------
     size
-        WIDTHxHEIGHT of a live camera's pictures.
+        WIDTHxHEIGHT of a live camera's images, in pixels.
     seconds
-        How long a live camera is looked through.
+        How long images of a live camera are taken.
     """
 
     size: str | None = None
@@ -107,7 +107,7 @@ def calibrate(
     out_
         The calibration file to write.
     coefficients
-        How many numbers the distortion gets.
+        The number of distortion coefficients.
     optics
         A calibration file whose optics are kept: only mounting and latency are measured.
     draw
@@ -150,7 +150,7 @@ def _search_images(
     poses = where.poses
     mocap = None if poses is None else _mocap(poses, where.body, where.poses_latency_ms)
     order = _live(pictures, live.size, live.seconds, mocap)
-    err(f"looking through {pictures} for {live.seconds:g} s: move the board, or the body")
+    err(f"taking images of {pictures} for {live.seconds:g} s: move the board, or the body")
     seen, path = asyncio.run(search_live(order, board))
     return seen, path, 0.0
 

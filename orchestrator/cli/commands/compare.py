@@ -54,7 +54,7 @@ def compare(
     last
         How many campaigns the baseline has, where `before` holds several.
     removed
-        Cases and oracles that are not there any more were removed on purpose.
+        Accept that cases and oracles of BEFORE are missing in AFTER.
     json_
         Print one JSON document.
     """

@@ -39,7 +39,7 @@ def console(
     Parameters
     ----------
     folder
-        Only what writes its results there: a campaign's or a run's folder; or a finished run's.
+        Only the campaign or run with this results folder; or the folder of a finished run.
     address
         HOST, HOST:PORT or :PORT; by default a free port of 127.0.0.1. Another host than this
         machine's own needs a certificate.
@@ -48,7 +48,7 @@ def console(
     tls_key
         The certificate's key.
     speed
-        Of a finished run, in times the pace at which it was flown.
+        The playback speed of a finished run; 1.0 is the speed of the flight.
     foxglove
         What flies, live for Foxglove too: HOST, HOST:PORT or :PORT of loopback; auto for
         127.0.0.1:8765. It needs the extra foxglove.

@@ -49,7 +49,7 @@ def doctor(
         Fly that vehicle, which must be a simulator, through step responses in real time (about
         three minutes), and compare its figures and the order of its events with the firmware's.
     arm_real
-        Consent that the vehicle is armed.
+        Consent to arming the vehicle.
     """
     if vehicle is not None or fly:
         if files:

@@ -25,7 +25,7 @@ class InputOptics:
     Parameters
     ----------
     real_fov_deg
-        How much the real camera sees from left to right, where the file does not tell.
+        The horizontal field of view of the real camera, where the file does not say.
     twin_fov_deg
         The same of the twin's.
     real_depth

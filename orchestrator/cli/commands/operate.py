@@ -33,7 +33,7 @@ def abort(
     Parameters
     ----------
     folder
-        Only what writes its results there: a campaign's or a run's folder.
+        Only the campaign or run with this results folder.
     node
         Only the runs on this node of a cluster: they land, nothing more is flown there, and the
         campaign goes on elsewhere.
@@ -59,7 +59,7 @@ def hold(folder: Path | None = None, *, who: str | None = None) -> int:
     Parameters
     ----------
     folder
-        Only what writes its results there: a campaign's or a run's folder.
+        Only the campaign or run with this results folder.
     who
         Your name, for the record; by default that of your account.
     """
@@ -72,7 +72,7 @@ def resume(folder: Path | None = None, *, who: str | None = None) -> int:
     Parameters
     ----------
     folder
-        Only what writes its results there: a campaign's or a run's folder.
+        Only the campaign or run with this results folder.
     who
         Your name, for the record; by default that of your account.
     """

@@ -122,9 +122,9 @@ def run(
     out_
         The folder beneath which the results go: DIR/<campaign>/<UTC start>/.
     resume
-        Take up the campaign that was cut off: the newest beneath --out, or --out itself where that
-        is a campaign's folder. What is finished is kept, what is missing is flown; refused when the
-        campaign or one of its files has changed. Give the same options as before.
+        Resume an interrupted campaign: the newest beneath --out, or --out itself where that is a
+        campaign's folder. Finished runs are kept, missing ones are flown; refused when the campaign
+        or one of its files has changed. Give the same options as before.
     again
         With --resume: fly this run again (case/mode/repetition), which proved nothing or was lost;
         may be given several times. Runs with a real vehicle are flown again by this alone.

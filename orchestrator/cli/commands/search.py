@@ -67,7 +67,7 @@ def search(
     jobs
         How many runs fly at once; so many flights are proposed at once.
     resume
-        Go on with the search that was cut off: the newest beneath --out, or --out itself where
+        Resume an interrupted search: the newest beneath --out, or --out itself where
         that is a search's folder. Refused when one of its files has changed.
     engine
         Where runs fly, as of `run`: local, ray, or ray://HOST:PORT.

@@ -26,7 +26,7 @@ def watch(
     Parameters
     ----------
     folder
-        Only what writes its results there: a campaign's or a run's folder.
+        Only the campaign or run with this results folder.
     json_
         Print every status as one JSON object a line, twice a second.
     """

@@ -54,7 +54,7 @@ class HiredBench:
         for message in await self.agent.receive():
             if isinstance(message, ConsentAnswer):
                 return message
-        raise EngineError(f"bench {self.bench.name} answers something else than was asked", 3)
+        raise EngineError(f"bench {self.bench.name} sent an unexpected answer", 3)
 
 
 @contextmanager

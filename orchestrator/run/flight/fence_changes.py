@@ -181,7 +181,8 @@ class FenceChanges:
             async with asyncio.timeout(ABOARD_S):
                 await self._aboard.offer(fences)
         except TimeoutError:
-            raise VehicleError(f"not aboard within {ABOARD_S:g} s") from None
+            said = f"the autopilot did not confirm the fence within {ABOARD_S:g} s"
+            raise VehicleError(said) from None
 
     async def _of_guard(
         self, ask: Callable[[Mapping[str, Fence], str], None], fences: Mapping[str, Fence], who: str

@@ -10,7 +10,7 @@ from orchestrator.state.run_state import RunState, Stage
 _LOOK_S, _LAST_LOOK_S = 0.5, 0.1
 _LOOKS_WITHOUT_A_SIGN = 20
 """Of our own turns, not of time: a machine that was asleep has not killed anybody."""
-_STANDS_STILL = "{} stands still: what the vehicles did meanwhile was not observed"
+_STANDS_STILL = "{} was blocked: the vehicles were not observed meanwhile"
 _SPARE_S = 60.0
 """What a stage may take beyond the campaign's time for it: preflight, uploads, retries."""
 

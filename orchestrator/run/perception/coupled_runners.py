@@ -15,7 +15,7 @@ from worlds.frames import scale, subtract
 
 _RATE_HZ = 50.0
 _OLD_S = 0.5
-"""Poses that are older say nothing of now: the twin stands until newer ones come."""
+"""Poses and setpoints that are older say nothing of now: the twin waits for newer ones."""
 _OVER_S = 0.2
 """Over which time an acceleration is taken: in less, the noise of an estimate would rule."""
 _STILL = VelocitySetpoint((0.0, 0.0, 0.0))
@@ -100,15 +100,16 @@ class ShadowRunner(CoupledRunner):
     def __init__(self, *, context: VehicleContext, leader: AutonomyRunner) -> None:
         super().__init__(context=context)
         self._flies = False
-        self._early: Setpoint | None = None
+        self._early: tuple[Setpoint, float] | None = None
         leader.on_setpoint(self._take)
 
     async def fly(self) -> None:
         """Pass setpoints on from now on until cancelled; first the one that came just before."""
         self._flies = True
-        if self._early is not None:
+        now_s = asyncio.get_running_loop().time()
+        if self._early is not None and now_s - self._early[1] <= _OLD_S:
             # Both are begun in one turn of the loop, and the other one's autonomy acts at once.
-            self._send(self._early, asyncio.get_running_loop().time())
+            self._send(self._early[0], now_s)
         try:
             await asyncio.Event().wait()
         finally:
@@ -118,4 +119,4 @@ class ShadowRunner(CoupledRunner):
         if self._flies:
             self._send(setpoint, now_s)
         else:
-            self._early = setpoint
+            self._early = (setpoint, now_s)

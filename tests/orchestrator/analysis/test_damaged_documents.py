@@ -68,7 +68,8 @@ def test_a_campaign_file_of_another_shape_is_named(
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [("NaN", "NaN is not a number"), ("1e999", "1e999 is beyond all numbers")]
+    ("number", "words"),
+    [("NaN", "NaN is not a number"), ("1e999", "1e999 is too large")],
 )
 def test_a_result_with_what_is_no_number_is_damaged(
     tmp_path: Path, capsys: Capture, number: str, words: str

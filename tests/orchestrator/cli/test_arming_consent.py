@@ -268,7 +268,7 @@ def test_boards_that_could_touch_fly_with_a_person_at_a_terminal_alone() -> None
         clear_both(flown)
     assert caught.value.code == 2
     assert "intruder flies beside real, and their fences let them touch" in str(caught.value)
-    assert "a person consents to that at a terminal" in str(caught.value)
+    assert "consent is given by a person at a terminal" in str(caught.value)
 
 
 @pytest.mark.parametrize(

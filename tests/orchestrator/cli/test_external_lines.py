@@ -49,7 +49,7 @@ def test_a_line_for_each() -> None:
             "longest gap 50 ms"
         ),
         "rtp 127.0.0.1:5600: 290 of 300 pictures delivered",
-        "real was told obstacle_distance 150 times",
+        "real was sent obstacle_distance 150 times",
     ]
     assert external_lines([run(None)]) == []
 
@@ -68,7 +68,7 @@ def test_counts_are_summed_and_the_worst_figures_shown() -> None:
     assert "80.0 Hz, latency 9.0 ms (p99 30.0), 9 missing" in lines[1]
     assert "longest gap 400 ms" in lines[1]
     assert lines[2] == "rtp 127.0.0.1:5600: 580 of 600 pictures delivered (no route)"
-    assert lines[3] == "real was told obstacle_distance 160 times; 5 were too old to send"
+    assert lines[3] == "real was sent obstacle_distance 160 times; 5 were too old to send"
 
 
 def test_a_feed_of_which_nothing_is_known_has_a_line() -> None:

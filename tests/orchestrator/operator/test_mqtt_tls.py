@@ -110,7 +110,7 @@ UNCLOSED = "ignore:Exception ignored in. <ssl.SSLSocket:pytest.PytestUnraisableE
             PASSWORD,
             "(?i)key values",
         ),
-        ({"ca_file": "acl"}, PASSWORD, "cannot be had: ."),
+        ({"ca_file": "acl"}, PASSWORD, "MQTT broker .*: ."),
         ({}, "guess", "(?i)not authori[sz]ed"),
         ({"user": ""}, PASSWORD, "(?i)not authori[sz]ed"),
     ],

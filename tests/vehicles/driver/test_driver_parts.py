@@ -245,7 +245,8 @@ def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> 
     async def script(peer: Any, session: Session) -> None:
         await Parameters(session=session).get("NO_SUCH_PARAM")
 
-    with pytest.raises(ParameterError, match="no answer about parameter NO_SUCH_PARAM"):
+    unsent = "no answer about parameter NO_SUCH_PARAM.* received .* no parameter yet: .* arrive"
+    with pytest.raises(ParameterError, match=unsent):
         _run(fake_pair, script)
 
     def prepare(peer: Any) -> None:
@@ -255,6 +256,29 @@ def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> 
 
     with pytest.raises(ParameterError, match="DOES_NOT_EXIST"):
         _run(fake_pair, script, prepare)
+
+
+def test_a_parameter_without_an_answer_says_what_else_the_vehicle_sent(
+    fake_pair: Callable[..., Any],
+) -> None:
+    def prepare(peer: Any) -> None:
+        peer.parameters["SOME_PARAM"] = (1.0, REAL)
+
+    async def known(peer: Any, session: Session) -> None:
+        parameters = Parameters(session=session)
+        await parameters.get("SOME_PARAM")
+        await parameters.get("NO_SUCH_PARAM")
+
+    async def silent(peer: Any, session: Session) -> None:
+        parameters = Parameters(session=session)
+        await parameters.get("SOME_PARAM")
+        peer.muted = True
+        await parameters.get("SOME_PARAM")
+
+    with pytest.raises(ParameterError, match="answered about other parameters: most likely this"):
+        _run(fake_pair, known, prepare)
+    with pytest.raises(ParameterError, match="nothing else of the vehicle was received"):
+        _run(fake_pair, silent, prepare)
 
 
 def test_a_repeater_keeps_its_grid() -> None:

@@ -13,7 +13,7 @@ _COLLISION_PREVENTION: tuple[Rule, ...] = (
     InModes(
         frozenset({"POSCTL"}),
         "collision prevention acts on a pilot's sticks in Position mode alone: OFFBOARD and "
-        "missions fly into what they were told of",
+        "missions do not avoid obstacles that are sent to it",
     ),
     Needs("CP_DIST", "collision prevention is off", 2, above=0),
     # FlightTaskManualAcceleration.cpp calls it; the tasks of the other stick modes do not.

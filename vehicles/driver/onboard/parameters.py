@@ -84,6 +84,7 @@ class Parameters:
         self._vehicle = ""
         self._turn = asyncio.Lock()
         self._waiting: tuple[str, asyncio.Future[_Answer]] | None = None
+        self._answered = False
         session.on(mavlink.MAVLINK_MSG_ID_PARAM_VALUE, self._value_came)
         session.on(mavlink.MAVLINK_MSG_ID_PARAM_ERROR, self._error_came)
 
@@ -164,6 +165,8 @@ class Parameters:
         return kind(target.system, target.component, *fields)
 
     async def _exchange(self, name: str, message: Any) -> _Answer:
+        # What was on its way when it was asked says nothing of the time since.
+        asked_s = asyncio.get_running_loop().time() + (self._timeout_s if self._tries > 1 else 0.0)
         for _ in range(self._tries):
             future: asyncio.Future[_Answer] = asyncio.get_running_loop().create_future()
             self._waiting = (name, future)
@@ -177,7 +180,22 @@ class Parameters:
                 self._waiting = None
         raise ParameterError(
             f"{self._session.link.name}: no answer about parameter {name}, asked "
-            f"{self._tries} times; it does not exist in this firmware, or the link is bad"
+            f"{self._tries} times; {self._likely_cause(asked_s)}"
+        )
+
+    def _likely_cause(self, since_s: float) -> str:
+        """Return why there was most likely no answer, by what came since a time and before."""
+        heard_s = self._session.last_heard_s
+        if heard_s is None or heard_s < since_s:
+            return "nothing else of the vehicle was received meanwhile: the link is down"
+        if self._answered:
+            return (
+                "the vehicle is received and has answered about other parameters: most likely this "
+                "one does not exist in its firmware"
+            )
+        return (
+            "the vehicle is received and has answered about no parameter yet: this one does not "
+            "exist in its firmware, or what we send does not arrive"
         )
 
     def _value_came(self, message: Any, _t_s: float) -> None:
@@ -185,6 +203,7 @@ class Parameters:
             return
         name, future = self._waiting
         if message.param_id == name:
+            self._answered = True
             value = decode_parameter(
                 message.param_value, message.param_type, bytewise=self._bytewise
             )

@@ -223,5 +223,5 @@ def _contact_world(surround: ContactWorldSettings | None) -> ContactWorld | None
     try:
         factory = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise ValueError(f"surroundings {surround.use} cannot be had: {error}") from error
+        raise ValueError(f"surroundings {surround.use} cannot be loaded: {error}") from error
     return cast("ContactWorld", factory(surround.argument))

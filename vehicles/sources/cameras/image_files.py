@@ -78,7 +78,7 @@ class VideoFile:
         self._check_size(frame.width, frame.height)
         if frame.is_corrupt:
             raise SourceError(
-                f"{self.name}: is broken at {frame.time} s; copy it anew, or cut it before"
+                f"{self.name}: is broken at {frame.time} s; copy it again, or cut it before"
             )
         if frame.time is None:
             raise SourceError(

@@ -48,7 +48,7 @@ def test_who_gives_no_sign_any_more_ends_the_run() -> None:
     run_state, ended_s = watched(act)
     (decision,) = run_state.decisive
     assert (decision.kind, decision.source) == ("ERROR", "watchdog")
-    assert decision.text.startswith("judging stands still")
+    assert decision.text.startswith("judging was blocked")
     assert ended_s == pytest.approx(30.0, abs=1.1)
 
 
@@ -90,7 +90,8 @@ def test_a_pass_needs_a_last_sign_of_all(dead: bool) -> None:
         await asyncio.wait([lives, dies])
 
     run_state, ended_s = watched(act)
-    assert [one.text.split(" stands")[0] for one in run_state.decisive] == ["trajectory"] * dead
+    names = [one.text.split(" was blocked")[0] for one in run_state.decisive]
+    assert names == ["trajectory"] * dead
     assert ended_s == pytest.approx(7.2 if dead else 5.6, abs=0.2)
 
 
