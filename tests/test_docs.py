@@ -81,7 +81,8 @@ def test_every_step_stands_on_the_page_with_the_sensors_that_it_works_on() -> No
         return "every sensor" if len(kind.sensors) == every else ", ".join(kind.sensors)
 
     listed = {(name, stage): works for stage, rows in tables().items() for name, works, _ in rows}
-    assert listed == {(kind.name, kind.stage): sensors(kind) for kind in steps()}
+    made = {(kind.name, kind.stage): sensors(kind) for kind in steps()}
+    assert listed == made, "recipes.md: `every sensor` is of steps that name all SENSOR_TYPES"
 
 
 @pytest.mark.parametrize(

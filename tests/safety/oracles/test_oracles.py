@@ -110,4 +110,4 @@ def test_an_oracle_that_saw_nothing_never_passes_and_says_so(
 
 
 def test_every_oracle_is_in_the_test_of_no_samples() -> None:
-    assert {kind for kind, _ in NEVER_FED} == set(registry)
+    assert {kind for kind, _ in NEVER_FED} == set(registry), "NEVER_FED above names each oracle"
