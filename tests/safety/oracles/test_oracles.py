@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -62,7 +63,7 @@ def test_wrong_parameters_are_refused(kind: str, parameters: dict[str, object]) 
         registry[kind].parameters.model_validate(parameters)
 
 
-NEVER_FED = [
+NEVER_FED: list[tuple[str, dict[str, Any]]] = [
     ("collision", {}),
     ("clearance", {"min_m": 0.1}),
     ("reached", {}),
