@@ -153,6 +153,7 @@ def _motion(reading: Any, given: UnitsParameters, metres: float) -> Reading:
             scale_pa = reading.full_scale_pa * PASCALS[given.pressure or "pa"]
             return replace(reading, full_scale_pa=scale_pa)
         case _ if given.names_none():
-            return reading
+            unchanged: Reading = reading
+            return unchanged
         case _:
             raise TypeError(f"units of a {type(reading).__name__} are unknown")
