@@ -91,47 +91,38 @@ that read recordings import `orchestrator.recording.mcap_reader`.
 
 This page is made from the docstrings by `python docs/generate.py`.
 """
-SECTIONS: tuple[tuple[str, str, str], ...] = (
-    (
-        "An autonomy",
-        "campaigns.api",
-        (
-            "Autonomy AutonomyFactory PerceivesRaw Telemetry Command"
-            " Setpoint PositionSetpoint VelocitySetpoint"
-        ),
-    ),
-    (
-        "Readings",
-        "campaigns.api",
-        (
-            "Reading CameraReading DepthReading LidarScanReading LidarPointsReading"
-            " RangefinderReading GpsReading PoseReading ImuReading MicrophoneReading Intrinsics"
-        ),
-    ),
-    ("A step of a recipe", "campaigns.api", "Masked CannotMixError"),
-    (
-        "Detectors",
-        "campaigns.api",
-        (
-            "HsvRange NAMED_COLORS HsvMask BlobFinder Blob Box Borders Opening"
-            " OnnxDetector Detection DetectorError shipped_detector"
-        ),
-    ),
-    (
-        "Poses and frames",
-        "campaigns.api",
-        (
-            "Vec3 Quat Pose PoseHistory PoseAt add subtract scale norm"
-            " rotate quat_from_euler euler_from_quat wrap_pi"
-        ),
-    ),
-    (
-        "Recordings",
-        "orchestrator.recording.mcap_reader",
-        "Recording Recorded RecordedReading RecordedProvenance RecordedEvent",
-    ),
-)
-"""Titles of api.md, each with the module that its names are imported from."""
+USERS = "campaigns.api"
+RECORDINGS = "orchestrator.recording.mcap_reader"
+TITLES: dict[str, tuple[str, ...]] = {
+    "An autonomy": ("vehicles.autonomy", "vehicles.setpoints"),
+    "Readings": ("vehicles.readings", "worlds.camera"),
+    "A step of a recipe": ("recipes",),
+    "Detectors": ("vehicles.perception",),
+    "Poses and frames": ("worlds.frames", "vehicles.poses"),
+}
+"""Titles of api.md, each with the modules or packages from which campaigns.api has its names."""
+OF_RECORDINGS = "Recording Recorded RecordedReading RecordedProvenance RecordedEvent"
+
+
+def sections() -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    """Yield the sections of api.md: title, module to import from, names in the module's order.
+
+    Raises LookupError for a name that no title of TITLES takes.
+    """
+    imports = [one for one in module_tree(USERS).body if isinstance(one, ast.ImportFrom)]
+    left = {alias.name: str(one.module) for one in imports for alias in one.names}
+    for title, sources in TITLES.items():
+        here = [
+            name
+            for source in sources
+            for name, module in left.items()
+            if f"{module}.".startswith(f"{source}.")
+        ]
+        yield title, USERS, tuple(here)
+        left = {name: module for name, module in left.items() if name not in here}
+    if left:
+        raise LookupError(f"no title of TITLES takes {left}")
+    yield "Recordings", RECORDINGS, tuple(OF_RECORDINGS.split())
 
 
 def module_tree(module: str) -> ast.Module:
@@ -227,9 +218,9 @@ def entry(module: str, name: str) -> str:
 def api() -> str:
     """Return api.md."""
     parts = [INTRODUCTION]
-    for title, module, names in SECTIONS:
+    for title, module, names in sections():
         parts.append(f"## {title}\n`from {module} import ...`\n")
-        parts += [entry(module, name) for name in names.split()]
+        parts += [entry(module, name) for name in names]
     return "\n".join(parts)
 
 

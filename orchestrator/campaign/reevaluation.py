@@ -65,8 +65,9 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     if not recorded:
         first = campaign.plans[0].name
         raise RecordingError(f"{folder} has no run of this campaign, such as {first}")
-    flown, now = _document(folder / "campaign.json"), judging_manifest(campaign)
+    flown = _document(folder / "campaign.json")
     _require_same_worlds(recorded, flown, folder)
+    now = judging_manifest(campaign, flown)
     before = _summary_of_flight(folder / "summary.json")
     rejudged = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
     runs = [each.now for each in rejudged]

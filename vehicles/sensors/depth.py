@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicles.readings import CameraReading, DepthImage, DepthReading
+from vehicles.sensors.noise_sets import NoiseSets
 
 _SPARE_PX = 64
 """By how much the noise tile is larger than the picture: it is laid anew for each picture."""
@@ -28,6 +29,7 @@ class DepthNoise:
 
 
 NO_DEPTH_NOISE = DepthNoise(subpixel_px=0.0, range_min_m=0.0, range_max_m=np.inf)
+DEPTH_NOISES = NoiseSets(ideal=NO_DEPTH_NOISE, datasheet=DepthNoise())
 
 
 class DepthSensor:

@@ -7,6 +7,7 @@ import numpy as np
 
 from vehicles.readings import GpsReading, Source
 from vehicles.sensors.gauss_markov import GaussMarkovWalk
+from vehicles.sensors.noise_sets import NoiseSets
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth
 from worlds.geodesy import LocalFrame
@@ -35,6 +36,7 @@ class GpsNoise:
 NO_GPS_NOISE = GpsNoise(
     horizontal_sigma_m=0.0, vertical_sigma_m=0.0, white_sigma_m=0.0, velocity_sigma_m_s=0.0
 )
+GPS_NOISES = NoiseSets(ideal=NO_GPS_NOISE, datasheet=GpsNoise())
 
 GPS_TIMING = Timing(rate_hz=5.0, latency_s=0.11)
 """5 Hz as both autopilots configure an M8; latency 110 ms (PX4's EKF2_GPS_DELAY)."""

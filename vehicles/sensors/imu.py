@@ -7,6 +7,7 @@ import numpy as np
 
 from vehicles.readings import ImuReading, Source
 from vehicles.sensors.gauss_markov import GaussMarkovWalk
+from vehicles.sensors.noise_sets import NoiseSets
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth
 from worlds.frames import Vec3
@@ -40,6 +41,7 @@ NO_IMU_NOISE = ImuNoise(
     accel_random_walk=0.0,
     accel_turn_on_m_s2=0.0,
 )
+IMU_NOISES = NoiseSets(ideal=NO_IMU_NOISE, datasheet=ImuNoise())
 
 IMU_TIMING = Timing(rate_hz=200.0)
 """PX4 publishes its filtered IMU at 200 Hz by default (IMU_INTEG_RATE)."""

@@ -19,6 +19,7 @@ from vehicles.sensors.beams import (
     grid_directions,
     plane_directions,
 )
+from vehicles.sensors.noise_sets import NoiseSets
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth
 from worlds.frames import Pose
@@ -54,6 +55,11 @@ class GridPattern:
     highest_rad: float = math.radians(15.0)
 
 
+def silent(noise: RangeNoise) -> RangeNoise:
+    """Return a lidar's noise settings without noise, with the same range limits."""
+    return RangeNoise(noise.range_min_m, noise.range_max_m)
+
+
 SCAN_NOISE = RangeNoise(0.15, 12.0, sigma_per_m=0.01)
 """RPLIDAR A2M8 data sheet rev. 2.5: 0.15 to 12 m, resolution below 1 % of the distance."""
 POINTS_NOISE = RangeNoise(0.5, 100.0, sigma_m=0.03)
@@ -61,15 +67,14 @@ POINTS_NOISE = RangeNoise(0.5, 100.0, sigma_m=0.03)
 RANGEFINDER_NOISE = RangeNoise(0.1, 12.0, sigma_m=0.05 / 3.0)
 """Benewake TFmini Plus data sheet: 0.1 to 12 m, 5 cm below 6 m, read as three deviations."""
 
+SCAN_NOISES = NoiseSets(ideal=silent(SCAN_NOISE), datasheet=SCAN_NOISE)
+POINTS_NOISES = NoiseSets(ideal=silent(POINTS_NOISE), datasheet=POINTS_NOISE)
+RANGEFINDER_NOISES = NoiseSets(ideal=silent(RANGEFINDER_NOISE), datasheet=RANGEFINDER_NOISE)
+
 SCAN_TIMING = Timing(rate_hz=10.0, latency_s=0.1)
 POINTS_TIMING = Timing(rate_hz=20.0, latency_s=0.05)
 RANGEFINDER_TIMING = Timing(rate_hz=50.0, latency_s=0.01)
 """Scans are delivered when their turn is over; the whole turn is cast at its middle."""
-
-
-def silent(noise: RangeNoise) -> RangeNoise:
-    """Return a lidar's noise settings without noise, with the same range limits."""
-    return RangeNoise(noise.range_min_m, noise.range_max_m)
 
 
 class LidarScanSensor:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicles.readings import MicrophoneReading, Source, samples_from_pressure
+from vehicles.sensors.noise_sets import NoiseSets
 from vehicles.sensors.truth import Truth
 
 REFERENCE_PA = 20.0e-6
@@ -59,6 +60,7 @@ class MicrophoneNoise:
 
 
 QUIET = MicrophoneNoise(ambient_level_db=-math.inf, self_noise_db=-math.inf)
+MICROPHONE_NOISES = NoiseSets(ideal=QUIET, datasheet=MicrophoneNoise())
 
 
 class MicrophoneSensor:

@@ -1,51 +1,25 @@
-"""The noise of all sensors together, as sets that profiles name."""
+"""The noise of a sensor, as sets that profiles name; each stands by the model of its sensor."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Generic, Literal, TypeVar
 
-from vehicles.sensors.beams import RangeNoise
-from vehicles.sensors.depth import NO_DEPTH_NOISE, DepthNoise
-from vehicles.sensors.gps import NO_GPS_NOISE, GpsNoise
-from vehicles.sensors.imu import NO_IMU_NOISE, ImuNoise
-from vehicles.sensors.lidar import POINTS_NOISE, RANGEFINDER_NOISE, SCAN_NOISE, silent
-from vehicles.sensors.microphone import QUIET, MicrophoneNoise
+Noise = TypeVar("Noise")
+
+NoiseSetName = Literal["ideal", "datasheet"]
+"""What a profile of an embedded vehicle says under `sensors`."""
 
 
-@dataclass(frozen=True, slots=True)
-class SensorNoise:
-    """A set of noise settings, one for each sensor."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseSets(Generic[Noise]):
+    """The noise settings of one sensor by the names of their sets.
 
-    imu: ImuNoise
-    gps: GpsNoise
-    lidar: RangeNoise
-    lidar_points: RangeNoise
-    rangefinder: RangeNoise
-    depth: DepthNoise
-    microphone: MicrophoneNoise
+    ideal: a simulator's idea of it: its reach, and no noise. datasheet: what its data sheet
+    promises.
+    """
 
+    ideal: Noise
+    datasheet: Noise
 
-IDEAL = SensorNoise(
-    imu=NO_IMU_NOISE,
-    gps=NO_GPS_NOISE,
-    lidar=silent(SCAN_NOISE),
-    lidar_points=silent(POINTS_NOISE),
-    rangefinder=silent(RANGEFINDER_NOISE),
-    depth=NO_DEPTH_NOISE,
-    microphone=QUIET,
-)
-"""A simulator's idea of sensors: their reach, and no noise."""
-
-DATASHEET = SensorNoise(
-    imu=ImuNoise(),
-    gps=GpsNoise(),
-    lidar=SCAN_NOISE,
-    lidar_points=POINTS_NOISE,
-    rangefinder=RANGEFINDER_NOISE,
-    depth=DepthNoise(),
-    microphone=MicrophoneNoise(),
-)
-"""What the datasheets promise."""
-
-NOISE_SETS: Mapping[str, SensorNoise] = MappingProxyType({"ideal": IDEAL, "datasheet": DATASHEET})
-"""By what a profile of an embedded vehicle says under `sensors`."""
+    def named(self, name: NoiseSetName) -> Noise:
+        """Return the sensor's noise settings of a set."""
+        return self.ideal if name == "ideal" else self.datasheet

@@ -5,6 +5,8 @@ import json
 import os
 import platform
 import time
+from collections import Counter
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from orchestrator.campaign.folder.imported_files import imported_by
 from orchestrator.campaign.folder.named_files import named_files
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
+from worlds.files.documents import Data
 
 _PIECE_BYTES = 1 << 20
 _VERSIONED = (
@@ -61,19 +64,44 @@ def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
     return {os.path.relpath(path, home): f"sha256:{_digest(path)}" for path in sorted(files)}
 
 
-def judging_manifest(campaign: Campaign) -> dict[str, Any]:
+def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, Any]:
     """Return that of a campaign's manifest by which its recorded runs are judged.
 
-    Without the users' Python files, of which the judging uses nothing.
+    Without the users' Python files, of which the judging uses nothing. flown: the manifest of the
+    flight; runs whose documents differ from it in `repetitions` alone have the digest that it has.
     """
     files = {path for path in _files(campaign) if path.suffix != ".py"}
     return {
         "options": {"set": list(campaign.options.sets)},
         "versions": _versions(frozenset()),
         "files": _digests(files, campaign),
-        "runs": _runs(campaign),
+        "runs": _as_flown(campaign, flown),
         "document": campaign.document.data,
     }
+
+
+def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, object]]:
+    """Return the manifest's runs, by the repetitions of the flight where else nothing differs.
+
+    These are in the campaign's document; of an option, or of a part of the campaign, the runs of a
+    case and mode were as many.
+    """
+    runs = [run for run in flown.get("runs", []) if isinstance(run, dict)]
+    before = {run.get("run"): run.get("documents") for run in runs}
+    counts = Counter(str(name).rpartition("/")[0] for name in before)
+    document = flown.get("document")
+    stated = document.get("repetitions") if isinstance(document, dict) else None
+    given = [*([] if stated is None else [stated]), *set(counts.values())]
+    as_then = {
+        case: {_documents_digest(files, repetitions=one) for one in given}
+        for case, files in _first_files(campaign).items()
+    }
+    return [
+        {**run, "documents": before[plan.name]}
+        if before.get(plan.name) in as_then[plan.case]
+        else run
+        for plan, run in zip(campaign.plans, _runs(campaign), strict=True)
+    ]
 
 
 def read_files(campaign: Campaign) -> set[Path]:
@@ -103,29 +131,44 @@ def _files(campaign: Campaign) -> set[Path]:
 
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
     """Return the manifest's runs; documents: a digest of all that a run reads, as overridden."""
-    digests: dict[str, str] = {}
-    for run in campaign.plans:
-        if run.case not in digests:
-            read = (run.files.campaign, run.files.world, run.files.recipe)
-            plain = [None if one is None else one.data for one in read]
-            text = json.dumps(plain, sort_keys=True, default=str)
-            digests[run.case] = f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
-    worlds = {case: world_digest(files) for case, files in _files_by_case(campaign).items()}
+    digests = {case: _documents_digest(files) for case, files in _first_files(campaign).items()}
+    plans = campaign.plans
+    # Runs share their files, but for those whose world draws speeds by the seed of each run.
+    files = {id(run.files): run.files for run in plans}
+    worlds = {key: world_digest(one) for key, one in files.items()}
     return [
         {
             "run": run.name,
             "seed": run.seed,
             "required": run.required,
             "documents": digests[run.case],
-            "world": worlds[run.case],
+            "world": worlds[id(run.files)],
         }
-        for run in campaign.plans
+        for run in plans
     ]
 
 
 def _files_by_case(campaign: Campaign) -> dict[str, CaseFiles]:
     """Return the files of each case and control of a campaign for its manifest."""
     return {run.case: run.files for run in campaign.plans}
+
+
+def _first_files(campaign: Campaign) -> dict[str, CaseFiles]:
+    """Return for the manifest the files of the first run of each case and control.
+
+    Those of the others differ from them in the seed of a world alone.
+    """
+    return {run.case: run.files for run in reversed(campaign.plans)}
+
+
+def _documents_digest(files: CaseFiles, **changed: Data) -> str:
+    """Return a digest of a case's documents for the manifest; changed: keys of the campaign."""
+    own = files.campaign.data
+    if isinstance(own, dict):
+        own = {**own, **changed}
+    beside = [None if one is None else one.data for one in (files.world, files.recipe)]
+    text = json.dumps([own, *beside], sort_keys=True, default=str)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
 def world_digest(files: CaseFiles) -> str:

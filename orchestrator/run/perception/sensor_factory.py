@@ -39,20 +39,23 @@ from vehicles.cameras.rendered_cameras import (
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.readings.copies import restamp_reading
 from vehicles.sensors.beams import RangeNoise
-from vehicles.sensors.depth import DepthSensor
-from vehicles.sensors.gps import GPS_TIMING, GpsSensor
-from vehicles.sensors.imu import ImuSensor
+from vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
+from vehicles.sensors.gps import GPS_NOISES, GPS_TIMING, GpsSensor
+from vehicles.sensors.imu import IMU_NOISES, ImuSensor
 from vehicles.sensors.lens import ThroughLens
 from vehicles.sensors.lidar import (
+    POINTS_NOISES,
     POINTS_TIMING,
+    RANGEFINDER_NOISES,
     RANGEFINDER_TIMING,
+    SCAN_NOISES,
     SCAN_TIMING,
     LidarPointsSensor,
     LidarScanSensor,
     RangefinderSensor,
 )
-from vehicles.sensors.microphone import MicrophoneSensor
-from vehicles.sensors.noise_sets import NOISE_SETS, SensorNoise
+from vehicles.sensors.microphone import MICROPHONE_NOISES, MicrophoneSensor
+from vehicles.sensors.noise_sets import NoiseSetName
 from vehicles.sensors.sensor_streams import (
     OnDemand,
     OnDemandSensor,
@@ -177,7 +180,7 @@ class SensorFactory:
 
     def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
         """Return a sensor's model. like: the sensor whose mount it has."""
-        noise = NOISE_SETS[self._setup.profiles[vehicle.name].sensors]
+        noise = self._setup.profiles[vehicle.name].sensors
         if isinstance(sensor, RangingSetup):
             return self._ranging_sensor(vehicle, sensor, like, noise)
         if isinstance(sensor, DepthSetup):
@@ -187,31 +190,33 @@ class SensorFactory:
                 intrinsics=sensor.intrinsics,
                 mount=like.mount if isinstance(like, DepthSetup | CameraSetup) else sensor.mount,
                 side=vehicle.name,
-                sensor=DepthSensor(noise=noise.depth),
+                sensor=DepthSensor(noise=DEPTH_NOISES.named(noise)),
                 timing=Timing(sensor.rate_hz, camera.latency_s, camera.jitter_s),
             )
         if isinstance(sensor, GpsSetup):
             return GpsSensor(
                 source=vehicle.name,
                 frame=self._setup.campaign.world.frame,
-                noise=noise.gps,
+                noise=GPS_NOISES.named(noise),
                 timing=self._sensor_timing(vehicle, GPS_TIMING, sensor.rate_hz),
             )
         if isinstance(sensor, MicrophoneSetup):
             return MicrophoneSensor(
                 source=vehicle.name,
-                noise=noise.microphone,
+                noise=MICROPHONE_NOISES.named(noise),
                 sample_rate_hz=sensor.sample_rate_hz,
                 block_samples=sensor.block_samples,
             )
         if isinstance(sensor, ImuSetup):
             return ImuSensor(
-                source=vehicle.name, noise=noise.imu, timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ)
+                source=vehicle.name,
+                noise=IMU_NOISES.named(noise),
+                timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ),
             )
         raise TypeError(f"no sensor model for {type(sensor).__name__} of {vehicle.name}")
 
     def _ranging_sensor(
-        self, vehicle: VehicleSetup, sensor: RangingSetup, like: SensorSetup, noise: SensorNoise
+        self, vehicle: VehicleSetup, sensor: RangingSetup, like: SensorSetup, noise: NoiseSetName
     ) -> Sensor:
         mount = like.mount if isinstance(like, RangingSetup) else sensor.mount
         cast = self._caster(vehicle.name)
@@ -220,7 +225,7 @@ class SensorFactory:
                 source=vehicle.name,
                 cast=cast,
                 half_angle_rad=sensor.half_angle_rad,
-                noise=_within_reach(noise.rangefinder, sensor),
+                noise=_within_reach(RANGEFINDER_NOISES.named(noise), sensor),
                 timing=self._sensor_timing(vehicle, RANGEFINDER_TIMING, sensor.rate_hz),
                 mount=mount,
             )
@@ -229,7 +234,7 @@ class SensorFactory:
                 source=vehicle.name,
                 cast=cast,
                 pattern=sensor.pattern,
-                noise=_within_reach(noise.lidar_points, sensor),
+                noise=_within_reach(POINTS_NOISES.named(noise), sensor),
                 timing=self._sensor_timing(vehicle, POINTS_TIMING, sensor.rate_hz),
                 mount=mount,
             )
@@ -237,7 +242,7 @@ class SensorFactory:
             source=vehicle.name,
             cast=cast,
             pattern=sensor.pattern,
-            noise=_within_reach(noise.lidar, sensor),
+            noise=_within_reach(SCAN_NOISES.named(noise), sensor),
             timing=self._sensor_timing(vehicle, SCAN_TIMING, sensor.rate_hz),
             mount=mount,
         )

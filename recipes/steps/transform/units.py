@@ -21,6 +21,7 @@ from recipes.operations.unit_factors import (
 )
 from recipes.working import AnyMasked, Masked, Operator
 from vehicles.readings import (
+    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -41,6 +42,7 @@ _MEASURED = {
     "acceleration": ("imu",),
     "pressure": ("microphone",),
 }
+"""The sensor types that have a quantity; those of `converted`, and of any other it is refused."""
 
 
 class UnitsParameters(SidedParameters):
@@ -57,6 +59,10 @@ class UnitsParameters(SidedParameters):
     acceleration: AccelerationUnit | None = None
     pressure: PressureUnit | None = None
 
+    def names_none(self) -> bool:
+        """Return whether all units are ours already."""
+        return all(getattr(self, quantity) is None for quantity in _MEASURED)
+
     def refuses(self, kind: str) -> str:
         """Return which quantity with units a sensor of this type does not have."""
         for quantity, kinds in _MEASURED.items():
@@ -68,17 +74,7 @@ class UnitsParameters(SidedParameters):
 @step(
     "units",
     stage="transform",
-    sensors=(
-        "camera",
-        "depth",
-        "lidar",
-        "lidar_points",
-        "rangefinder",
-        "gps",
-        "pose",
-        "imu",
-        "microphone",
-    ),
+    sensors=tuple(SENSOR_TYPES),
     parameters=UnitsParameters,
 )
 def units(parameters: UnitsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
@@ -156,5 +152,8 @@ def _motion(reading: Any, given: UnitsParameters, metres: float) -> Reading:
         case MicrophoneReading():
             scale_pa = reading.full_scale_pa * PASCALS[given.pressure or "pa"]
             return replace(reading, full_scale_pa=scale_pa)
+        case _ if given.names_none():
+            unchanged: Reading = reading
+            return unchanged
         case _:
             raise TypeError(f"units of a {type(reading).__name__} are unknown")

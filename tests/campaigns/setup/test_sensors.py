@@ -39,7 +39,8 @@ def with_sensors(files: Files, text: str) -> None:
 def test_every_type_of_reading_has_its_sensor(files: Files) -> None:
     with_sensors(files, ALL)
     sensors = {one.name: one for one in files.load().setups["large"].vehicles["real"].sensors}
-    assert {one.kind for one in sensors.values()} == set(SENSOR_TYPES)
+    kinds_of_all = {one.kind for one in sensors.values()}
+    assert kinds_of_all == set(SENSOR_TYPES), "ALL and CAMERA above name each sensor type once"
     kinds = [type(sensors[name]) for name in ("camera", "stereo", "lidar", "cloud", "below")]
     assert kinds == [CameraSetup, DepthSetup, LidarSetup, LidarPointsSetup, RangefinderSetup]
     kinds = [type(sensors[name]) for name in ("gnss", "mocap", "imu", "ear")]

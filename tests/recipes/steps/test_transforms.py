@@ -1,7 +1,7 @@
 """Transforms of units, frames and places: exact, and undone by their inverses."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from recipes.model.registry import find
 from recipes.operations.step_parameters import RotationPart
 from recipes.operations.unit_factors import METRES
 from recipes.working import CannotMixError, Masked
@@ -25,6 +26,7 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
+from vehicles.readings import SENSOR_TYPES
 from worlds.camera import Intrinsics
 from worlds.frames import (
     Pose,
@@ -79,6 +81,21 @@ def test_angles_speeds_accelerations_and_pressures_become_ours() -> None:
     moved = apply("units", pose(), length="ft", speed="ft_s").reading
     assert moved.pose.position_ned_m == pytest.approx((0.3048, 0.6096, 0.9144))
     assert moved.velocity_ned_m_s == pytest.approx((0.3048, 0, 0))
+
+
+@dataclass(frozen=True, slots=True)
+class CountReading:
+    count: int
+
+
+def test_units_take_every_sensor_type_and_convert_what_they_know_of() -> None:
+    kind = find("units", "transform")
+    assert kind is not None
+    assert kind.sensors == tuple(SENSOR_TYPES)
+    unknown: Any = CountReading(3)
+    assert apply("units", unknown).reading == unknown
+    with pytest.raises(TypeError, match="units of a CountReading"):
+        apply("units", unknown, length="ft")
 
 
 @given(poses)

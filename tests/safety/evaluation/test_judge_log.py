@@ -255,8 +255,8 @@ def test_judging_a_judge_log_is_judging_the_flight(taped: list[LoggedSample]) ->
     assert again == events
 
 
-def test_every_oracle_is_in_the_judge_log() -> None:
-    assert {kind for kind, _ in USES} == set(registry)
+def test_every_oracle_is_in_the_test_of_the_judge_log() -> None:
+    assert {kind for kind, _ in USES} == set(registry), "USES above names each oracle"
 
 
 @settings(max_examples=50, deadline=None)

@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -62,7 +63,7 @@ def test_wrong_parameters_are_refused(kind: str, parameters: dict[str, object]) 
         registry[kind].parameters.model_validate(parameters)
 
 
-NEVER_FED = [
+NEVER_FED: list[tuple[str, dict[str, Any]]] = [
     ("collision", {}),
     ("clearance", {"min_m": 0.1}),
     ("reached", {}),
@@ -110,4 +111,4 @@ def test_an_oracle_that_saw_nothing_never_passes_and_says_so(
 
 
 def test_every_oracle_is_in_the_test_of_no_samples() -> None:
-    assert {kind for kind, _ in NEVER_FED} == set(registry)
+    assert {kind for kind, _ in NEVER_FED} == set(registry), "NEVER_FED above names each oracle"

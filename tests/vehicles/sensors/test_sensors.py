@@ -16,24 +16,27 @@ from vehicles.readings.checks import fault_of
 from vehicles.sensors.beams import Directions, RangeNoise, RayHits, disturb, grid_directions
 from vehicles.sensors.depth import DepthNoise, DepthSensor
 from vehicles.sensors.gauss_markov import GaussMarkovWalk
-from vehicles.sensors.gps import GpsNoise, GpsSensor
-from vehicles.sensors.imu import ImuNoise, ImuSensor
+from vehicles.sensors.gps import GPS_NOISES, GpsNoise, GpsSensor
+from vehicles.sensors.imu import IMU_NOISES, ImuNoise, ImuSensor
 from vehicles.sensors.lidar import (
     RANGEFINDER_NOISE,
+    RANGEFINDER_NOISES,
     SCAN_NOISE,
+    SCAN_NOISES,
     GridPattern,
     LidarPointsSensor,
     LidarScanSensor,
     RangefinderSensor,
 )
 from vehicles.sensors.microphone import (
+    MICROPHONE_NOISES,
     QUIET,
     MicrophoneNoise,
     MicrophoneSensor,
     RotorSound,
     pressure_of,
 )
-from vehicles.sensors.noise_sets import NOISE_SETS
+from vehicles.sensors.noise_sets import NoiseSetName
 from vehicles.sensors.timing import Timing
 from vehicles.sensors.truth import Truth, motor_speeds
 from worlds.camera import Intrinsics
@@ -345,13 +348,12 @@ def _sampled(sensor: Any, t_s: float, generator: np.random.Generator) -> Reading
     return reading
 
 
-def sensors(kind: str) -> list[Callable[[float, np.random.Generator], Reading]]:
-    noise = NOISE_SETS[kind]
-    imu = ImuSensor(source="real", noise=noise.imu)
-    gps = GpsSensor(source="real", frame=HOME, noise=noise.gps)
-    scan = LidarScanSensor(source="real", cast=box_room, noise=noise.lidar)
-    below = RangefinderSensor(source="real", cast=box_room, noise=noise.rangefinder)
-    ear = MicrophoneSensor(source="real", noise=noise.microphone)
+def sensors(kind: NoiseSetName) -> list[Callable[[float, np.random.Generator], Reading]]:
+    imu = ImuSensor(source="real", noise=IMU_NOISES.named(kind))
+    gps = GpsSensor(source="real", frame=HOME, noise=GPS_NOISES.named(kind))
+    scan = LidarScanSensor(source="real", cast=box_room, noise=SCAN_NOISES.named(kind))
+    below = RangefinderSensor(source="real", cast=box_room, noise=RANGEFINDER_NOISES.named(kind))
+    ear = MicrophoneSensor(source="real", noise=MICROPHONE_NOISES.named(kind))
     return [partial(_sampled, sensor) for sensor in (imu, gps, scan, below, ear)]
 
 
@@ -364,7 +366,7 @@ def flat(reading: Reading) -> str:
 
 
 @pytest.mark.parametrize("kind", ["ideal", "datasheet"])
-def test_equal_seeds_give_equal_readings_and_others_do_not(kind: str) -> None:
+def test_equal_seeds_give_equal_readings_and_others_do_not(kind: NoiseSetName) -> None:
     def run(seed: int) -> list[str]:
         generator = rng(seed)
         return [flat(sample(0.1 * k, generator)) for sample in sensors(kind) for k in range(1, 4)]
@@ -375,7 +377,7 @@ def test_equal_seeds_give_equal_readings_and_others_do_not(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["ideal", "datasheet"])
-def test_every_sensor_gives_readings_without_fault(kind: str) -> None:
+def test_every_sensor_gives_readings_without_fault(kind: NoiseSetName) -> None:
     generator = rng()
     for sample in sensors(kind):
         assert fault_of(sample(1.0, generator)) is None

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from vehicles.readings import (
+    SENSOR_TYPES,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -23,6 +24,7 @@ from vehicles.readings import (
     Reading,
     Source,
 )
+from vehicles.readings.numbers import number_fields
 from vehicles.sources.messagepack import BadMessageError, Header
 from worlds.frames import Pose, Vec3, quat_normalize
 
@@ -32,6 +34,7 @@ MAX_READING_BYTES = 4 * 2**20
 _MOST_BEAMS = 100_000
 _MOST_SAMPLES = 65_536
 _FIX_3D, _SATELLITES = 3, 12
+_LEAST_WHOLE = -(2**63)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +83,19 @@ def read_envelope(header: Header) -> Envelope:
 
 def read_reading(header: Header, kind: str, when: Sampled) -> Reading:
     """Return the reading in a message of a type of sensor. Raises BadMessageError."""
-    reading: Reading = _READERS[kind](header, when)
+    reader = _READERS.get(kind)
+    reading: Reading = _numbers(header, kind, when) if reader is None else reader(header, when)
     return reading
+
+
+def _numbers(header: Header, kind: str, when: Sampled) -> Any:
+    """Return a reading that is numbers alone: its fields are the message's keys."""
+    made: Any = SENSOR_TYPES[kind]
+    numbers = {
+        name: header.number(name) if of is float else header.whole(name, low=_LEAST_WHOLE)
+        for name, of in number_fields(made).items()
+    }
+    return made(t_s=when.t_s, arrived_s=when.arrived_s, seq=0, source=when.side, **numbers)
 
 
 def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
@@ -199,3 +213,4 @@ _READERS: Mapping[str, Callable[[Header, Sampled], Any]] = MappingProxyType(
         "microphone": _microphone,
     }
 )
+"""Of the types whose readings are more than numbers."""
