@@ -11,8 +11,6 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-import pytest
-
 from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
 from tests.vehicles.sources.pumping import pump
 from vehicles.perception.blobs import BlobFinder
