@@ -242,6 +242,34 @@ def test_frames_leave_before_events_are_reported(fake_vehicle: Any) -> None:
     fly(main())
 
 
+def test_telemetry_is_passed_on_before_it_is_judged(
+    fake_vehicle: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            core, orchestrator = flight.shell.core, flight.shell._links["twin"].orchestrator
+            write, judge = orchestrator.write, core.judge_vehicle
+
+            def passing(data: bytes) -> None:
+                order.append("passed")
+                write(data)
+
+            def judging(name: str, *frames: Any) -> Any:
+                order.extend(["judged"] * (name == "twin"))
+                return judge(name, *frames)
+
+            monkeypatch.setattr(orchestrator, "write", passing)
+            monkeypatch.setattr(core, "judge_vehicle", judging)
+            await asyncio.sleep(0.2)
+
+    fly(main())
+    assert len(order) > 4
+    assert order[::2] == ["passed"] * len(order[::2])
+    assert order[1::2] == ["judged"] * len(order[1::2])
+
+
 def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
