@@ -15,6 +15,8 @@ from worlds.files.documents import closest, closest_file
 from worlds.files.paths import is_file, is_folder
 
 _PREFIX = "wil_user_"
+_LOADING = threading.RLock()
+"""One file is run at a time: a module that is not whole yet is in `sys.modules` already."""
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What ends this program, or lands what flies: no file of the user's takes that away."""
 
@@ -47,7 +49,8 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
     path = (folder / file).resolve()
     if not is_file(path):
         raise BadReferenceError(f"there is no file '{file}' beside {beside}", _sibling(path))
-    module = _module(path)
+    with _LOADING:
+        module = _module(path)
     found = getattr(module, name, None)
     if found is None:
         own = [key for key, value in vars(module).items() if _is_own(value, module)]

@@ -1,6 +1,7 @@
 """Things of the user's, by `file.py:Name`."""
 
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,11 @@ def test_a_file_takes_no_signal_away_that_ends_this_program(tmp_path: Path, ends
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
+
+
+def test_threads_that_load_a_file_at_once_all_get_it_whole(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text("import time\ntime.sleep(0.1)\nclass Thing: ...\n", "utf-8")
+    with ThreadPoolExecutor(4) as threads:
+        asked = [threads.submit(load_reference, "slow.py:Thing", tmp_path) for _ in range(4)]
+    things = [one.result() for one in asked]
+    assert things == [things[0]] * 4
