@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -204,7 +205,9 @@ class FlightProcess:
                 pass
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
-                stream.close()
+                # Where the process had ended, what it was asked last is in the pipe's buffer still.
+                with suppress(BrokenPipeError):
+                    stream.close()
         self._process.wait()
 
     def wait(self, on_result: OnResult, on_message: OnMessage) -> CampaignResults:

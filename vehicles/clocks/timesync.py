@@ -39,7 +39,7 @@ _LATEST_PLAUSIBLE_S = 1.0
 _SLEW = 0.2
 """By how much the mapped clock may be faster or slower while it makes a correction good..."""
 _LONGEST_SLEW_S = 0.25
-"""... where the vehicle's clock was not set, and did not stand, for longer than this."""
+"""... which is not larger than this: beyond, the vehicle's clock was set, or stood for long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +83,6 @@ class ClockMap:
         self.began_s = -math.inf
         """When the pace began that holds now: arrivals before it say nothing of this mapping."""
         self.unsteady = False
-        self.leap_s = 0.0
-        """By how much the clock itself was set or stood, from one exchange to the next, at most
-        since the map held; what the map is off by beyond it is an error of its pace."""
-        self._newest: Exchange | None = None
 
     @property
     def known(self) -> bool:
@@ -111,7 +107,6 @@ class ClockMap:
         if not t_received_s >= t_sent_s:
             raise ValueError(f"answered at {t_received_s} s what was asked at {t_sent_s} s")
         new = Exchange(t_sent_s, t_received_s, remote_ns)
-        self._note_leap(new)
         if self._has_jumped(new):
             self._exchanges.clear()
             self._pace = SteadyPace()
@@ -173,13 +168,6 @@ class ClockMap:
         agreed_s = new.round_trip_s / 2.0 + self._uncertainty_s + _JUMP_S
         self._contradictions = self._contradictions + 1 if apart_s > agreed_s else 0
         return self._contradictions >= _CONTRADICTIONS_TO_RESET
-
-    def _note_leap(self, new: Exchange) -> None:
-        """Note by how much the vehicle's clock went otherwise than ours since the last TIMESYNC."""
-        last, self._newest = self._newest, new
-        if last is not None:
-            leap_s = abs(new.remote_s - last.remote_s - (new.middle_s - last.middle_s))
-            self.leap_s = max(leap_s, self.leap_s if self._contradictions else 0.0)
 
     def _step_s(self) -> float:
         """Return by how much stamps may be too old: the steps of the vehicle's clock."""
@@ -333,8 +321,7 @@ class VehicleClock:
         left_s = 0.0 if before_s is None else before_s - self._map.run_time(remote_s)
         # What a steady clock is known better by now is no correction of its pace.
         slews = self._map.unsteady or self._slew.at(remote_s)
-        was_set = min(abs(left_s), self._map.leap_s) > _LONGEST_SLEW_S
-        self._slew = _Slew(remote_s, left_s if slews and not was_set else 0.0)
+        self._slew = _Slew(remote_s, left_s if slews and abs(left_s) <= _LONGEST_SLEW_S else 0.0)
         return True
 
     def stamped(self, boot_s: float, arrived_s: float) -> float:

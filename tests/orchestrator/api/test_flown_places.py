@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import wil_campaign
-from orchestrator.api import pytest_items
+from orchestrator.api import flying, pytest_items
 from orchestrator.campaign.folder.bench_lock import held_benches
 from tests.orchestrator.api.test_pytest_plugin import ARGUMENTS
 from tests.orchestrator.campaign.test_attached_run import free_port
@@ -61,7 +61,16 @@ def test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone(
 
 
 @pytest.mark.no_turn("flies nothing")
-def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(tmp_path: Path) -> None:
+def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop = flying.FlightProcess.stop
+
+    def stop_once_it_has_ended(process: flying.FlightProcess) -> None:
+        process._process.wait()
+        stop(process)
+
+    monkeypatch.setattr(flying.FlightProcess, "stop", stop_once_it_has_ended)
     path, file = write_campaign(tmp_path), tmp_path / "hall-a.yaml"
     file.write_text(BENCH % 14540 + "arming: {users: [nobody-of-here]}\n")
     fly = wil_campaign.run
