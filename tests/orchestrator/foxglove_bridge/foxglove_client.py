@@ -52,10 +52,12 @@ class Received:
         said = json.loads(message.data)
         if said["op"] == "serverInfo":
             self.greetings.append(said)
-            self.is_greeted.set()
         if said["op"] == "status":
             self.statuses.append(said)
         new = said["channels"] if said["op"] == "advertise" else []
+        if new:
+            # With its greeting alone it may not be among those yet who hear of another run.
+            self.is_greeted.set()
         self.channels |= {one["id"]: one for one in new}
         return [one["id"] for one in new]
 
