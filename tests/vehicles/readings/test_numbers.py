@@ -1,25 +1,14 @@
 """Readings that are numbers alone: a sensor type needs no check of its own for them."""
 
 import math
-from dataclasses import dataclass
 from typing import Any, get_args
 
 import pytest
 
-from vehicles.readings import SENSOR_TYPES, ImuReading, SensorType, Source, checks
+from tests.vehicles.readings.thermometer import ThermometerReading
+from vehicles.readings import SENSOR_TYPES, ImuReading, SensorType, checks
 from vehicles.readings.checks import fault_of
 from vehicles.readings.numbers import is_numbers, number_fields
-
-
-@dataclass(frozen=True, slots=True)
-class ThermometerReading:
-    t_s: float
-    arrived_s: float
-    seq: int
-    source: Source
-    temperature_deg_c: float
-    samples: int
-    sensor: str = ""
 
 
 def test_numbers_are_all_but_the_stamps() -> None:

@@ -1,7 +1,6 @@
 """A sensor type whose readings are numbers is recorded and read back without code of its own."""
 
 import json
-from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -11,18 +10,7 @@ from orchestrator.recording.mcap.mcap_bodies import body_of
 from orchestrator.recording.mcap.mcap_decode import decode
 from orchestrator.recording.mcap.mcap_json import encode
 from orchestrator.recording.mcap.mcap_schemas import _numbers
-from vehicles.readings import Source
-
-
-@dataclass(frozen=True, slots=True)
-class ThermometerReading:
-    t_s: float
-    arrived_s: float
-    seq: int
-    source: Source
-    temperature_deg_c: float
-    samples: int
-    sensor: str = ""
+from tests.vehicles.readings.thermometer import ThermometerReading
 
 
 def test_numbers_come_back_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:

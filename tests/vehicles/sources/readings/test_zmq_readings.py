@@ -4,7 +4,6 @@ import asyncio
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, get_args
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
@@ -13,6 +12,7 @@ import pytest
 
 from campaigns.schema.sensors import SensorPart
 from campaigns.schema.sources import SourcedPart
+from tests.vehicles.readings.thermometer import ThermometerReading
 from tests.vehicles.sources.readings.publisher import ALL, Publisher, message, publishing
 from vehicles.readings import (
     SENSOR_TYPES,
@@ -21,7 +21,6 @@ from vehicles.readings import (
     MicrophoneReading,
     RangefinderReading,
     Reading,
-    Source,
 )
 from vehicles.readings.checks import fault_of
 from vehicles.sources.camera_source import SourceError, SourceStalledError
@@ -43,17 +42,6 @@ SOURCED = sorted(
     if issubclass(part, SourcedPart)
 )
 """The types that a campaign may take from a program."""
-
-
-@dataclass(frozen=True, slots=True)
-class ThermometerReading:
-    t_s: float
-    arrived_s: float
-    seq: int
-    source: Source
-    temperature_deg_c: float
-    samples: int
-    sensor: str = ""
 
 
 def read(data: bytes) -> Reading:
