@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.campaign.folder.manifest import judging_manifest, world_digest
+from orchestrator.campaign.folder.manifest import judging_manifest, of_runs, world_digest
 from orchestrator.campaign.folder.manifest_changes import changes_since_flight
 from orchestrator.campaign.folder.repetitions import runs_due
 from orchestrator.model.campaign_results import Summary, summarize
@@ -144,11 +144,10 @@ def _require_same_worlds(
 
     The vehicle met what stood there then: that it misses what stands there now shows nothing.
     """
-    runs = manifest.get("runs", [])
-    flown_in = {run.get("run"): run.get("world") for run in runs if isinstance(run, dict)}
+    flown_in = of_runs(manifest, "world")
     for plan in plans:
         flown = flown_in.get(plan.name)
-        if not isinstance(flown, str):
+        if flown is None:
             raise RecordingError(
                 f"{folder / 'campaign.json'} is missing, damaged, or does not say in which world "
                 f"{plan.name} was flown: bring that file back, or fly it again"

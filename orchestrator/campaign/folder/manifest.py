@@ -86,9 +86,8 @@ def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, ob
     These are in the campaign's document; of an option, or of a part of the campaign, the runs of a
     case and mode were as many.
     """
-    runs = [run for run in flown.get("runs", []) if isinstance(run, dict)]
-    before = {run.get("run"): run.get("documents") for run in runs}
-    counts = Counter(str(name).rpartition("/")[0] for name in before)
+    before = of_runs(flown, "documents")
+    counts = Counter(name.rpartition("/")[0] for name in before)
     document = flown.get("document")
     stated = document.get("repetitions") if isinstance(document, dict) else None
     given = [*([] if stated is None else [stated]), *set(counts.values())]
@@ -102,6 +101,14 @@ def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, ob
         else run
         for plan, run in zip(campaign.plans, _runs(campaign), strict=True)
     ]
+
+
+def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
+    """Return what a manifest states of its runs under a key, by their names; damage left out."""
+    runs = manifest.get("runs")
+    entries = runs if isinstance(runs, list) else []
+    stated = ((one.get("run"), one.get(key)) for one in entries if isinstance(one, dict))
+    return {run: value for run, value in stated if isinstance(run, str) and isinstance(value, str)}
 
 
 def read_files(campaign: Campaign) -> set[Path]:

@@ -181,7 +181,13 @@ def test_a_flight_proves_nothing_of_a_world_that_it_was_not_flown_in(
     assert "large/sim/1 was flown in another world than its files describe now" in said
 
 
-@pytest.mark.parametrize("content", [None, "{", "[]", "{}", '{"runs": [{"run": "large/sim/1"}]}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        *(None, "{", "[]", "{}", '{"runs": null}', '{"runs": 5}', '{"runs": [{"run": ["a"]}]}'),
+        '{"runs": [{"run": "large/sim/1"}]}',
+    ],
+)
 def test_a_run_without_a_record_of_its_world_is_refused(
     recorded: Path, tmp_path: Path, capsys: Any, content: str | None
 ) -> None:
@@ -282,3 +288,16 @@ def test_a_control_is_judged_again_as_a_control(recorded: Path, capsys: Any) -> 
     assert judge(recorded) == 0
     assert "blind/sim/1  FAIL   FAIL" in capsys.readouterr().out
     assert judge(recorded, "oracles.reached.required=false") == 2, "it could not fail"
+
+
+def test_a_record_of_documents_that_is_damaged_is_none(
+    recorded: Path, tmp_path: Path, capsys: Any
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(recorded, folder)
+    manifest = json.loads((folder / "campaign.json").read_bytes())
+    for run in manifest["runs"]:
+        run["documents"] = ["x"]
+    (folder / "campaign.json").write_text(json.dumps(manifest))
+    assert judge(folder) == 0
+    assert "the files of large/sim/1 changed" in capsys.readouterr().out
