@@ -13,6 +13,7 @@ import os
 import threading
 from collections.abc import Callable
 from functools import cache, cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -85,6 +86,26 @@ def inlined(function: Function) -> Function:
     return cast("Function", _Kernel(function, is_kept=False, inline="always"))
 
 
+@cache
+def _numba() -> Any:
+    """Return Numba, imported without its trial import of SciPy's linear algebra.
+
+    Numba's import takes a third of a second, which few commands need; the trial took another fifth
+    in each process that calls a kernel, to learn that SciPy is there. Who compiles a product of
+    matrices has it imported then.
+    """
+    import numba  # noqa: PLC0415 - see above
+    from numba.np import linalg  # noqa: PLC0415
+
+    tried = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = tried
+    return numba
+
+
 class _Kernel:
     """A function for which Numba is imported at the first call: that takes half a second.
 
@@ -111,9 +132,8 @@ class _Kernel:
     @cached_property
     def dispatcher(self) -> Any:
         """Return what Numba makes of the function."""
-        import numba  # noqa: PLC0415 - half a second, and few commands call kernels
-
         with self._loading:
+            numba = _numba()
             folder = cache_folder(Path(self.__code__.co_filename).parent) if self._is_kept else None
             before = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = str(folder or "")
