@@ -7,6 +7,7 @@ import signal
 import socket
 import struct
 import sys
+from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
@@ -59,6 +60,17 @@ def usable_cores() -> int:
     if not sys.platform.startswith("linux"):
         return os.cpu_count() or 1
     return len(os.sched_getaffinity(0))
+
+
+def processor_wait_s(pid: int) -> float:
+    """Return for how long a process was ready to run but had no processor, in seconds.
+
+    Of its main thread, by the second number of /proc/PID/schedstat (sched-stats.rst of Linux). 0.0
+    for a process that has ended, and where the system does not count it.
+    """
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        return int(Path(f"/proc/{pid}/schedstat").read_bytes().split()[1]) / 1e9
+    return 0.0
 
 
 def rise_above_load() -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from orchestrator.cli import main
 from safety.oracles.autopilot_health import ModeName
+from tests.vehicles.processes.busy_core import one_busy_core
 
 POSITION = "position: {north_m: 2, east_m: 0, up_m: 1.2}"
 
@@ -362,6 +363,21 @@ def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
     assert main([command, str(files.path)]) == 2
     assert text in capsys.readouterr().err
     assert time.monotonic() - began_s < 60.0
+
+
+def test_time_without_a_processor_is_not_the_autonomys(
+    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit_s = 3.0
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", limit_s)
+    autonomy = Path(files.folder) / "pilot.py"
+    works = "import time\nwhile time.process_time() < 1.5: pass\n"
+    autonomy.write_text(works + autonomy.read_text())
+    began_s = time.monotonic()
+    with one_busy_core(4):
+        code = main(["validate", str(files.path)])
+    assert code == 0, capsys.readouterr().err
+    assert time.monotonic() - began_s > limit_s
 
 
 def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(files: Any) -> None:

@@ -20,6 +20,7 @@ from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Happening, News, Progress, Report
 from safety.guard.core.operator_command import OperatorCommand
+from tests.vehicles.processes.busy_core import one_busy_core
 
 Outcomes = dict[str, "str | WorkerLost"]
 
@@ -298,6 +299,15 @@ def test_loading_that_hangs_is_cut_off_where_it_hangs() -> None:
     with limited_loading(0.2):
         pass
     time.sleep(0.3)
+
+
+def test_time_without_a_processor_is_not_that_of_loading() -> None:
+    began_s, limit_s = time.monotonic(), 1.0
+    with one_busy_core(4), limited_loading(limit_s):
+        end_s = time.process_time() + 0.5
+        while time.process_time() < end_s:
+            pass
+    assert time.monotonic() - began_s > limit_s
 
 
 _STATE: list[str] = []
