@@ -1,5 +1,6 @@
 """Whether the autonomy under test can be built: what it refuses is a fault of the file."""
 
+import contextlib
 import multiprocessing as mp
 import sys
 import threading
@@ -7,6 +8,7 @@ import time
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkContext, SpawnContext
 
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.external_reader import program_problems
@@ -18,8 +20,8 @@ from worlds.files.documents import Document, Path, Problem
 LONGEST_BUILD_S = 30.0
 """How long an autonomy may take to be imported and built where it is tried in a child process; as
 long as a worker may take to load it."""
-_LONGEST_START_S = 120.0
-"""A child process that has not begun by then never will, however busy the machine is."""
+_LONGEST_SPAWN_S, _LONGEST_FORK_S = 120.0, 5.0
+"""A child process that has not begun by then never will."""
 _GRACE_S = 1.0
 
 
@@ -91,43 +93,59 @@ def _memory_refusal(under_test: UnderTest) -> _Refusal:
 
 def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     """Return why building the autonomy fails in a child process, hangs and crashes included."""
-    # A fork has all of ours imported already; beside other threads it could inherit their locks.
-    alone = threading.active_count() == 1
-    context = mp.get_context("fork") if alone else mp.get_context("spawn")
+    if threading.active_count() == 1:
+        # A fork has all of ours imported already. It may wait for ever for a lock that a thread
+        # held which Python does not count: that it does not answer says nothing of the autonomy.
+        with contextlib.suppress(TimeoutError):
+            fork = mp.get_context("fork")
+            return _answer_of_child(fork, under_test, _LONGEST_FORK_S, LONGEST_BUILD_S / 3)
+    try:
+        spawn = mp.get_context("spawn")
+        return _answer_of_child(spawn, under_test, _LONGEST_SPAWN_S, LONGEST_BUILD_S)
+    except TimeoutError:
+        message = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
+        return _Refusal("use", f"'{under_test.use}' {message}")
+
+
+def _answer_of_child(
+    context: ForkContext | SpawnContext, under_test: UnderTest, start_s: float, build_s: float
+) -> _Refusal | None:
+    """Return a child process's answer about the autonomy.
+
+    Raises TimeoutError when it has not begun within `start_s`, or not answered `build_s` later.
+    """
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
     child.start()
     theirs.close()
     try:
         # A child that is spawned imports all of ours first, which is not the autonomy's time.
-        if ours.poll(_LONGEST_START_S):
-            ours.recv()
-        if not _is_answered_in_time(ours, child.pid or 0):
-            said = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
-            return _Refusal("use", f"'{under_test.use}' {said}")
-        found: _Refusal | None = ours.recv()
+        _await_answer(ours, child.pid or 0, start_s)
+        ours.recv()
+        _await_answer(ours, child.pid or 0, build_s)
+        refusal: _Refusal | None = ours.recv()
     except EOFError:
         child.join(_GRACE_S)
-        said = f"ends its process (exit status {child.exitcode}) when it is imported or built"
-        return _Refusal("use", f"'{under_test.use}' {said}")
+        ended = f"ends its process (exit status {child.exitcode}) when it is imported or built"
+        return _Refusal("use", f"'{under_test.use}' {ended}")
     finally:
         child.kill()
         child.join()
         ours.close()
-    return found
+    return refusal
 
 
-def _is_answered_in_time(connection: Connection, pid: int) -> bool:
-    """Wait LONGEST_BUILD_S of a child's own time for its answer; return whether it came.
+def _await_answer(connection: Connection, pid: int, limit_s: float) -> None:
+    """Wait for a child's answer, `limit_s` of its own time. Raises TimeoutError.
 
     On a busy machine a child may wait for a processor many times longer than it runs: a file is
     refused for what it does, not for what else the machine does.
     """
-    end_s = time.monotonic() + LONGEST_BUILD_S - processor_wait_s(pid)
+    end_s = time.monotonic() + limit_s - processor_wait_s(pid)
     while (left_s := end_s + processor_wait_s(pid) - time.monotonic()) > 0.0:
         if connection.poll(left_s):
-            return True
-    return False
+            return
+    raise TimeoutError
 
 
 def _report(connection: Connection, under_test: UnderTest) -> None:

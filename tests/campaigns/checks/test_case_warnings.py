@@ -1,5 +1,7 @@
 """What `validate` warns of, and what it finds in one pass."""
 
+import os
+import threading
 import time
 from pathlib import Path
 from typing import Any, get_args
@@ -365,19 +367,37 @@ def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
     assert time.monotonic() - began_s < 60.0
 
 
+def test_a_fork_that_waits_for_a_lock_is_no_evidence_that_the_autonomy_blocks(
+    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock = threading.Lock()
+    parent = os.getpid()
+
+    def wait_in_a_fork() -> None:
+        if os.getpid() != parent:
+            lock.acquire()
+
+    os.register_at_fork(after_in_child=wait_in_a_fork)
+    monkeypatch.setattr("campaigns.checks.autonomy_checks._LONGEST_FORK_S", 0.5)
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    with lock:
+        assert main(["validate", str(files.path)]) == 0, capsys.readouterr().err
+
+
 def test_time_without_a_processor_is_not_the_autonomys(
     files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    limit_s = 3.0
-    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", limit_s)
-    autonomy = Path(files.folder) / "pilot.py"
-    works = "import time\nwhile time.process_time() < 1.5: pass\n"
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 3.0)
+    monkeypatch.setattr(threading, "active_count", lambda: 1)  # a fork has a third of it
+    autonomy, runs = Path(files.folder) / "pilot.py", Path(files.folder) / "runs"
+    works = f"import time\nopen({str(runs)!r}, 'a').write('x')\n"
+    works += "while time.process_time() < 0.5: pass\n"
     autonomy.write_text(works + autonomy.read_text())
     began_s = time.monotonic()
     with one_busy_core(4):
         code = main(["validate", str(files.path)])
-    assert code == 0, capsys.readouterr().err
-    assert time.monotonic() - began_s > limit_s
+    assert (code, runs.read_text()) == (0, "x"), capsys.readouterr().err
+    assert time.monotonic() - began_s > 1.0
 
 
 def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(files: Any) -> None:
