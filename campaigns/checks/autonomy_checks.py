@@ -1,10 +1,12 @@
 """Whether the autonomy under test can be built: what it refuses is a fault of the file."""
 
 import contextlib
+import gc
 import multiprocessing as mp
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -94,8 +96,8 @@ def _memory_refusal(under_test: UnderTest) -> _Refusal:
 def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     """Return why building the autonomy fails in a child process, hangs and crashes included."""
     if threading.active_count() == 1:
-        # A fork has all of ours imported already. It may wait for ever for a lock that a thread
-        # held which Python does not count: that it does not answer says nothing of the autonomy.
+        # A fork has all of ours imported already. It may wait for ever for a thread that Python
+        # does not count: that it does not answer says nothing of the autonomy.
         with contextlib.suppress(TimeoutError):
             fork = mp.get_context("fork")
             return _answer_of_child(fork, under_test, _LONGEST_FORK_S, LONGEST_BUILD_S / 3)
@@ -116,7 +118,8 @@ def _answer_of_child(
     """
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
-    child.start()
+    with _garbage_kept():
+        child.start()
     theirs.close()
     try:
         # A child that is spawned imports all of ours first, which is not the autonomy's time.
@@ -135,6 +138,22 @@ def _answer_of_child(
     return refusal
 
 
+@contextlib.contextmanager
+def _garbage_kept() -> Iterator[None]:
+    """Have no garbage collected, in a child that is forked meanwhile either.
+
+    What this process left there may end threads of its own (FFmpeg's scaler does), and wait for
+    them for ever in a fork, which has none of them.
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
 def _await_answer(connection: Connection, pid: int, limit_s: float) -> None:
     """Wait for a child's answer, `limit_s` of its own time. Raises TimeoutError.
 
@@ -150,6 +169,8 @@ def _await_answer(connection: Connection, pid: int, limit_s: float) -> None:
 
 def _report(connection: Connection, under_test: UnderTest) -> None:
     """Send that the autonomy check begins, and its outcome, from the child to its parent."""
+    gc.freeze()  # see _garbage_kept
+    gc.enable()
     connection.send(None)
     with limited_allocation(under_test.limits.memory_mb):
         refusal = _refusal(under_test)

@@ -1,5 +1,7 @@
 """What `validate` warns of, and what it finds in one pass."""
 
+import gc
+import multiprocessing
 import os
 import threading
 import time
@@ -8,6 +10,7 @@ from typing import Any, get_args
 
 import pytest
 
+import wil_campaign
 from orchestrator.cli import main
 from safety.oracles.autopilot_health import ModeName
 from tests.vehicles.processes.busy_core import one_busy_core
@@ -382,6 +385,34 @@ def test_a_fork_that_waits_for_a_lock_is_no_evidence_that_the_autonomy_blocks(
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     with lock:
         assert main(["validate", str(files.path)]) == 0, capsys.readouterr().err
+
+
+class _EndsItsThread:
+    """What cannot be freed in a fork, as FFmpeg's scaler: it waits for a thread of its own."""
+
+    def __init__(self) -> None:
+        self.pid, self.itself = os.getpid(), self
+
+    def __del__(self) -> None:
+        while os.getpid() != self.pid:
+            time.sleep(1.0)
+
+
+def test_garbage_of_this_process_is_not_collected_in_a_fork(
+    files: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fork_alone = {"fork": multiprocessing.get_context("fork")}
+    monkeypatch.setattr(multiprocessing, "get_context", fork_alone.__getitem__)
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 6.0)
+    autonomy = Path(files.folder) / "pilot.py"
+    autonomy.write_text(f"import gc\ngc.collect()\n{autonomy.read_text()}")
+    gc.disable()
+    try:
+        _EndsItsThread()
+        assert wil_campaign.validate(files.path) == ()
+    finally:
+        gc.enable()
 
 
 def test_time_without_a_processor_is_not_the_autonomys(
