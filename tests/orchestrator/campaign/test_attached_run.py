@@ -27,6 +27,14 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
         return int(probe.getsockname()[1])
 
 
+def await_datagram(port: int) -> None:
+    """Wait for the first datagram at a port: the process of the vehicle that sends there is up."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+        here.bind(("127.0.0.1", port))
+        here.settimeout(90.0)
+        here.recv(2048)
+
+
 @asynccontextmanager
 async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
     """A vehicle that is there before the program is, and after it."""
@@ -36,6 +44,8 @@ async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
+        if link.startswith("udpout:"):
+            await asyncio.to_thread(await_datagram, int(link.rpartition(":")[2]))
         yield
     finally:
         process.terminate()

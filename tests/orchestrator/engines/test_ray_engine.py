@@ -157,7 +157,11 @@ def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
         ray.cpus = 0  # of the two places one is gone, and the other is taken
         ray.actors[1].die()
 
-    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=4))
+    path = write_hover(tmp_path)
+    # Long enough that no run ends before the node of its worker is lost.
+    longer = "autonomy: {use: still.py:Still, with: {ticks: 600}}"
+    path.write_text(path.read_text().replace("autonomy: still.py:Still", longer))
+    campaign = load_campaign(path, Options(repetitions=4))
     began_s = time.monotonic()
     flown = fly(campaign, tmp_path / "out", act=lose_node, workers=2, jobs=2)
     # It was waited for a place for the lost one's successor, for five minutes.

@@ -22,7 +22,7 @@ from orchestrator.engines.bench.bench_engine import hire_bench
 from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE, ConsentAnswer, ConsentAsked
 from orchestrator.engines.bench.bench_server import BenchServer
 from orchestrator.model.progress import Progress
-from tests.orchestrator.campaign.test_attached_run import free_port
+from tests.orchestrator.campaign.test_attached_run import await_datagram, free_port
 from tests.orchestrator.engines.bench.test_bench_engine import PLACE, write_bench, write_campaign
 from tests.orchestrator.engines.fake_ray import FakeRay
 from tests.orchestrator.wall_runs import ROOT, stages
@@ -81,10 +81,7 @@ def vehicle_at(port: int) -> Iterator[None]:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
-            here.bind(("127.0.0.1", port))
-            here.settimeout(90.0)
-            here.recv(2048)  # its first word: its process has started
+        await_datagram(port)
         yield
     finally:
         process.terminate()
