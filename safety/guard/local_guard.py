@@ -4,6 +4,7 @@ It works on any event loop, so that virtual and wall time fly through the same g
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
@@ -51,7 +52,8 @@ class LocalGuard:
 
     Frames of one decision leave before anything is recorded or told. `record` gets every frame
     that came from a vehicle or went to one; when it raises OSError the flight goes on unrecorded,
-    and an event says so.
+    and an event says so. early_s: a tick may come so much before its time, with a vehicle's frame:
+    a process then wakes once for both. ticked: called after each tick.
     """
 
     def __init__(
@@ -62,6 +64,8 @@ class LocalGuard:
         settings: GuardSettings | None = None,
         plan: ContingencyPlan | None = None,
         record: Record | None = None,
+        early_s: float = 0.0,
+        ticked: Callable[[], None] | None = None,
     ) -> None:
         if vehicles.keys() != links.keys():
             raise ValueError(f"vehicles {sorted(vehicles)} and links {sorted(links)} differ")
@@ -72,7 +76,12 @@ class LocalGuard:
         self._record = record
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._stack = AsyncExitStack()
+        self._early_s = early_s
+        self._ticked = ticked
         self._timer: asyncio.TimerHandle | None = None
+        self._next_count = 0
+        self._earliest_s = math.inf
+        """When a frame may bring the next tick along."""
         self._down = asyncio.Event()
         self._rest = asyncio.Event()
         self._start_s = 0.0
@@ -105,6 +114,7 @@ class LocalGuard:
 
     async def __aexit__(self, *_: object) -> None:
         """Stop the local guard's ticks and close its links; land before that."""
+        self._earliest_s = math.inf
         if self._timer is not None:
             self._timer.cancel()
         await self._stack.aclose()
@@ -209,6 +219,8 @@ class LocalGuard:
             trouble = record(name, t_s, raw)
             if outputs or trouble:
                 self._note_all(outputs, t_s, trouble)
+            if t_s >= self._earliest_s:
+                self._tick_early()
 
         return receive
 
@@ -216,7 +228,15 @@ class LocalGuard:
         loop = asyncio.get_running_loop()
         # After a stall of the loop the ticks that were missed are not caught up with.
         count = max(count, int((loop.time() - self._start_s) * TICK_HZ + 1e-6) + 1)
-        self._timer = loop.call_at(self._start_s + count / TICK_HZ, self._tick, count)
+        at_s = self._start_s + count / TICK_HZ
+        self._next_count = count
+        self._earliest_s = at_s - self._early_s if self._early_s else math.inf
+        self._timer = loop.call_at(at_s, self._tick, count)
+
+    def _tick_early(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._tick(self._next_count)
 
     def _tick(self, count: int) -> None:
         self._schedule(count + 1)
@@ -225,6 +245,8 @@ class LocalGuard:
         (self._rest.clear if self.core.may_be_armed(now_s) else self._rest.set)()
         if self.core.latched is not None:
             (self._down.set if self.core.all_down else self._down.clear)()
+        if self._ticked is not None:
+            self._ticked()
 
     def _apply(self, outputs: Outputs, t_s: float) -> None:
         if outputs:

@@ -10,7 +10,6 @@ from safety.guard.process.messages import Bytes, FrameSent, Position
 from vehicles.clocks.paced_loop import call_wall_later
 from vehicles.processes.codec import Codec, Message, MessageError
 
-_PACKETS_A_TURN = 64
 _BUFFER_BYTES = 1 << 20
 LONGEST_PACKET_BYTES = 1 << 17
 _LONGEST_QUEUE = 10_000
@@ -63,7 +62,7 @@ class Channel(Generic[Received]):
         self._socket.setblocking(False)
         self._open = True
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._socket, self._read_packets)
+        self._loop.add_reader(self._socket, self._read_packet)
 
     def on_lost(self, listener: Callable[[Message], None]) -> None:
         """Register a listener for each message that is lost on the channel."""
@@ -164,28 +163,29 @@ class Channel(Generic[Received]):
             self._kept.clear()
         self._loop.remove_writer(self._socket)
 
-    def _read_packets(self) -> None:
-        for _ in range(_PACKETS_A_TURN):
-            if not self._open:
-                return
-            try:
-                packet = self._socket.recv(LONGEST_PACKET_BYTES)
-            except (BlockingIOError, InterruptedError):
-                return
-            except ConnectionResetError:
-                continue  # It went without reading all; what it sent before comes now.
-            except OSError:
-                packet = b""
-            if not packet:
-                self._lose()
-                return
-            try:
-                messages = self._codec.decode(packet)
-            except MessageError:
-                self.garbage += 1
-                continue
-            for message in messages:
-                self._take(message)
+    def _read_packet(self) -> None:
+        """Read one packet: the loop comes back for the next, and mostly there is none.
+
+        To ask for one that is not there would cost an exception each time.
+        """
+        try:
+            packet = self._socket.recv(LONGEST_PACKET_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return
+        except ConnectionResetError:
+            return  # It went without reading all; what it sent before comes next.
+        except OSError:
+            packet = b""
+        if not packet:
+            self._lose()
+            return
+        try:
+            messages = self._codec.decode(packet)
+        except MessageError:
+            self.garbage += 1
+            return
+        for message in messages:
+            self._take(message)
 
     def _lose(self) -> None:
         if self._open:

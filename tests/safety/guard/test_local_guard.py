@@ -289,6 +289,27 @@ def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
     fly(main())
 
 
+def test_a_tick_comes_early_with_a_frame_and_none_twice(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        now_s, ticks = asyncio.get_running_loop().time, list[float]()
+        flight = Flight(fake_vehicle, early_s=0.048, ticked=lambda: ticks.append(now_s()))
+        async with flight:
+            ticks.clear()
+            await asyncio.sleep(2.0)
+            assert len(ticks) == pytest.approx(40, abs=1)
+            # Frames come 3 ms after the raster: 47 ms before the next tick.
+            assert all(t_s * 20 % 1 == pytest.approx(LATENCY_S * 20) for t_s in ticks)
+            for end in flight._air.values():
+                await end.__aexit__(None, None, None)
+            await asyncio.sleep(0.5)
+            ticks.clear()
+            await asyncio.sleep(2.0)
+            assert len(ticks) == pytest.approx(40, abs=1)
+            assert all(abs(t_s * 20 - round(t_s * 20)) < 1e-6 for t_s in ticks)
+
+    fly(main())
+
+
 def test_vehicles_and_links_must_agree() -> None:
     with pytest.raises(ValueError, match="differ"):
         LocalGuard(vehicles={}, links={"real": GuardLinks(*memory_pair())})
