@@ -1,6 +1,6 @@
 """Preflight: what has to hold before a vehicle arms; pure.
 
-Each check gives an item for the record: ok, refused, or overridden by somebody who is named.
+Each check gives an item for the record: ok, refused, or overridden, with the name of the person.
 """
 
 import math
@@ -127,8 +127,8 @@ def separation_item(vehicle: str, other: str, apart_m: float, needed_m: float) -
     """Return the preflight item of how far apart two fences keep their vehicles, from above."""
     if apart_m >= needed_m:
         return Item("separation", vehicle, "ok", apart_m, needed_m, "m")
-    said = f"its fence and that of {other} are {apart_m:.2f} m apart, so that they can touch"
-    return Item("separation", vehicle, "refused", apart_m, needed_m, "m", said)
+    message = f"its fence and that of {other} are {apart_m:.2f} m apart, so that they can touch"
+    return Item("separation", vehicle, "refused", apart_m, needed_m, "m", message)
 
 
 def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_m: float) -> Item:
@@ -137,14 +137,16 @@ def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_
     measured_m: by latitude and longitude of both; None where one does not know its own.
     """
     if measured_m is None:
-        said = f"its distance from {other} is not known: one of them has no latitude and longitude"
-        return Item("distance", vehicle, "refused", None, stated_m, "m", said)
+        message = (
+            f"its distance from {other} is not known: one of them has no latitude and longitude"
+        )
+        return Item("distance", vehicle, "refused", None, stated_m, "m", message)
     if abs(measured_m - stated_m) > _GPS_M:
-        said = (
+        message = (
             f"it stands {measured_m:.1f} m from {other} by both receivers, and {stated_m:.1f} m by "
             "the campaign"
         )
-        return Item("distance", vehicle, "refused", measured_m, stated_m, "m", said)
+        return Item("distance", vehicle, "refused", measured_m, stated_m, "m", message)
     return Item("distance", vehicle, "ok", measured_m, stated_m, "m")
 
 
@@ -163,8 +165,10 @@ def gps_items(
         return (Item("gps", vehicle, "refused", text="it reports nothing of its GPS receiver"),)
     kind, satellites, hdop = fix
     if kind < _FIX_WITH_HEIGHT:
-        said = _NO_RECEIVER if kind == 0 else "it has no 3D fix"
-        return (Item("gps", vehicle, "refused", float(kind), float(_FIX_WITH_HEIGHT), text=said),)
+        message = _NO_RECEIVER if kind == 0 else "it has no 3D fix"
+        return (
+            Item("gps", vehicle, "refused", float(kind), float(_FIX_WITH_HEIGHT), text=message),
+        )
     # Whole numbers would not be read back from a result as they were written.
     seen = None if satellites is None else float(satellites)
     least = float(min_satellites)
@@ -191,8 +195,11 @@ def ground_truth_item(
 
 
 def unsigned_commands_item() -> Item:
-    """Return that whoever publishes at the broker commands the flight: the campaign allows it."""
-    text = "commands by MQTT are not signed: whoever may publish at the broker commands the flight"
+    """Return that unsigned commands by MQTT are obeyed, as the campaign allows."""
+    text = (
+        "commands by MQTT are not signed: every client that may publish at the broker commands "
+        "the flight"
+    )
     return Item("operator", "", "overridden", text=text, by="operator.mqtt.commands: unsigned")
 
 

@@ -265,7 +265,7 @@ class Judge:
     def _result_at_drop_out(self, oracle: Oracle, t_s: float) -> OracleResult:
         """Return what an oracle saw of a vehicle that leaves the flight now.
 
-        A failure that no flag settled is of what was not done yet: nobody knows whether it would
+        A failure that no flag settled is of what was not done yet: it is unknown whether it would
         have been.
         """
         result = oracle.result(t_s)
@@ -274,8 +274,8 @@ class Judge:
             one.decisive and (one.oracle, one.vehicle) == (name, vehicle) for one in self._flags
         )
         if result.verdict == "FAIL" and not is_settled:
-            said = f"{vehicle} dropped out at {t_s:.2f} s, before this was decided"
-            return oracle.invalid(said, at_s=t_s)
+            reason = f"{vehicle} dropped out at {t_s:.2f} s, before this was decided"
+            return oracle.invalid(reason, at_s=t_s)
         until = f"judged until {vehicle} dropped out at {t_s:.2f} s"
         return replace(result, detail=f"{result.detail}; {until}" if result.detail else until)
 

@@ -1,8 +1,8 @@
-"""The tape of a judge: every sample that it took, in bytes that read back exactly.
+"""The log of a judge: every sample that it took, in bytes that read back exactly.
 
-Judging a tape gives, to the last bit, what judging the flight gave: oracles are pure, and numbers
-are written as they are. MessagePack arrays, one after the other (JSON would cost a run without
-cameras three percent of its speed):
+Judging from a log gives, to the last bit, what judging the flight gave: oracles are pure, and
+numbers are written as they are. MessagePack arrays, one after the other (JSON would cost a run
+without cameras three percent of its speed):
 
     ["wil/judged/2"]                                      the first
     ["pose", t_s, vehicle, [n, e, d], [w, x, y, z], [vn, ve, vd]]
@@ -17,7 +17,7 @@ cameras three percent of its speed):
     ["event", t_s, name]                                  of the world, for what moves from then on
     ["actor", t_s, name, [n, e, d], [w, x, y, z], [vn, ve, vd]]   of an object that a vehicle flies
     ["tick", t_s]
-    ["dropped out", t_s, vehicle]                         the flight goes on without it
+    ["dropped out", t_s, vehicle]                         the flight continues without it
     ["fence", t_s, vehicle, fence]                        as `safety.fence.fence_values` writes it
 """
 
@@ -116,7 +116,7 @@ class JudgeLogPacker:
     """Packs the judge's samples into judge log bytes; remembers each vehicle's last state."""
 
     def __init__(self) -> None:
-        self._said: dict[str, tuple[Any, ...]] = {}
+        self._last_states: dict[str, tuple[Any, ...]] = {}
         self._pack = msgpack.Packer().pack
 
     def header(self) -> bytes:
@@ -156,16 +156,16 @@ class JudgeLogPacker:
             sample.battery_v,
             sample.estimator_fault,
         )
-        if says == self._said.get(sample.vehicle):
+        if says == self._last_states.get(sample.vehicle):
             return head
-        self._said[sample.vehicle] = says
+        self._last_states[sample.vehicle] = says
         return head + says
 
 
 def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
     """Yield the samples of a judge log; a truncated last one is left out.
 
-    Raises TapeError for what is no tape, and for what is no sample.
+    Raises JudgeLogError for what is no judge log, and for what is no sample.
     """
     states: dict[str, StateSample] = {}
     rows = msgpack.Unpacker(stream, max_buffer_size=_LARGEST)
@@ -178,8 +178,8 @@ def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
     except (msgpack.UnpackException, ValueError, TypeError, KeyError) as error:
         if isinstance(error, JudgeLogError):
             raise
-        said = f"no sample before byte {rows.tell()}: {type(error).__name__}: {error}"
-        raise JudgeLogError(said) from error
+        message = f"no sample before byte {rows.tell()}: {type(error).__name__}: {error}"
+        raise JudgeLogError(message) from error
 
 
 def _sample(row: list[Any], states: dict[str, StateSample]) -> LoggedSample:
@@ -194,10 +194,10 @@ def _sample(row: list[Any], states: dict[str, StateSample]) -> LoggedSample:
 
 def _state(t_s: float, rest: list[Any], states: dict[str, StateSample]) -> StateSample:
     """Return the state sample of a judge log's row; a short row repeats the last state."""
-    vehicle, *said = rest
-    if not said:
+    vehicle, *changed = rest
+    if not changed:
         return dataclasses.replace(states[vehicle], t_s=t_s)
-    armed, mode, *others = said
+    armed, mode, *others = changed
     states[vehicle] = StateSample(t_s, vehicle, armed, Mode(mode), *others)
     return states[vehicle]
 
@@ -254,14 +254,14 @@ class ReplayedJudgement:
 
 
 def judge_from_log(
-    tape: Iterable[LoggedSample], judge: Judge, events: RunHistory
+    log: Iterable[LoggedSample], judge: Judge, events: RunHistory
 ) -> ReplayedJudgement:
     """Feed a judge log to a judge; return how far it goes.
 
     events: the history of the world, with which the judge's oracles were built.
     """
     reached: dict[Stage, float] = {}
-    for sample in tape:
+    for sample in log:
         match sample:
             case PoseSample():
                 judge.pose(sample)

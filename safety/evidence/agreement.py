@@ -56,7 +56,7 @@ class Agreement:
 
     Places are compared, and what both moved within each of SPANS_S. Each difference is held to
     SIGMAS times what both state; that of places to MOST_APART_M where the other is the better one.
-    Which of the two is wrong nobody knows.
+    Which of the two is wrong is unknown.
 
     A source with a velocity of its own says twice how far the vehicle moved, and excludes the
     judged source only where both do: the velocity of PX4 1.18 was 0.9 m/s beside the change of
@@ -109,9 +109,9 @@ class Agreement:
         apart_m = subtract(judged_m, reference.position_ned_m)
         limit_m, t_s = self._place_limit_m(reference), reference.t_s
         if _on_an_axis(apart_m) > limit_m:
-            said = f"it is {norm(apart_m):.2f} m from where {self._source} has the vehicle"
-            said += f" at {t_s:.2f} s; the limit is {limit_m:.2f} m on each axis"
-            yield Disagreement(t_s, said)
+            message = f"it is {norm(apart_m):.2f} m from where {self._source} has the vehicle"
+            message += f" at {t_s:.2f} s; the limit is {limit_m:.2f} m on each axis"
+            yield Disagreement(t_s, message)
         now = self._remember(reference, judged_m)
         for span_s in SPANS_S:
             before = self._before(t_s - span_s)
@@ -159,9 +159,9 @@ class Agreement:
         limit_m = SIGMAS * exact_m + _STAMPS_S * changed_m_s
         apart_m, other_m = min((_on_an_axis(subtract(moved_m, one)), one) for one in others_m)
         if apart_m > limit_m:
-            said = f"it moved {norm(moved_m):.2f} m within {span_s:.2f} s to {t_s:.2f} s"
-            said += f", by {self._source} the vehicle moved {norm(other_m):.2f} m"
-            yield Disagreement(t_s, f"{said}; the limit is {limit_m:.2f} m on each axis")
+            message = f"it moved {norm(moved_m):.2f} m within {span_s:.2f} s to {t_s:.2f} s"
+            message += f", by {self._source} the vehicle moved {norm(other_m):.2f} m"
+            yield Disagreement(t_s, f"{message}; the limit is {limit_m:.2f} m on each axis")
 
     def _judged_at(self, t_s: float) -> Vec3 | None:
         """Return the judged position at a time for comparison; None before the first."""
@@ -225,9 +225,9 @@ class OwnVelocity:
         own_m = subtract(integral_m, from_m)
         if _on_an_axis(subtract(moved_m, own_m)) <= MOST_APART_M:
             return None
-        said = f"it moved {norm(moved_m):.2f} m within {t_s - first.t_s:.2f} s to {t_s:.2f} s"
-        said += f", by its own velocity {norm(own_m):.2f} m"
-        return Disagreement(t_s, f"{said}; the limit is {MOST_APART_M:.2f} m on each axis")
+        message = f"it moved {norm(moved_m):.2f} m within {t_s - first.t_s:.2f} s to {t_s:.2f} s"
+        message += f", by its own velocity {norm(own_m):.2f} m"
+        return Disagreement(t_s, f"{message}; the limit is {MOST_APART_M:.2f} m on each axis")
 
 
 class StandingStill:
@@ -270,8 +270,8 @@ class StandingStill:
         away_s = self._away_s.setdefault(sample.source, sample.t_s)
         if min(sample.t_s, self._until_s) - away_s < max(SPANS_S):
             return None
-        said = f"it repeats one place from {place.t_s:.2f} s on, while {sample.source} moved"
-        return Disagreement(sample.t_s, f"{said} {moved_m:.2f} m to {sample.t_s:.2f} s")
+        message = f"it repeats one place from {place.t_s:.2f} s on, while {sample.source} moved"
+        return Disagreement(sample.t_s, f"{message} {moved_m:.2f} m to {sample.t_s:.2f} s")
 
     def _forget(self) -> None:
         self._then.clear()

@@ -42,15 +42,15 @@ class Coverage:
         self._gap: tuple[float, float | None] = (0.0, None)
         self._arrived = False
         self._quiet_since_s: float | None = None
-        self._heard_s: float | None = None
+        self._last_sample_s: float | None = None
         self._silence_s = 0.0
         self._of_link: str | None = None
 
     def received(self, t_s: float) -> None:
         """Note when anything last arrived over the vehicle's link, to explain coverage gaps."""
-        if self._heard_s is not None:
-            self._silence_s = max(self._silence_s, t_s - self._heard_s)
-        self._heard_s = t_s
+        if self._last_sample_s is not None:
+            self._silence_s = max(self._silence_s, t_s - self._last_sample_s)
+        self._last_sample_s = t_s
 
     def stage(self, sample: StageSample) -> None:
         """Note a stage: it opens or closes the window that the signal has to cover."""
@@ -143,19 +143,19 @@ class Coverage:
         if gap_s > self._gap[0]:
             self._gap = (gap_s, since_s)
         if gap_s > limit_s:
-            said = f"no sample from {since_s:.2f} s to {until_s:.2f} s, {gap_s:.2f} s"
-            said += f" against {limit_s:g} s"
+            gap = f"no sample from {since_s:.2f} s to {until_s:.2f} s, {gap_s:.2f} s"
+            gap += f" against {limit_s:g} s"
             if self._is_link_silent(since_s, until_s):
-                self._of_link = self._of_link or said
+                self._of_link = self._of_link or gap
             else:
-                self.find(since_s + limit_s, said)
+                self.find(since_s + limit_s, gap)
 
     def _is_link_silent(self, since_s: float, until_s: float) -> bool:
         """Return whether the link was silent for most of a coverage gap."""
         if not self.terms.over_link:
             return False
-        if self._heard_s is None:
+        if self._last_sample_s is None:
             return True
         # What ends a silence may be taken just before the sample that came with it, or just after.
-        silence_s = max(self._silence_s, until_s - self._heard_s)
+        silence_s = max(self._silence_s, until_s - self._last_sample_s)
         return silence_s >= (until_s - since_s) / 2.0

@@ -65,8 +65,8 @@ class FlownCoverage(Coverage):
             return
         since_s, limit_s = self._still_since_s, self._most_still_s(sample)
         if t_s - since_s > limit_s:
-            said = f"it repeats one {self._what} from {since_s:.2f} s on"
-            self.find(since_s + limit_s, f"{said} while the vehicle is in the air")
+            message = f"it repeats one {self._what} from {since_s:.2f} s on"
+            self.find(since_s + limit_s, f"{message} while the vehicle is in the air")
 
     def _most_still_s(self, sample: PoseSample) -> float:
         """Return for how long a value may stay the same.

@@ -35,7 +35,7 @@ class VelocityCoverage(FlownCoverage):
         self._accuracy = terms.accuracy or Accuracy(0.0)
         self._way: deque[_Integrated] = deque()
         self._waiting: deque[ReferenceSample] = deque()
-        self._kept: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
+        self._samples: dict[str, deque[tuple[ReferenceSample, Vec3]]] = {}
         self._sources: dict[str, None] = {}
         self._speeds: deque[GroundSpeedSample] = deque()
 
@@ -69,7 +69,7 @@ class VelocityCoverage(FlownCoverage):
         way, velocity = self._way, sample.velocity_ned_m_s
         if way and sample.t_s - way[-1].t_s > _MOST_GAP_S:
             way.clear()
-            self._kept.clear()
+            self._samples.clear()
         integral_m: Vec3 = (0.0, 0.0, 0.0)
         if way:
             # By the trapezoidal rule.
@@ -91,7 +91,7 @@ class VelocityCoverage(FlownCoverage):
         now = self._at(reference.t_s)
         if other is None or now is None:
             return
-        kept = self._kept.setdefault(reference.source, deque())
+        kept = self._samples.setdefault(reference.source, deque())
         kept.append((reference, now.integral_m))
         while kept[0][0].t_s < reference.t_s - _SPAN_S - _MOST_GAP_S:
             kept.popleft()
@@ -120,9 +120,11 @@ class VelocityCoverage(FlownCoverage):
         nearest_m_s = min(max(other.speed_m_s, min(near)), max(near))
         if abs(other.speed_m_s - nearest_m_s) <= limit_m_s or not self.stages.open:
             return
-        said = f"by it the vehicle moved {nearest_m_s:.2f} m/s over ground at {other.t_s:.2f} s"
-        said += f", by {other.source} {other.speed_m_s:.2f} m/s; the limit is {limit_m_s:.2f} m/s"
-        self.find(other.t_s, said)
+        message = f"by it the vehicle moved {nearest_m_s:.2f} m/s over ground at {other.t_s:.2f} s"
+        message += (
+            f", by {other.source} {other.speed_m_s:.2f} m/s; the limit is {limit_m_s:.2f} m/s"
+        )
+        self.find(other.t_s, message)
 
     def _hold(
         self,
@@ -142,9 +144,9 @@ class VelocityCoverage(FlownCoverage):
         apart_m = max(map(abs, subtract(integral_m, moved_m)))
         if apart_m <= limit_m or not self.stages.open:
             return
-        said = f"by it the vehicle moved {norm(integral_m):.2f} m within {span_s:.2f} s"
-        said += f" to {now.t_s:.2f} s, by {source} {norm(moved_m):.2f} m"
-        self.find(now.t_s, f"{said}; the limit is {limit_m:.2f} m on each axis")
+        message = f"by it the vehicle moved {norm(integral_m):.2f} m within {span_s:.2f} s"
+        message += f" to {now.t_s:.2f} s, by {source} {norm(moved_m):.2f} m"
+        self.find(now.t_s, f"{message}; the limit is {limit_m:.2f} m on each axis")
 
     def _at(self, t_s: float) -> "_Integrated | None":
         """Return the integral at a time between two poses; None outside of them."""
@@ -220,9 +222,11 @@ class AttitudeCoverage(FlownCoverage):
         limit_rad = SIGMAS * math.hypot(self._accuracy.attitude_rad, other.attitude_rad)
         if apart_rad <= limit_rad:
             return None
-        said = f"it leans {math.degrees(apart_rad):.1f} deg from where {reference.source} has the"
-        said += f" vehicle's vertical axis at {t_s:.2f} s"
-        return Disagreement(t_s, f"{said}; the limit is {math.degrees(limit_rad):.1f} deg")
+        message = (
+            f"it leans {math.degrees(apart_rad):.1f} deg from where {reference.source} has the"
+        )
+        message += f" vehicle's vertical axis at {t_s:.2f} s"
+        return Disagreement(t_s, f"{message}; the limit is {math.degrees(limit_rad):.1f} deg")
 
 
 def _down_axis(q_wxyz: Quat) -> Vec3:

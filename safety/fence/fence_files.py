@@ -124,8 +124,8 @@ def read_fence_file(document: Document) -> DrawnFence:
         return _read_plan(document)
     if isinstance(document.get(("type",)), str):
         return _read_geojson(document)
-    said = "is neither a QGroundControl plan (fileType: Plan) nor GeoJSON (type: ...)"
-    raise BadInput([document.problem((), said)])
+    message = "is neither a QGroundControl plan (fileType: Plan) nor GeoJSON (type: ...)"
+    raise BadInput([document.problem((), message)])
 
 
 def _read_plan(document: Document) -> DrawnFence:
@@ -222,8 +222,8 @@ def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
     elif kind == "Feature":
         yield (), check(document, _Feature)
     else:
-        said = "a fence is polygons, or features or a FeatureCollection of polygons and points"
-        raise BadInput([document.problem(("type",), said)])
+        message = "a fence is polygons, or features or a FeatureCollection of polygons and points"
+        raise BadInput([document.problem(("type",), message)])
 
 
 def _draw(drawing: _Drawing, path: Path, geometry: Any, properties: _Properties) -> None:

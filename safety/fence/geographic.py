@@ -98,11 +98,11 @@ def _to_local(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> P
     away_m = math.hypot(north_m, east_m)
     if away_m <= FARTHEST_M:
         return north_m, east_m
-    said = (
+    message = (
         f"({latitude_deg:g}, {longitude_deg:g}) is {away_m / 1000:.0f} km from the world's origin"
     )
     if abs(longitude_deg) <= 90.0:
         north_m, east_m, _ = frame.to_ned(longitude_deg, latitude_deg, frame.altitude_m)
         if math.hypot(north_m, east_m) <= FARTHEST_M:
-            said += "; are latitude and longitude swapped?"
-    raise FenceError("far", said)
+            message += "; are latitude and longitude swapped?"
+    raise FenceError("far", message)

@@ -1,6 +1,6 @@
 """How far apart two fences keep their vehicles, seen from above; pure.
 
-Height separates nobody: what lands comes down.
+Height does not separate vehicles: one that lands comes down.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""How a vehicle that is told to stop goes on: the prediction behind the geofence; pure.
+"""The path of a vehicle that is commanded to stop: the prediction behind the geofence; pure.
 
 World frame, NED, metres and seconds.
 """
@@ -24,7 +24,7 @@ _SPAN_S = 0.3
 """Over how long velocities are compared: a noise of 0.05 m/s is one of 0.24 m/s^2 then."""
 _LEAST_SPAN_S = 0.15
 _GOES_ON: Vec3 = (0.5, 0.5, 0.25)
-"""For which part of the latency an acceleration goes on that nobody commanded. A climb's is over
+"""For which part of the latency an acceleration lasts that was not commanded. A climb's is over
 sooner: an ArduCopter that leaves the ground has 3 m/s^2 for 0.3 s, and none after it."""
 _APART_S = 0.05
 """How far apart the velocities are that are kept, whatever the rate of their source."""
@@ -109,11 +109,11 @@ class AccelerationEstimate:
     """
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[float, Vec3]] = deque()
+        self._velocities: deque[tuple[float, Vec3]] = deque()
 
     def update(self, velocity_ned_m_s: Vec3, t_s: float) -> Vec3:
         """Take a finite velocity and its time; return the acceleration, NED m/s^2."""
-        kept = self._kept
+        kept = self._velocities
         if kept and not 0.0 <= t_s - kept[-1][0] <= _SPAN_S:
             kept.clear()
         # The oldest goes only when the next one is old enough by itself.

@@ -50,8 +50,8 @@ class GuardLinks:
 class LocalGuard:
     """The guard inside this process: holds the vehicle links; an async context manager.
 
-    Frames of one decision leave before anything is recorded or told. `record` gets every frame
-    that came from a vehicle or went to one; when it raises OSError the flight goes on unrecorded,
+    Frames of one decision leave before anything is recorded or reported. `record` gets every frame
+    that came from a vehicle or went to one; when it raises OSError the flight continues unrecorded,
     and an event says so. early_s: a tick may come so much before its time, with a vehicle's frame:
     a process then wakes once for both. ticked: called after each tick.
     """
@@ -282,7 +282,7 @@ class LocalGuard:
     def _record_frames(self, name: str, t_s: float, frames: Sequence[bytes]) -> list[GuardEvent]:
         """Record frames; return the event that says why they are recorded no more, as a rule none.
 
-        An exception of ours is reported, and the flight goes on.
+        An exception of ours is reported, and the flight continues.
         """
         record = self._record
         if record is None:

@@ -23,7 +23,8 @@ _ORDER: dict[DecisiveKind, int] = {"ERROR": 0, "INVALID": 1, "FAIL": 2, "ABORTED
 class DecisiveEvent:
     """An event that alone decides the run's verdict, if nothing did before.
 
-    source: who says so: "collision/real" for an oracle's flag (its result is then not told again).
+    source: where it comes from: "collision/real" for an oracle's flag (its result is then not
+    reported again).
     note: the last of the judged vehicle's autonomy then. trace: a traceback, where there is one.
     """
 
@@ -72,15 +73,15 @@ def decide(
     oracle that failed, and that only the end could fail.
     """
     known = list(events)
-    told = {event.source for event in known if event.source}
+    reported = {event.source for event in known if event.source}
     failed = [r for r in results if r.required and r.verdict != "PASS"]
-    known += [_event_of(r, end_s) for r in failed if source_of(r.name, r.vehicle) not in told]
+    known += [_event_of(r, end_s) for r in failed if source_of(r.name, r.vehicle) not in reported]
     if not known and not completed:
         known.append(DecisiveEvent(end_s, "ERROR", "the flight was not completed"))
     if not known:
         return Decision("PASS", "")
     # What only the end shows of an oracle is later than what happened at that instant.
-    at_end = {source_of(one.name, one.vehicle) for one in failed if one.at_s is None} - told
+    at_end = {source_of(one.name, one.vehicle) for one in failed if one.at_s is None} - reported
     losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
     ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
@@ -116,8 +117,8 @@ def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
     """Return the decisive event of an oracle's result that is not PASS."""
     at_s = end_s if result.at_s is None else min(result.at_s, end_s)
     kind: DecisiveKind = "INVALID" if result.verdict == "INVALID" else "FAIL"
-    said = "cannot be judged" if kind == "INVALID" else "failed"
-    text = f"{result.name} of {result.vehicle} {said}"
+    outcome = "cannot be judged" if kind == "INVALID" else "failed"
+    text = f"{result.name} of {result.vehicle} {outcome}"
     if result.detail:
         text += f": {result.detail}"
     elif result.actual is not None:

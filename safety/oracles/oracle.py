@@ -192,8 +192,8 @@ class OracleSpec:
                 key = "from" if parameters.to is None else "to"
                 raise OracleError(f"oracle {name!r}: {error}", key=key) from error
             if parameters.fail_fast and self.at_the_end:
-                said = f"oracle {name!r}: its result is only known at the end of its window"
-                raise OracleError(said, key="fail_fast")
+                message = f"oracle {name!r}: its result is only known at the end of its window"
+                raise OracleError(message, key="fail_fast")
             fail_fast = self.fail_fast if parameters.fail_fast is None else parameters.fail_fast
         terms = Terms(
             name=name,

@@ -1,4 +1,4 @@
-"""What an oracle is told of its run: the world it judges in, the goal, the fence."""
+"""The context that an oracle gets of its run: the world in which it judges, the goal, the fence."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ RunMode = Literal["sim", "wil", "real"]
 class Separation(Protocol):
     """An oracle context's least clearance to an object (protocol of worlds' Clearance).
 
-    The floor of a room is told apart from the rest of it.
+    The floor of a room is distinguished from the rest of it.
     """
 
     @property

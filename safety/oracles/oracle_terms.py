@@ -35,7 +35,7 @@ ON_GOAL = Window("goal", "land")
 class Terms:
     """The terms of one oracle in one run: name, vehicle, window, whether required.
 
-    fail_fast: its decisive flag ends the flight, which lands at once; else the flight goes on.
+    fail_fast: its decisive flag ends the flight, which lands at once; else the flight continues.
     """
 
     name: str

@@ -68,7 +68,7 @@ class Stl(Oracle):
         mixed = has_several_units(self._formula, self._kinds)
         self._monitor = StlMonitor(self._formula, mixed=mixed)
         self._together = Together()
-        self._heard_s: float | None = None
+        self._last_sample_s: float | None = None
         self._look_s = 0.0
         self._flagged = False
 
@@ -104,7 +104,7 @@ class Stl(Oracle):
     def on_received(self, sample: LinkSample) -> Flags:
         """Record a sign of life for the STL formula."""
         if sample.vehicle == self.vehicle:
-            self._heard_s = sample.t_s
+            self._last_sample_s = sample.t_s
         return NO_FLAGS
 
     def on_stage(self, sample: StageSample) -> Flags:
@@ -167,9 +167,9 @@ class Stl(Oracle):
         begin_s = self._trace.times_s[0]
         for atom, needed_s in first_needed_s(self._formula):
             if begin_s + needed_s > end_s:
-                # Its last value would decide, at a time that nobody saw.
-                said = f"is needed from {needed_s:g} s of its window on, and that ended"
-                return Unevaluable(written(atom), end_s, said)
+                # Its last value would decide, at a time that was not observed.
+                reason = f"is needed from {needed_s:g} s of its window on, and that ended"
+                return Unevaluable(written(atom), end_s, reason)
         return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
 
     def _add_row(self, t_s: float) -> None:
@@ -177,7 +177,9 @@ class Stl(Oracle):
             return
         for name, signal in self._used.items():
             if signal.of_silence:
-                since_s = self._heard_s if self._heard_s is not None else self.stages.begin_s
+                since_s = (
+                    self._last_sample_s if self._last_sample_s is not None else self.stages.begin_s
+                )
                 self._trace.note(name, max(0.0, t_s - (since_s or 0.0)))
         self._trace.add_row(t_s)
 

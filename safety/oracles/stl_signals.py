@@ -33,7 +33,7 @@ class Signal:
     of_both: bool = False
     """Whether the other vehicle's poses are needed too: `Together` tells it."""
     of_silence: bool = False
-    """Whether it is the time since the vehicle was heard."""
+    """Whether it is the time since something was last received from the vehicle."""
 
 
 def _truth(value: bool | None) -> float | None:
@@ -100,7 +100,7 @@ FENCE_MARGIN = SignalKind("m", "distance to its geofence, negative outside (if t
 GOAL_DISTANCE = SignalKind("m", "distance to the goal's position (if it has one)")
 TWIN_DISTANCE_NAME = "twin_distance_m"
 TWIN_DISTANCE = SignalKind("m", "distance between real and twin (in mode wil)")
-SILENCE = SignalKind("s", "time since it was last heard")
+SILENCE = SignalKind("s", "time since it was last received")
 THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its name")
 
 

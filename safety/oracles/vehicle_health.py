@@ -69,7 +69,7 @@ class LinkOracle(Oracle):
         super().__init__(terms)
         self._max_gap_s = max_gap_s
         self._since_s: float | None = None
-        self._heard = False
+        self._has_samples = False
         self._worst: tuple[float, float] = (0.0, 0.0)
 
     def on_stage(self, sample: StageSample) -> Flags:
@@ -85,7 +85,7 @@ class LinkOracle(Oracle):
         """Take a sign of life of the vehicle; one after too long a gap is flagged."""
         if not self.stages.open or self._since_s is None:
             return NO_FLAGS
-        since_s, self._since_s, self._heard = self._since_s, sample.t_s, True
+        since_s, self._since_s, self._has_samples = self._since_s, sample.t_s, True
         gap_s = sample.t_s - since_s
         if gap_s > self._worst[0]:
             self._worst = (gap_s, sample.t_s)
@@ -96,8 +96,8 @@ class LinkOracle(Oracle):
 
     def result(self, t_s: float) -> OracleResult:
         """Return the longest gap of the vehicle's link."""
-        if not self._heard:
-            return self.invalid("never heard in flight")
+        if not self._has_samples:
+            return self.invalid("nothing was received from the vehicle in flight")
         gap_s, at_s = self._worst_at(t_s)
         margin_s = self._max_gap_s - gap_s
         return self.verdict(

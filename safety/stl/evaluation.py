@@ -231,7 +231,7 @@ class Evaluation:
     def _end_ns(self, inner: Node, *, latest: bool) -> int:
         """Return the end of an interval for the evaluation where none is given.
 
-        Of a recording that goes on: where it is best for the formula that the window ends, now or
+        Of a recording that continues: where it is best for the formula that the window ends, now or
         when what is known has left all windows of the past.
         """
         recording = self._recording

@@ -118,9 +118,9 @@ class _Parser:
         if token.kind == "end":
             return StlError(f"the formula ends too soon: {message}", token.at)
         if before is not None and before.kind == "number" and token.kind == "name":
-            said = f"'{before.text} {token.text}': a number has no unit, "
+            message = f"'{before.text} {token.text}': a number has no unit, "
             return StlError(
-                said + "it takes the unit of the signal that it is compared with", token.at
+                message + "it takes the unit of the signal that it is compared with", token.at
             )
         if before is not None and before.kind == "name" and token.text in {"(", "["}:
             meant = closest(before.text, WORDS)
@@ -198,8 +198,8 @@ class _Parser:
         while self._token.text in _COMPARATORS or self._token.text in {"=", "==", "!="}:
             token = self._take()
             if token.text not in _COMPARATORS:
-                said = f"'{token.text}': two measured values are never equal; use <= and >="
-                raise StlError(said, token.at)
+                message = f"'{token.text}': two measured values are never equal; use <= and >="
+                raise StlError(message, token.at)
             right = self._sum()
             found.append(Comparison(_term(left), _COMPARATORS[token.text], _term(right), token.at))
             left = right

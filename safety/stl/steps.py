@@ -148,9 +148,9 @@ def held_until(held: Steps, reached: Steps, end_ns: int) -> Steps:
     holds, holders = held.values.tolist(), held.origins.tolist()
     last = int(np.searchsorted(held.times_ns, end_ns, side="right")) - 1
     for i in range(last - 1, -1, -1):
-        kept, keeper = values[i + 1], origins[i + 1]
+        kept, origin = values[i + 1], origins[i + 1]
         if holds[i] < kept:
-            kept, keeper = holds[i], holders[i]
+            kept, origin = holds[i], holders[i]
         if kept > values[i]:
-            values[i], origins[i] = kept, keeper
+            values[i], origins[i] = kept, origin
     return Steps(held.times_ns, np.array(values), np.array(origins)).compressed()

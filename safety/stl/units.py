@@ -84,8 +84,10 @@ def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | Non
         case Name():
             unit = _kind(term, signals).unit
             if not unit:
-                said = f"'{term.name}' is true or false: write it by itself, without a comparison"
-                raise StlError(said, term.at)
+                message = (
+                    f"'{term.name}' is true or false: write it by itself, without a comparison"
+                )
+                raise StlError(message, term.at)
             return _parse_unit(unit)
         case Absolute(inner):
             return _dimension(inner, signals)

@@ -40,7 +40,7 @@ class Action(Enum):
 class Facts:
     """What is known of a vehicle now for its contingency; None is unknown.
 
-    armed, mode, landed: its own last words (armed includes a command to arm that just passed).
+    armed, mode, landed: as it last reported (armed includes a command to arm that just passed).
     failsafe: its autopilot changed the mode by itself. pilot: a pilot flies it. up_m: height from
     one source (any zero). speed_m_s: of all axes. seen_s: when that position was measured.
     """
@@ -69,8 +69,8 @@ class ContingencyPlan:
     time `stall_s` over which fresh positions show that it came down less than `descent_m`.
     hold_timeout_s exceeds the second between two heartbeats. settle_s, still_m_s: how long, or
     until how slow, a vehicle in hold brakes before it lands. supervise_s: how long its own failsafe
-    may fly it without descending before it is told to land; a return to launch across any fence of
-    ours is shorter.
+    may fly it without descending before it is commanded to land; a return to launch across any
+    fence of ours is shorter.
     """
 
     landing: Mode = Mode.LAND
@@ -97,7 +97,7 @@ class _View:
     plan: ContingencyPlan
     elapsed_s: float
     stalls: int
-    """Stalls since the vehicle was first told to land."""
+    """Stalls since the vehicle was first commanded to land."""
     stalled: bool
     """A stall was found just now."""
     landing: Mode
@@ -147,7 +147,7 @@ def _has_left_landing(v: _View) -> bool:
 
 
 def _has_not_helped(v: _View) -> bool:
-    """Return whether landing shows no progress, so the contingency goes on."""
+    """Return whether landing shows no progress, so the contingency continues."""
     return v.stalled or v.level_s >= v.plan.supervise_s
 
 

@@ -42,7 +42,7 @@ EventKind = Literal[
 first; geofence: they were changed in flight; refused: a command that cannot be followed now;
 action: a step of a contingency; dropped: frames of the orchestrator that were not passed; unread:
 frames of the vehicle that the orchestrator did not read in time; limited: setpoints were more than
-the campaign's limits, told at the first and after the last of them; heard: a lost vehicle or
+the campaign's limits, reported at the first and after the last of them; heard: a lost vehicle or
 orchestrator is back; link: a vehicle is flown by another of its links now; pose: a position that is
 not finite was let go; record: the log of frames cannot be written any more; guard: the guard's own
 process ended, or erred; alone: a cause that brings down this one vehicle and settles nothing for
@@ -95,8 +95,8 @@ class GuardedVehicle:
     campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
     motors of this vehicle as the last resort. gcs: a ground station port is open for it. limits:
     of the setpoints that it is given; None passes all. lands_alone: what happens to this vehicle
-    brings it down and no other. abandoned_when_lost: nobody waits for it once it is silent: it is
-    simulated beside a vehicle that flies on.
+    brings it down and no other. abandoned_when_lost: its landing is not waited for once it is
+    silent: it is simulated beside a vehicle that flies on.
     """
 
     autopilot: Autopilot
@@ -123,9 +123,9 @@ class GuardedVehicle:
 class GuardSettings:
     """The settings of the guard: times in seconds, distances in metres.
 
-    latency_s, braking_m_s2: how late and how hard a vehicle brakes when told to. Late is all until
-    it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a fit
-    (docs/geofence.md, `python bench/stopping.py`); on hardware it may be more.
+    latency_s, braking_m_s2: how late and how hard a vehicle brakes when commanded to. Late is all
+    until it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a
+    fit (docs/geofence.md, `python bench/stopping.py`); on hardware it may be more.
     keep_m: distance to be kept to the fence. orchestrator_silent_s counts from its first sign of
     life on. asked_s: how long a mode change counts as asked for after a command passed (heartbeats
     come once a second). system_id, component_id: as whom the guard speaks; ArduPilot obeys its GCS

@@ -57,7 +57,7 @@ ESTIMATES = frozenset(
 """What an estimator may fly by: a vehicle that loses it while it is brought down is lost itself."""
 _HARMLESS_COMMANDS = frozenset({510, 511, 512, 519, 520})
 """Message intervals, requests of a message, of the version and of the capabilities."""
-_STEERING_COMMANDS = frozenset(
+_CONTROL_COMMANDS = frozenset(
     {
         NAV_RETURN_TO_LAUNCH,
         NAV_LAND,
@@ -103,7 +103,7 @@ def is_control(frame: Frame, system: int) -> bool:
     command = command_of(frame)
     if command is None or command.system not in {0, system}:
         return False
-    return command.number in _STEERING_COMMANDS or command.disarms or command.cuts_motors
+    return command.number in _CONTROL_COMMANDS or command.disarms or command.cuts_motors
 
 
 def frame_name(frame: Frame) -> str:

@@ -72,7 +72,7 @@ class GuardCore:
         self.dropped: dict[tuple[str, str], int] = {}
         """How many frames of the orchestrator were not passed, by vehicle and message."""
         self._alive_s: float | None = None
-        self._told_of_all: set[str] = set()
+        self._reported_of_all: set[str] = set()
 
     @property
     def phases(self) -> dict[str, Phase]:
@@ -126,13 +126,13 @@ class GuardCore:
         """Take a vehicle's frames, which were passed on; return what the guard does about them."""
         supervised = self._supervised_vehicles[name]
         out: list[Output] = []
-        target, heard = supervised.vehicle.target, False
+        target, is_received = supervised.vehicle.target, False
         system, component = target.system, target.component
         for frame in frames:
             if frame.system != system or frame.component != component:
                 continue
-            if not heard:
-                heard = True
+            if not is_received:
+                is_received = True
                 supervised.seen.last_received_s = t_s
                 if supervised.lost:
                     out.append(self._found_again(supervised, t_s))
@@ -170,10 +170,10 @@ class GuardCore:
             return ()
         out: list[Output] = [ToVehicle(name, tuple(frame.raw for frame in frames))]
         system = supervised.vehicle.target.system
-        steering = [frame for frame in frames if is_control(frame, system)]
-        if steering and supervised.seen.may_be_armed(t_s) and not supervised.seen.taken_over:
+        control = [frame for frame in frames if is_control(frame, system)]
+        if control and supervised.seen.may_be_armed(t_s) and not supervised.seen.taken_over:
             supervised.seen.taken_over = True
-            text = f"the ground station took {name} over by {frame_name(steering[0])}"
+            text = f"the ground station took {name} over by {frame_name(control[0])}"
             out += self._latch("takeover", name, text, t_s)
         return tuple(out)
 
@@ -185,7 +185,7 @@ class GuardCore:
     def place(self, name: str, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> Outputs:
         """Take a vehicle's position in the world into the guard, as `position` does."""
         supervised = self._supervised_vehicles[name]
-        return self._place(supervised, position_ned_m, velocity_ned_m_s, t_s, told=True)
+        return self._place(supervised, position_ned_m, velocity_ned_m_s, t_s, reported=True)
 
     def command(self, command: OperatorCommand, t_s: float) -> Outputs:
         """Take an operator's command into the guard. Abort always wins and is final.
@@ -260,7 +260,7 @@ class GuardCore:
         out: Outputs = ()
         last_s, self._alive_s = self._alive_s, t_s
         if last_s is not None and t_s - last_s > self.settings.orchestrator_silent_s:
-            out = (self._event(t_s, "heard", "", "the orchestrator is heard again"),)
+            out = (self._event(t_s, "heard", "", "messages from the orchestrator arrive again"),)
         return out
 
     def orchestrator_ended(self, t_s: float) -> Outputs:
@@ -298,16 +298,18 @@ class GuardCore:
 
     def _found_again(self, supervised: SupervisedVehicle, t_s: float) -> GuardEvent:
         supervised.lost = False
-        return self._event(t_s, "heard", supervised.name, f"{supervised.name} is heard again")
+        return self._event(
+            t_s, "heard", supervised.name, f"messages from {supervised.name} arrive again"
+        )
 
     def _check_lost(self, supervised: SupervisedVehicle, t_s: float) -> Outputs:
-        heard_s = supervised.seen.last_received_s
-        if heard_s is None or supervised.lost or not supervised.seen.may_be_armed(t_s):
+        received_s = supervised.seen.last_received_s
+        if received_s is None or supervised.lost or not supervised.seen.may_be_armed(t_s):
             return ()
-        if t_s - heard_s <= self.settings.vehicle_lost_s:
+        if t_s - received_s <= self.settings.vehicle_lost_s:
             return ()
         supervised.lost = True
-        text = f"{supervised.name} was not heard for {self.settings.vehicle_lost_s:g} s"
+        text = f"nothing received from {supervised.name} for {self.settings.vehicle_lost_s:g} s"
         return tuple(self._latch("lost", supervised.name, text, t_s))
 
     def _read_frame(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> Outputs:
@@ -330,12 +332,12 @@ class GuardCore:
         velocity_ned_m_s: Vec3,
         t_s: float,
         *,
-        told: bool = False,
+        reported: bool = False,
     ) -> Outputs:
         if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
             return tuple(self._report_once(supervised, "pose", "a position is not finite", t_s))
-        supervised.seen.place(position_ned_m, velocity_ned_m_s, t_s, told=told)
-        if "fence" in supervised.told or not supervised.seen.may_be_armed(t_s):
+        supervised.seen.place(position_ned_m, velocity_ned_m_s, t_s, reported=reported)
+        if "fence" in supervised.reported or not supervised.seen.may_be_armed(t_s):
             return ()
         breach = supervised.breach(t_s)
         if breach is None:
@@ -399,8 +401,8 @@ class GuardCore:
     ) -> list[Output]:
         actions = supervised.contingency.start(supervised.seen.facts(t_s), t_s)
         out = [*self._send(supervised, actions, t_s)]
-        if cause not in supervised.told:
-            supervised.told.add(cause)
+        if cause not in supervised.reported:
+            supervised.reported.add(cause)
             out.append(self._event(t_s, "alone", supervised.name, text))
         return out
 
@@ -408,12 +410,12 @@ class GuardCore:
         self, supervised: SupervisedVehicle | None, kind: EventKind, text: str, t_s: float
     ) -> list[Output]:
         if supervised is None:
-            told, name = self._told_of_all, ""
+            reported, name = self._reported_of_all, ""
         else:
-            told, name = supervised.told, supervised.name
-        if kind in told:
+            reported, name = supervised.reported, supervised.name
+        if kind in reported:
             return []
-        told.add(kind)
+        reported.add(kind)
         return [self._event(t_s, kind, name, text)]
 
     def _send(

@@ -53,7 +53,7 @@ class SetpointLimiter:
         self._fence = fence if limits.inside_fence else None
         self._latency_s = latency_s
         self._braking_m_s2 = braking_m_s2
-        self._given: tuple[float, Vec3] | None = None
+        self._last_setpoint: tuple[float, Vec3] | None = None
 
     def change_fence(self, fence: Fence) -> None:
         """Change the fence inside which setpoints are limited, if any."""
@@ -78,7 +78,7 @@ class SetpointLimiter:
         velocity = self._within_acceleration(velocity, motion, t_s, found)
         velocity = self._within_heights(velocity, motion, found)
         velocity = self._within_fence(velocity, motion, found)
-        self._given = (t_s, velocity)
+        self._last_setpoint = (t_s, velocity)
         if not found:
             return asked, ()
         return VelocitySetpoint(velocity, asked.yaw_rad, asked.yaw_rate_rad_s), tuple(found)
@@ -96,7 +96,7 @@ class SetpointLimiter:
         limit = self.limits.acceleration_m_s2
         if limit is None:
             return velocity
-        before_s, before = self._given or (-math.inf, (0.0, 0.0, 0.0))
+        before_s, before = self._last_setpoint or (-math.inf, (0.0, 0.0, 0.0))
         elapsed_s = t_s - before_s
         if elapsed_s > _LONGEST_STEP_S:
             elapsed_s = _LONGEST_STEP_S

@@ -1,4 +1,4 @@
-"""Setpoint frames of one vehicle on their way through the guard: limited, and told of."""
+"""Setpoint frames of one vehicle on their way through the guard: limited, and reported."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from vehicles.poses.anchor import Anchor
 from vehicles.setpoints import Setpoint
 
 _LAPSE_S = 1.0
-"""A limit that took no effect for so long is told to be over."""
+"""A limit that took no effect for so long is reported as over."""
 
 
 @dataclass(slots=True)
@@ -28,8 +28,8 @@ class _LimitingSpell:
 class SetpointMeter:
     """Passes one vehicle's setpoint frames within limits; `notes` are for the record.
 
-    Each limit is told when it begins to take effect, and, once it has not for a second, how often
-    it did and what the most was that was asked.
+    Each limit is reported when it begins to take effect, and, once it has not for a second, how
+    often it did and what the most was that was asked.
     """
 
     def __init__(self, limiter: SetpointLimiter) -> None:
@@ -70,8 +70,8 @@ class SetpointMeter:
             if t_s - spell.last_s > _LAPSE_S:
                 del self._spells[what]
                 if spell.count > 1:
-                    said = f"{_report_text(spell.worst)}: {spell.count} times, this the worst"
-                    self.notes.append(said)
+                    note = f"{_report_text(spell.worst)}: {spell.count} times, this the worst"
+                    self.notes.append(note)
 
     def _note(self, limiting: LimitReport, t_s: float) -> None:
         spell = self._spells.get(limiting.what)

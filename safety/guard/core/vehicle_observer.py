@@ -24,12 +24,12 @@ from vehicles.setpoints import Setpoint
 from worlds.frames import Vec3, norm
 
 _ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
-"""Modes from which an autopilot goes on to landing by itself."""
+"""Modes from which an autopilot lands by itself."""
 _FRESH_S = 1.0
 _ARMED_LATELY_S = 1.5
-"""Heartbeats come once a second: who is armed says so within this time. A single word that it is
-disarmed may be old (a replay, a second vehicle of its number), and ends no flight."""
-_TOLD_S = 0.3
+"""Heartbeats come once a second: an armed vehicle reports it within this time. A single word that
+it is disarmed may be old (a replay, a second vehicle of its number), and ends no flight."""
+_REPORTED_S = 0.3
 """After how long without a position of the orchestrator's the vehicle's own estimate counts."""
 
 
@@ -67,12 +67,12 @@ class ObservedVehicle:
         self._motion: Motion | None = None
         self._acceleration = AccelerationEstimate()
         self._commanded = VelocityCommand()
-        self._told_s: float | None = None
+        self._reported_s: float | None = None
 
     def may_be_armed(self, t_s: float) -> bool:
         """Return whether the vehicle is armed, or was just commanded to arm.
 
-        Who said both within a heartbeat and a half counts as armed.
+        A vehicle that reported both within a heartbeat and a half counts as armed.
         """
         if self.armed or (self._armed_s is not None and t_s - self._armed_s <= _ARMED_LATELY_S):
             return True
@@ -108,18 +108,18 @@ class ObservedVehicle:
         self._commanded.note(given, self.motion(t_s), t_s)
 
     def note_pause(self) -> None:
-        """Note that what was commanded counts no longer: the vehicle is told to hold."""
+        """Note that earlier commands no longer count: the vehicle is commanded to hold."""
         self._commanded.forget()
 
     def place(
-        self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, told: bool = False
+        self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, reported: bool = False
     ) -> None:
         """Note a vehicle's position in the world; from then on, heights are the world's only.
 
-        told: by the orchestrator, from the source of positions that judging uses.
+        reported: by the orchestrator, from the source of positions that judging uses.
         """
         self._world_s = t_s
-        self._told_s = t_s if told else self._told_s
+        self._reported_s = t_s if reported else self._reported_s
         acceleration = self._acceleration.update(velocity_ned_m_s, t_s)
         guided = self.mode is Mode.GUIDED
         commanded = self._commanded.velocity(t_s) if guided else None
@@ -133,7 +133,7 @@ class ObservedVehicle:
 
     def knows_world(self, t_s: float) -> bool:
         """Return whether a better source than the vehicle's estimate locates it."""
-        return self._told_s is not None and t_s - self._told_s <= _TOLD_S
+        return self._reported_s is not None and t_s - self._reported_s <= _REPORTED_S
 
     def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
         """Observe a LOCAL_POSITION_NED; return the world's position, velocity if known."""

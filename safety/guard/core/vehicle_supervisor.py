@@ -41,12 +41,12 @@ class SupervisedVehicle:
         self.lost = False
         self.gone = False
         """The process that was this vehicle has ended."""
-        self.told: set[str] = set()
+        self.reported: set[str] = set()
         self.heartbeat_s: float | None = None
 
     @property
     def is_out_of_reach(self) -> bool:
-        """Return whether nothing can be done for it, and nobody has to wait for it."""
+        """Return whether the vehicle can no longer be reached: its landing is not waited for."""
         return self.gone or (self.lost and self.vehicle.abandoned_when_lost)
 
     @property

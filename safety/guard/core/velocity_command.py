@@ -18,7 +18,7 @@ class VelocityCommand:
 
     def __init__(self) -> None:
         self._begin: Vec3 = (0.0, 0.0, 0.0)
-        self._given: Vec3 | None = None
+        self._commanded: Vec3 | None = None
         self._t_s = -math.inf
 
     def note(self, given: Setpoint | None, motion: Motion | None, t_s: float) -> None:
@@ -32,7 +32,7 @@ class VelocityCommand:
         standing = (0.0, 0.0, 0.0)
         now = standing if motion is None else motion.velocity_ned_m_s
         self._begin = self.velocity(t_s) or now
-        self._given, self._t_s = given.velocity_ned_m_s, t_s
+        self._commanded, self._t_s = given.velocity_ned_m_s, t_s
 
     def velocity(self, t_s: float) -> Vec3 | None:
         """Return the velocity commanded, world frame; None without a setpoint of the last second.
@@ -40,10 +40,10 @@ class VelocityCommand:
         A setpoint holds until the next one: what it asks is approached as time passes.
         """
         elapsed_s = t_s - self._t_s
-        if self._given is None or elapsed_s > _HOLDS_S:
+        if self._commanded is None or elapsed_s > _HOLDS_S:
             return None
-        return lerp(self._begin, self._given, -math.expm1(-max(elapsed_s, 0.0) / _FOLLOWS_S))
+        return lerp(self._begin, self._commanded, -math.expm1(-max(elapsed_s, 0.0) / _FOLLOWS_S))
 
     def forget(self) -> None:
         """End the stream of setpoints."""
-        self._given = None
+        self._commanded = None

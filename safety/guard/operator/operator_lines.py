@@ -85,5 +85,5 @@ def same_token(given: Any, token: str) -> bool:
 
 def answer(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
     """Return the reply line to an operator."""
-    said = {"ok": ok, "command": command, "text": text, **details}
-    return json.dumps(said, ensure_ascii=False).encode() + b"\n"
+    answered = {"ok": ok, "command": command, "text": text, **details}
+    return json.dumps(answered, ensure_ascii=False).encode() + b"\n"

@@ -12,7 +12,7 @@ from safety.guard.operator.operator_lines import RefusedLineError
 class OperatorOrders:
     """Executes requests of the operator's socket. run: its name in messages.
 
-    refused: told what was not done and why. lost: whether the orchestrator is gone.
+    refused: called with what was not done and why. lost: whether the orchestrator is gone.
     """
 
     def __init__(
@@ -26,7 +26,7 @@ class OperatorOrders:
         self._shell = shell
         self._run = run
         self._refused = refused
-        self._lost = lost
+        self._is_orchestrator_lost = lost
 
     def obey(self, command: OperatorCommand) -> str:
         """Execute an operator's request. Raises RefusedLineError."""
@@ -66,6 +66,6 @@ class OperatorOrders:
             "latched": core.latched,
             "held": core.paused,
             "all_down": core.all_down,
-            "orchestrator": "lost" if self._lost() else "there",
+            "orchestrator": "lost" if self._is_orchestrator_lost() else "there",
             "vehicles": {name: phase.value for name, phase in core.phases.items()},
         }

@@ -1,7 +1,7 @@
 """The operator's Unix socket: for its owner only, and for as long as its process lives.
 
-Nothing keeps a command out: whoever has given none yet yields to who comes later, watchers are
-counted apart, and who does not read what it asked for is dropped.
+Nothing keeps a command out: a client that has sent no command yet gives way to later ones, watchers
+are counted apart, and a client that does not read its answers is dropped.
 """
 
 import asyncio
@@ -49,8 +49,8 @@ class OperatorSocket:
     """The operator's socket, listening at `path`; an async context manager.
 
     obey: called with abort, hold and resume; may raise RefusedLineError. status: what `status` and
-    `watch` are told. refused: called with the reason of what was no command at all. pointer:
-    where to write where the socket is. Raises OSError when the socket cannot be had.
+    `watch` get them. refused: called with the reason of what was no command at all. pointer:
+    the file that gets the path of the socket. Raises OSError when the socket cannot be opened.
     """
 
     def __init__(
@@ -85,8 +85,8 @@ class OperatorSocket:
         finally:
             os.umask(before)
         if self._pointer is not None:
-            said = {"socket": str(self._path), "pid": os.getpid()}
-            write_private(self._pointer, json.dumps(said) + "\n")
+            message = {"socket": str(self._path), "pid": os.getpid()}
+            write_private(self._pointer, json.dumps(message) + "\n")
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -171,8 +171,8 @@ class OperatorSocket:
             return None
         name = asked.kind if isinstance(asked, OperatorCommand) else asked
         if name == "watch" and len(self._watchers) >= MOST_WATCHERS:
-            said = f"{MOST_WATCHERS} watchers are connected already"
-            writer.write(answer(ok=False, text=said, command=name))
+            message = f"{MOST_WATCHERS} watchers are connected already"
+            writer.write(answer(ok=False, text=message, command=name))
             return None
         try:
             text = self._obey(asked) if isinstance(asked, OperatorCommand) else "as asked"
@@ -185,7 +185,7 @@ class OperatorSocket:
     async def _watch(self, task: _Client, writer: asyncio.StreamWriter) -> None:
         self._clients.pop(task, None)
         self._watchers.add(task)
-        # With small buffers it shows within seconds that nobody reads.
+        # With small buffers a client that does not read shows within seconds.
         end: socket.socket = writer.get_extra_info("socket")
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WATCHER_BUFFER_BYTES)
         writer.transport.set_write_buffer_limits(high=0)

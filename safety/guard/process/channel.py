@@ -50,7 +50,7 @@ class Channel(Generic[Received]):
         self._take = take
         self._closed = closed
         self._on_lost: list[Callable[[Message], None]] = []
-        self._kept: deque[bytes] = deque()
+        self._unsent: deque[bytes] = deque()
         self._waiting: dict[Hashable, Message] = {}
         self._flush_timer: asyncio.Handle | None = None
         self._open = False
@@ -71,7 +71,7 @@ class Channel(Generic[Received]):
     @property
     def congested(self) -> bool:
         """Return whether messages wait until the other end reads."""
-        return bool(self._kept)
+        return bool(self._unsent)
 
     def close(self) -> None:
         """Close the channel; `closed` is not called for it."""
@@ -126,7 +126,7 @@ class Channel(Generic[Received]):
         packet = self._codec.encode(messages)
         if len(packet) > LONGEST_PACKET_BYTES:
             raise MessageError(f"a packet of {len(packet)} bytes is too long")
-        if self._kept:
+        if self._unsent:
             self._keep(messages, packet)
             return
         try:
@@ -137,30 +137,32 @@ class Channel(Generic[Received]):
             return  # What it sent last is read first; then `_read` finds the end.
 
     def _keep(self, messages: list[Message], packet: bytes) -> None:
-        kept = [one for one in messages if not isinstance(one, _DROPPABLE)]
-        self.dropped += len(messages) - len(kept)
+        undroppable = [one for one in messages if not isinstance(one, _DROPPABLE)]
+        self.dropped += len(messages) - len(undroppable)
         for listener in self._on_lost:
             for message in messages:
                 if isinstance(message, _DROPPABLE):
                     listener(message)
-        if not kept:
+        if not undroppable:
             return
-        if len(self._kept) >= _LONGEST_QUEUE:
-            self.dropped += len(kept)
+        if len(self._unsent) >= _LONGEST_QUEUE:
+            self.dropped += len(undroppable)
             return
-        if not self._kept:
+        if not self._unsent:
             self._loop.add_writer(self._socket, self._send_kept)
-        self._kept.append(packet if len(kept) == len(messages) else self._codec.encode(kept))
+        self._unsent.append(
+            packet if len(undroppable) == len(messages) else self._codec.encode(undroppable)
+        )
 
     def _send_kept(self) -> None:
         try:
-            while self._kept:
-                self._socket.send(self._kept[0])
-                self._kept.popleft()
+            while self._unsent:
+                self._socket.send(self._unsent[0])
+                self._unsent.popleft()
         except (BlockingIOError, InterruptedError):
             return
         except OSError:
-            self._kept.clear()
+            self._unsent.clear()
         self._loop.remove_writer(self._socket)
 
     def _read_packet(self) -> None:
@@ -189,7 +191,7 @@ class Channel(Generic[Received]):
 
     def _lose(self) -> None:
         if self._open:
-            # Later, so that nobody is called in the middle of its own sending.
+            # Later, so that no sender is called back in the middle of its own sending.
             self._loop.call_soon(self._closed)
             self._open = False
             self._loop.remove_reader(self._socket)

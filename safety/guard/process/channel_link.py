@@ -33,7 +33,7 @@ class ChannelLink:
         self._index = index
         self._last = last
         self._target = target
-        self._lost = Arrivals()
+        self._lost_arrivals = Arrivals()
         self._lost_count = 0
         self.channel = channel
         self._receiver: Receiver | None = None
@@ -55,7 +55,7 @@ class ChannelLink:
         if self._loop is not None and self.channel is not None:
             if self._lost_count and not self.channel.congested:
                 count, self._lost_count = self._lost_count, 0
-                self.channel.send(Unread(self._index, self._lost.take(), count))
+                self.channel.send(Unread(self._index, self._lost_arrivals.take(), count))
             self.channel.send(Bytes(self._index, self._loop.time(), data), last=self._last)
 
     def _lose(self, lost: Message) -> None:
@@ -65,7 +65,7 @@ class ChannelLink:
         self._lost_count += 1
         frames = FrameSplitter().feed(lost.data)
         if any(Target(each.system, each.component) == self._target for each in frames):
-            self._lost.note(lost.t_s)
+            self._lost_arrivals.note(lost.t_s)
 
     def arrive(self, data: bytes, t_s: float) -> None:
         """Deliver bytes that the channel received for this vehicle's link."""
@@ -73,7 +73,7 @@ class ChannelLink:
             self._receiver(data, t_s)
 
     def on_unread(self, receiver: TimesReceiver) -> None:
-        """Set the receiver of the times at which the vehicle was heard by lost bytes."""
+        """Set the receiver of the arrival times of bytes of the vehicle that were lost."""
         self._unread_receiver = receiver
 
     def arrived_unread(self, arrived_s: Sequence[float]) -> None:

@@ -1,7 +1,7 @@
 """Keeps the guard's clock with the time of a simulated vehicle, under the scaled clock.
 
 Time is read beneath a campaign's bad radio: a simulator's pace is no part of the link that is
-tested. A simulator whose time stands still for seconds hangs, and one whose time leaves that of
+tested. A simulator whose time does not advance for seconds hangs, and one whose time leaves that of
 the other is not flying the same flight: both end the run, in words.
 """
 
@@ -33,7 +33,7 @@ class ClockFollower(RunClock):
     """A run clock that follows the time of a simulation with a pace of its own.
 
     leader: the vehicle that it simulates. systems: of the vehicles, by name. pace_frames: of the
-    simulations that can be told their pace; they keep the time of one that cannot, else of the
+    simulations whose pace can be set; they keep the time of one that cannot, else of the
     leader.
     """
 
@@ -60,8 +60,8 @@ class ClockFollower(RunClock):
         self._links: dict[str, Link] = {}
         self._pace_frames = dict(pace_frames or {})
         fixed = [name for name in setup.launched if name not in self._pace_frames]
-        self._kept = leader if leader in fixed or not fixed else fixed[0]
-        self._pace_frames.pop(self._kept, None)
+        self._reference = leader if leader in fixed or not fixed else fixed[0]
+        self._pace_frames.pop(self._reference, None)
         self._trims = {name: PaceTrim(nominal=setup.nominal) for name in self._pace_frames}
 
     def tap(self, name: str, link: Link) -> Link:
@@ -94,14 +94,14 @@ class ClockFollower(RunClock):
 
     def _trim(self, wall_s: float) -> None:
         """Tell simulations the pace at which they keep the time of the one that they follow."""
-        kept = self._tracks[self._kept]
-        if not kept.known or kept.still_s(wall_s) > kept.ahead_s:
+        reference = self._tracks[self._reference]
+        if not reference.known or reference.still_s(wall_s) > reference.ahead_s:
             return
-        _, rate = kept.line(wall_s)
+        _, rate = reference.line(wall_s)
         for name, trim in self._trims.items():
             if name not in self._links or not self._tracks[name].known:
                 continue
-            ahead_s = self._off_s(name) - self._off_s(self._kept)
+            ahead_s = self._off_s(name) - self._off_s(self._reference)
             pace = trim.update(wall_s=wall_s, ahead_s=ahead_s, rate=rate)
             if pace is not None:
                 self._links[name].write(self._pace_frames[name](pace))

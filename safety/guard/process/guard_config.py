@@ -43,7 +43,7 @@ class Guarded:
 class GuardConfig:
     """The complete config of a guard process.
 
-    folder: of the run, where it writes its journal and each vehicle's .tlog; run: what people
+    folder: of the run, where it writes its log and each vehicle's .tlog; run: what people
     call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
     command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
     after the orchestrator's end vehicles that can break nothing are given to come down, and how

@@ -85,9 +85,9 @@ from vehicles.tasks import FAULTS, TaskAccount, start
 STATUS_S = 0.1
 EARLY_S = 0.01
 """How much sooner a tick or a status may come, with a frame: the process wakes once for both."""
-_CHARTER_S = 20.0
+_CONFIG_S = 20.0
 _LAST_POLL_S = 0.05
-JOURNAL = "guard.jsonl"
+GUARD_LOG = "guard.jsonl"
 
 
 class GuardProcess:
@@ -99,13 +99,13 @@ class GuardProcess:
             end, receives=to_guard, take=self._take, closed=self._on_parent_death
         )
         self._lifeline = lifeline
-        self._chartered: asyncio.Future[ConfigMessage | None]
+        self._config_message: asyncio.Future[ConfigMessage | None]
         self._over = asyncio.Event()
         self._ending = False
         self._faults: list[BaseException] = []
         self._guarding = False
-        self._lost = False
-        self._unheard = 0
+        self._is_orchestrator_lost = False
+        self._statuses_unanswered = 0
         self._status_timer: asyncio.Handle | None = None
         self._status_at_s = 0.0
         self._children: dict[str, ChildProcess] = {}
@@ -114,18 +114,18 @@ class GuardProcess:
         self._links: list[ChannelLink] = []
         self._tlogs: dict[str, TlogWriter] = {}
         self._clock: RunClock | None = None
-        self._journal: GuardLog | None = None
+        self._log: GuardLog | None = None
 
     async def run(self) -> int:
         """Run the guard process until the orchestrator ends it, or is gone and all are down."""
         self._loop = loop = asyncio.get_running_loop()
-        self._chartered = loop.create_future()
+        self._config_message = loop.create_future()
         loop.set_exception_handler(self._on_task_error)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             loop.add_signal_handler(number, self._on_end_request, number)
         self._channel.open()
-        async with asyncio.timeout(_CHARTER_S):
-            message = await self._chartered
+        async with asyncio.timeout(_CONFIG_S):
+            message = await self._config_message
         if message is None:
             return 1
         account = TaskAccount(fault=self._fault, expected=(VehicleError, OSError))
@@ -144,7 +144,7 @@ class GuardProcess:
         self._guard_config = guard_config
         self._names = tuple(guard_config.vehicles)
         folder = Path(guard_config.folder)
-        self._journal = journal = GuardLog(path=folder / JOURNAL)
+        self._log = guard_log = GuardLog(path=folder / GUARD_LOG)
         try:
             with ExitStack() as logs:
                 for name in self._names:
@@ -165,7 +165,7 @@ class GuardProcess:
             if pace is not None:
                 self._note("paced", times_real_time=round(pace, 2))
             self._note("end", dropped=self._channel.dropped, garbage=self._channel.garbage)
-            journal.close()
+            guard_log.close()
 
     async def _open(self, stack: AsyncExitStack, guard_config: GuardConfig) -> None:
         opened = open_runtime_folder()
@@ -195,7 +195,7 @@ class GuardProcess:
             )
             self._links.append(inner)
             near = raw[name] if self._clock is None else self._clock.tap(name, raw[name])
-            links[name] = guard_links(one, near, inner, told=partial(self._link_changed, name))
+            links[name] = guard_links(one, near, inner, report=partial(self._link_changed, name))
         self._shell = LocalGuard(
             vehicles={name: one.vehicle for name, one in guard_config.vehicles.items()},
             links=links,
@@ -224,7 +224,7 @@ class GuardProcess:
             shell=self._shell,
             run=self._guard_config.run,
             refused=lambda text: self._note("refused", text=text),
-            lost=lambda: self._lost,
+            lost=lambda: self._is_orchestrator_lost,
         )
         await stack.enter_async_context(
             OperatorSocket(
@@ -250,7 +250,7 @@ class GuardProcess:
 
     def _report_opened(self, raw: Mapping[str, Link]) -> None:
         self._note("opened", pid=os.getpid(), scheduling=self._scheduling)
-        self._channel.send(Opened(os.getpid(), open_ports(raw, told=self._link_changed)))
+        self._channel.send(Opened(os.getpid(), open_ports(raw, report=self._link_changed)))
         self._send_status()
         # What is loaded by now lives as long as the process: the collector need not look.
         gc.freeze()
@@ -259,10 +259,10 @@ class GuardProcess:
         core = self._shell.core
         rest = not core.may_be_armed(self._loop.time())
         if core.latched is None and rest:
-            # Who is busy with other things on the ground endangers nobody by its silence.
+            # On the ground an orchestrator that is busy and silent does no harm.
             self._shell.alive()
-        self._unheard += 1
-        if rest and self._unheard * STATUS_S > self._guard_config.patience_s:
+        self._statuses_unanswered += 1
+        if rest and self._statuses_unanswered * STATUS_S > self._guard_config.patience_s:
             # Stopped, or in a debugger: its end of the channel is open, and may be so for ever.
             self._lose("nothing came from the orchestrator for a long time, and nothing flies")
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
@@ -280,7 +280,7 @@ class GuardProcess:
             self._send_status()
 
     def _take(self, message: ToGuard) -> None:
-        self._unheard = 0
+        self._statuses_unanswered = 0
         # By class, for the two that nearly all are of: patterns touch more than these need.
         if isinstance(message, Bytes) and message.index < len(self._links):
             self._links[message.index].arrive(message.data, self._loop.time())
@@ -301,8 +301,8 @@ class GuardProcess:
 
     def _take_rare(self, message: ToGuard) -> None:
         match message:
-            case ConfigMessage() if not self._chartered.done():
-                self._chartered.set_result(message)
+            case ConfigMessage() if not self._config_message.done():
+                self._config_message.set_result(message)
             case Operate(command) if self._links and command.kind != "geofence":
                 self._shell.command(command)
             case BringDown(reason) if self._links:
@@ -395,15 +395,15 @@ class GuardProcess:
         )
 
     def _on_parent_death(self) -> None:
-        if not self._chartered.done():
-            self._chartered.set_result(None)
+        if not self._config_message.done():
+            self._config_message.set_result(None)
         elif self._names:
             self._lose("the orchestrator's end of the pipe is closed")
         self._over.set()
 
     def _lose(self, text: str) -> None:
-        if not self._lost:
-            self._lost = True
+        if not self._is_orchestrator_lost:
+            self._is_orchestrator_lost = True
             if self._clock is not None:
                 self._clock.leave(ORCHESTRATOR)
             self._note("orphaned", text=text)
@@ -424,11 +424,11 @@ class GuardProcess:
         if any(error is known for known in self._faults):
             return
         self._faults.append(error)
-        said, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
-        print(trace, file=sys.stderr, flush=True)  # noqa: T201 - the file of its last words
+        message, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
+        print(trace, file=sys.stderr, flush=True)  # noqa: T201 - guard.stderr
         self._note("error", where=where, type=type(error).__name__, message=str(error), trace=trace)
         now_s = asyncio.get_running_loop().time()
-        event = GuardEvent(now_s, "guard", "", f"in the guard: {said}")
+        event = GuardEvent(now_s, "guard", "", f"in the guard: {message}")
         self._event(event)
         if self._guarding:
             self._shell.bring_down(event.text)
@@ -442,15 +442,15 @@ class GuardProcess:
     def _event(self, event: GuardEvent) -> None:
         self._channel.send(EventMessage(event))
         details = {"kind": event.kind, "vehicle": event.vehicle, "text": event.text}
-        if self._journal is not None:
-            self._journal.write(event.t_s, "guard", **details)
+        if self._log is not None:
+            self._log.write(event.t_s, "guard", **details)
 
     def _link_changed(self, name: str, text: str) -> None:
         self._event(GuardEvent(asyncio.get_running_loop().time(), "link", name, text))
 
     def _note(self, event: str, **details: str | float | bool | None) -> None:
-        if self._journal is not None:
-            self._journal.write(asyncio.get_running_loop().time(), event, **details)
+        if self._log is not None:
+            self._log.write(asyncio.get_running_loop().time(), event, **details)
 
 
 def main(arguments: list[str]) -> int:

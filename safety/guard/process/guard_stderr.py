@@ -1,4 +1,4 @@
-"""guard.stderr: what a guard's process said before it died, if anything."""
+"""guard.stderr: what a guard's process printed before it died."""
 
 import contextlib
 from pathlib import Path

@@ -1,9 +1,9 @@
 """Leads the scaled clock where all vehicles follow it: guard, orchestrator, vehicles in lockstep.
 
-Time waits for whoever of them is late, as `vehicles/clocks/lockstep.py` has it. Who hangs is found
-by the wall's clock: a vehicle that does not get on for `STALL_S` ends the run. An orchestrator that
-does not is waited for no more, and the guard's watch for its silence sees to the rest; once the
-guard has taken over, nobody waits for an orchestrator for longer than `HURRY_S`.
+Time waits for the process that is late, as `vehicles/clocks/lockstep.py` has it. One that hangs is
+found by the wall's clock: a vehicle that does not get on for `STALL_S` ends the run. An
+orchestrator that does not is waited for no more, and the guard's watch for its silence sees to the
+rest; once the guard has taken over, time waits for an orchestrator no longer than `HURRY_S`.
 """
 
 import time
@@ -44,7 +44,7 @@ class LockstepClock(RunClock):
             self._lockstep.join(name)
 
     def reached(self, name: str, run_s: float) -> None:
-        """Take how far a process has come; the clock goes on if all have."""
+        """Take how far a process has come; the clock advances if all have come so far."""
         self._lockstep.report(name, run_s)
         if self._begun is not None and self._lockstep.extend(self._wall()):
             self._send(self._lockstep.segment)
@@ -55,7 +55,7 @@ class LockstepClock(RunClock):
 
     def _begin(self, segment: Segment) -> None:
         self._lockstep.begin(segment)
-        # The guard itself reads what vehicles have sent before time goes on.
+        # The guard itself reads what vehicles have sent before time advances.
         ProgressReporter(loop=self._paced, report=lambda run_s: self.reached(_GUARD, run_s))
 
     def _advance(self, wall_s: float) -> Segment:

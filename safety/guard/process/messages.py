@@ -1,8 +1,8 @@
 """The messages between the orchestrator and the guard's process.
 
 They go through a SOCK_SEQPACKET Unix socket, in packets of one or more. Vehicles go by their place
-in the charter. Times are CLOCK_MONOTONIC, which all processes share; under the scaled clock the run
-clock, as Pace lays it down.
+in the guard config. Times are CLOCK_MONOTONIC, which all processes share; under the scaled clock
+the run clock, as Pace lays it down.
 """
 
 from typing import Annotated
@@ -173,7 +173,8 @@ class Reached(Message, frozen=True):
 class Pace(Message, frozen=True):
     """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope.
 
-    holds_s: for how much of the wall's time, None where nobody waits for the orchestrator.
+    holds_s: for how much of the wall's time, None where the clock does not wait for the
+    orchestrator.
     """
 
     wall_s: Finite

@@ -1,4 +1,4 @@
-"""Whose link is nobody's: hears vehicles after the guard died, and never says a word.
+"""Receives from vehicles on the links of a guard that died, and never sends.
 
 The autopilots' own failsafes must act then, and they act on silence.
 """
@@ -25,7 +25,8 @@ _RETRIES = 10
 class OrphanedLinks:
     """Listens on the links orphaned by a dead guard; an async context manager.
 
-    hear: is handed what arrives, by vehicle. A link that cannot be had is named in `unheard`.
+    hear: is handed what arrives, by vehicle. A link that cannot be opened is named in
+    `unavailable`.
     """
 
     def __init__(
@@ -41,8 +42,8 @@ class OrphanedLinks:
         self._splitters = {name: FrameSplitter() for name in links}
         self._stack = AsyncExitStack()
         self.armed: dict[str, bool] = {}
-        """What each vehicle last said of itself; who said nothing is not in it."""
-        self.unheard: dict[str, str] = {}
+        """The last received state of each vehicle; a silent vehicle is not in it."""
+        self.unavailable: dict[str, str] = {}
 
     async def __aenter__(self) -> Self:
         """Open all orphaned links that can be opened."""
@@ -62,10 +63,10 @@ class OrphanedLinks:
                 await self._stack.enter_async_context(link)
             except LinkError as error:
                 # The kernel may not have taken the dead process's socket back yet.
-                self.unheard[name] = str(error)
+                self.unavailable[name] = str(error)
                 await asyncio.sleep(_RETRY_S)
             else:
-                self.unheard.pop(name, None)
+                self.unavailable.pop(name, None)
                 return
 
     def _take(self, name: str, data: bytes, t_s: float) -> None:

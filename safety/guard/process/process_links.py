@@ -1,4 +1,4 @@
-"""Small parts of the guard's process: the links it opens, how its children ended, its logs' end."""
+"""The links that the guard's process opens, and the end of its logs."""
 
 import contextlib
 import time
@@ -30,27 +30,27 @@ def _spare_links(guarded: Guarded) -> list[Link]:
 
 
 def guard_links(
-    guarded: Guarded, near: Link, inner: Link, *, told: Callable[[str], None]
+    guarded: Guarded, near: Link, inner: Link, *, report: Callable[[str], None]
 ) -> GuardLinks:
     """Return the guard process's links of a vehicle: under its conditions, and to a ground station.
 
-    near: the one to the vehicle. inner: the one to the orchestrator. told: gets link changes.
+    near: the one to the vehicle. inner: the one to the orchestrator. report: gets link changes.
     """
     outer = under_conditions(
-        near, guarded.conditions, utc_s=time.time(), spares=_spare_links(guarded), told=told
+        near, guarded.conditions, utc_s=time.time(), spares=_spare_links(guarded), told=report
     )
     gcs = open_link(parse_link(guarded.gcs)) if guarded.gcs else None
     return GuardLinks(vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired)
 
 
-def open_ports(links: Mapping[str, Link], *, told: Callable[[str, str], None]) -> tuple[int, ...]:
+def open_ports(links: Mapping[str, Link], *, report: Callable[[str, str], None]) -> tuple[int, ...]:
     """Return the UDP ports of the guard process's vehicle links, 0 for one without.
 
-    told: gets the name of a vehicle, and in words who else speaks in its name there.
+    report: gets the name of a vehicle, and which other sender uses its system id there.
     """
     udp = {name: link for name, link in links.items() if isinstance(link, UdpLink)}
     for name, link in udp.items():
-        link.on_rival(partial(told, name))
+        link.on_rival(partial(report, name))
     return tuple(udp[name].local_port if name in udp else 0 for name in links)
 
 

@@ -25,7 +25,7 @@ class RemoteClock:
         self._led = False
 
     def take(self, pace: Pace) -> None:
-        """Follow a segment of the guard's clock; after it the clock goes on without a leap."""
+        """Follow a segment of the guard's clock; after it the clock continues without a leap."""
         self._led = True
         loop = asyncio.get_running_loop()
         if not isinstance(loop, PacedLoop):

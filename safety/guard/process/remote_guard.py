@@ -75,7 +75,7 @@ class RemoteGuard:
 
     record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
     the .tlog files, which the guard itself writes. Leaving ends vehicles and guard: land before
-    that. A guard that dies is told as an event of kind `guard`; `all_down` then waits for the
+    that. A guard that dies is reported as an event of kind `guard`; `all_down` then waits for the
     autopilots' own failsafes.
     """
 
@@ -110,7 +110,7 @@ class RemoteGuard:
         self._ending = False
         self._silent_checks = 0
         self._ports: dict[str, int] = {}
-        self._heard: set[str] = set()
+        self._received: set[str] = set()
         self._children: dict[str, ProcessId] = {}
         self._ended: dict[str, Ended] = {}
         self._endings: dict[str, asyncio.Event] = {}
@@ -162,8 +162,8 @@ class RemoteGuard:
         if not isinstance(answer, Opened):
             self._ending = True
             await self._end_process()
-            said = answer.text if isinstance(answer, Failed) else ""
-            raise LinkError(said or guard_stderr_tail(self._guard_config.folder))
+            reason = answer.text if isinstance(answer, Failed) else ""
+            raise LinkError(reason or guard_stderr_tail(self._guard_config.folder))
         self._ports = dict(zip(self._names, answer.ports, strict=True))
         self._beat()
         self._check()
@@ -262,8 +262,8 @@ class RemoteGuard:
         except TimeoutError as error:
             raise LinkError(f"{name}: the guard did not start it in {_START_S:g} s") from error
         if not isinstance(answer, Started):
-            said = answer.last_output if isinstance(answer, Ended) else "the guard ended"
-            raise LinkError(f"{name} could not be started: {said}")
+            reason = answer.last_output if isinstance(answer, Ended) else "the guard ended"
+            raise LinkError(f"{name} could not be started: {reason}")
         return answer.pid
 
     async def ended_or(self, name: str, sign: "asyncio.Task[object]", timeout_s: float) -> None:
@@ -279,9 +279,9 @@ class RemoteGuard:
         if sign.done():
             return
         how = self._ended.get(name)
-        said = f"it reported nothing for {timeout_s:g} s" if how is None else how.last_output
+        reason = f"it reported nothing for {timeout_s:g} s" if how is None else how.last_output
         code = "" if how is None else f" (exit status {how.exit_code})"
-        raise LinkError(f"{name} did not start{code}: {said or 'it printed nothing'}")
+        raise LinkError(f"{name} did not start{code}: {reason or 'it printed nothing'}")
 
     async def end_of(self, name: str) -> int | None:
         """Wait for the end of a vehicle's process under the guard; return its exit code."""
@@ -330,7 +330,7 @@ class RemoteGuard:
         match message:
             case Bytes(index, t_s, data):
                 name = self._names[index]
-                self._heard.add(name)
+                self._received.add(name)
                 self._links[name].arrive(data, t_s)
             case FrameSent(index, t_s, frame):
                 if self._record is not None:
@@ -350,7 +350,7 @@ class RemoteGuard:
         match message:
             case Unread(index, arrived_s):
                 name = self._names[index]
-                self._heard.add(name)
+                self._received.add(name)
                 self._links[name].arrived_unread(arrived_s)
                 now_s = asyncio.get_running_loop().time()
                 self._dispatch_event(GuardEvent(now_s, "unread", name, f"{name}: {message}"))
@@ -401,7 +401,7 @@ class RemoteGuard:
         watched = {
             name: link_maker(one, self._ports[name])
             for name, one in vehicles.items()
-            if name in self._heard and name not in self._ended
+            if name in self._received and name not in self._ended
         }
         targets = {name: vehicles[name].vehicle.target for name in watched}
         async with OrphanedLinks(links=watched, targets=targets, hear=self._receive) as links:

@@ -124,8 +124,8 @@ class RunClock:
         self._report(
             name,
             "stalled",
-            f"{name} stands still: its time has not advanced for {STALL_S:g} s; its simulator "
-            "hangs, or was stopped",
+            f"the simulation of {name} hangs: its time has not advanced for "
+            f"{STALL_S:g} s; the simulator hangs or was stopped",
         )
 
     def _report(self, name: str, trouble: Trouble, text: str) -> None:

@@ -1,4 +1,4 @@
-"""The folder for this user's sockets and records: of nobody else, whatever stands in its place.
+"""The folder for this user's sockets and records; one that others could replace is refused.
 
 Where the usual folder is not ours alone (another user made it beforehand, it is a symbolic link,
 others may write to it) the next place is used and the reason reported. Readers look in all places.

@@ -151,10 +151,11 @@ def test_a_flown_campaign_says_what_failed_and_was_only_reported(
 
 
 def test_a_twin_that_dropped_out_is_reported_with_what_passed() -> None:
-    left = TwinResult("free", 0.1, 0.2, 0.3, 10.0, DropOut(17.5, "twin was not heard for 3 s"))
+    dropped_out = DropOut(17.5, "nothing received from twin for 3 s")
+    left = TwinResult("free", 0.1, 0.2, 0.3, 10.0, dropped_out)
     runs = [run(twin=left), run(2), run(3, verdict="FAIL", twin=left)]
     # Of a failed run too: it tells why the picture of the flight ends.
-    text = "twin was not heard for 3 s (large wil, 2 runs)"
+    text = "nothing received from twin for 3 s (large wil, 2 runs)"
     assert f"the twin dropped out: {text}" in caveat_lines(*runs)
     assert properties(*runs)["twin_dropped_out"] == text
 

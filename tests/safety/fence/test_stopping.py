@@ -135,7 +135,7 @@ def test_no_more_velocities_are_kept_than_are_compared() -> None:
     estimate = AccelerationEstimate()
     for i in range(5000):
         estimate.update((math.sin(i), 0.0, 0.0), i / 1000)
-    assert len(estimate._kept) <= 8
+    assert len(estimate._velocities) <= 8
 
 
 @given(vector, vector, st.none() | vector, st.floats(0, 2), st.floats(0.1, 10))

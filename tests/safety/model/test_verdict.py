@@ -114,7 +114,7 @@ def test_what_was_not_reached_comes_before_the_time_out_that_it_led_to() -> None
 def test_signals_of_a_vehicle_that_is_being_lost_are_part_of_its_loss(
     vehicle: str, silent_s: float, verdict: str
 ) -> None:
-    lost = DecisiveEvent(19.0, "ERROR", "real was not heard for 3 s", "guard.lost/real")
+    lost = DecisiveEvent(19.0, "ERROR", "nothing received from real for 3 s", "guard.lost/real")
     silent = DecisiveEvent(silent_s, "INVALID", "no sample", f"evidence/pose/{vehicle}")
     decision = decide([silent, lost], [], end_s=60.0)
     assert decision.verdict == verdict

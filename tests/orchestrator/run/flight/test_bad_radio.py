@@ -68,7 +68,7 @@ def test_ardupilot_waits_where_it_is_and_a_lost_vehicle_is_no_verdict_of_the_aut
 ) -> None:
     result, folder = fly_run("gate-ardupilot", sets=(*LONGER, DARK % 3.5))
     assert result.verdict == "ERROR"
-    assert result.reason.startswith("real was not heard for 3 s")
+    assert result.reason.startswith("nothing received from real for 3 s")
     assert {"lost", "heard"} <= set(guard_events(folder))
 
 

@@ -108,7 +108,7 @@ def test_a_leader_that_hangs_ends_the_run_and_time_goes_on() -> None:
     wall, said, _ = run_virtual(flown({"real": lambda s: 5.0 if s < 4.0 else 0.0}, for_s=12.0))
     ((name, trouble, text),) = said
     assert (name, trouble) == ("real", "stalled")
-    assert "real stands still: its time has not advanced for 5 s" in text
+    assert "the simulation of real hangs: its time has not advanced for 5 s" in text
     assert wall.segment.rate == pytest.approx(5.0, rel=0.05)
 
 

@@ -76,7 +76,7 @@ def test_a_vehicle_that_hangs_is_reported_once_and_waited_for_no_more() -> None:
         assert wall.troubles == []
         wall.steps(1.0, twin=1.0)
         assert wall.troubles == [("twin", "stalled")]
-        assert "twin stands still: its time has not advanced for 5 s" in wall.texts[0]
+        assert "the simulation of twin hangs: its time has not advanced for 5 s" in wall.texts[0]
         gone_s = wall.end_s
         wall.steps(STALL_S + 1.0, twin=1.0)
         assert wall.end_s - gone_s > 100 * LEAD_S
