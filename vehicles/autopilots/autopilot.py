@@ -257,18 +257,18 @@ class Autopilot(ABC):
         """Return the message that sets the pace of its simulator; only where `heeds_pace`."""
         raise NotImplementedError(f"{self.label} is given its pace when it starts")
 
-    def ask_interval(self, target: Target, rate: MessageRate) -> Any:
+    def request_interval(self, target: Target, rate: MessageRate) -> Any:
         """Return MAV_CMD_SET_MESSAGE_INTERVAL for one line of the autopilot's plan."""
         interval_us = round(1e6 / rate.rate_hz) if rate.rate_hz > 0 else -1
         return command_long(
             target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(rate.message_id), float(interval_us)
         )
 
-    def ask_message(self, target: Target, message_id: int) -> Any:
+    def request_message(self, target: Target, message_id: int) -> Any:
         """Return MAV_CMD_REQUEST_MESSAGE for one message of the autopilot."""
         return command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
 
-    def ask_checks(self, target: Target) -> Any:
+    def request_checks(self, target: Target) -> Any:
         """Return the command that makes the autopilot report failing pre-arm checks."""
         return command_long(target, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 

@@ -78,7 +78,7 @@ def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None
     async def script(peer: Any, session: Session) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
-    with pytest.raises(CommandTimeoutError, match="MAV_CMD_NAV_TAKEOFF was not answered") as caught:
+    with pytest.raises(CommandTimeoutError, match="TAKEOFF was not acknowledged") as caught:
         _run(fake_pair, script, prepare)
     assert "Crash: Disarming" in str(caught.value)
     assert caught.value.result == "none"
@@ -163,7 +163,7 @@ def test_the_same_command_waits_its_turn_or_says_so(fake_pair: Callable[..., Any
     async def script(peer: Any, session: Session) -> int:
         commander = _commander(session)
         first = commander.begin(command_long(PEER, TAKEOFF, 0.0))
-        with pytest.raises(CommandError, match="still waiting"):
+        with pytest.raises(CommandError, match="not acknowledged yet"):
             commander.begin(command_long(PEER, TAKEOFF, 0.0))
         await first
         await asyncio.gather(*(commander.run(command_long(PEER, TAKEOFF, 0.0)) for _ in range(3)))
@@ -212,7 +212,7 @@ def test_whole_numbers_survive_as_bytes(value: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "value", "words"),
-    [(INT8, 300, "does not fit"), (INT32, 1.5, "not whole"), (UINT16, -1, "does not fit")],
+    [(INT8, 300, "does not fit"), (INT32, 1.5, "not a whole number"), (UINT16, -1, "does not fit")],
 )
 def test_values_that_do_not_fit_are_refused(
     fake_pair: Callable[..., Any], kind: int, value: float, words: str
@@ -237,7 +237,7 @@ def test_a_parameter_that_stays_as_it_was_is_an_error(fake_pair: Callable[..., A
     async def script(peer: Any, session: Session) -> None:
         await Parameters(session=session).set("READ_ONLY", 3.0)
 
-    with pytest.raises(ParameterError, match="READ_ONLY did not take"):
+    with pytest.raises(ParameterError, match="READ_ONLY was set to"):
         _run(fake_pair, script, prepare)
 
 
@@ -245,7 +245,7 @@ def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> 
     async def script(peer: Any, session: Session) -> None:
         await Parameters(session=session).get("NO_SUCH_PARAM")
 
-    unsent = "no answer about parameter NO_SUCH_PARAM.* received .* no parameter yet: .* arrive"
+    unsent = "no reply for parameter NO_SUCH_PARAM.* received .* no parameter yet: .* arrive"
     with pytest.raises(ParameterError, match=unsent):
         _run(fake_pair, script)
 
@@ -275,9 +275,9 @@ def test_a_parameter_without_an_answer_says_what_else_the_vehicle_sent(
         peer.muted = True
         await parameters.get("SOME_PARAM")
 
-    with pytest.raises(ParameterError, match="answered about other parameters: most likely this"):
+    with pytest.raises(ParameterError, match="answered for other parameters: most likely this"):
         _run(fake_pair, known, prepare)
-    with pytest.raises(ParameterError, match="nothing else of the vehicle was received"):
+    with pytest.raises(ParameterError, match="nothing else was received from the vehicle"):
         _run(fake_pair, silent, prepare)
 
 

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from vehicles.autopilots.injection_support.rules import (
+    InjectionKind,
     InModes,
     Needs,
     Never,
     Rule,
     Setpoints,
-    Thing,
     When,
 )
 
@@ -72,7 +72,7 @@ _VISION: tuple[Rule, ...] = (
     Needs("EK3_SRC1_POSXY", "the estimator takes its position from elsewhere", 6, one_of=(6,)),
 )
 
-ARDUPILOT: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
+ARDUPILOT: Mapping[InjectionKind, tuple[Rule, ...]] = MappingProxyType(
     {
         "obstacle_distance": _SIMPLE_AVOIDANCE,
         "obstacle_distance_3d": _SIMPLE_AVOIDANCE,

@@ -7,32 +7,32 @@ from vehicles.autopilots.injection_support.ardupilot_rules import ARDUPILOT
 from vehicles.autopilots.injection_support.px4_rules import PX4
 from vehicles.autopilots.injection_support.rules import (
     Ignored,
+    InjectionKind,
     Rules,
     Setpoints,
     Situation,
-    Thing,
     broken_rules,
     parameters_in,
 )
 
 _RULES: Mapping[AutopilotName, Rules] = {"ardupilot": ARDUPILOT, "px4": PX4}
 _GUIDED: Mapping[AutopilotName, str] = {"ardupilot": "GUIDED", "px4": "OFFBOARD"}
-_LANDING: frozenset[Thing] = frozenset({"landing_target"})
+_LANDING: frozenset[InjectionKind] = frozenset({"landing_target"})
 
 
-def matters_in_flight(thing: Thing) -> bool:
+def matters_in_flight(thing: InjectionKind) -> bool:
     """Return whether an injection matters while the goal is flown, not at the landing."""
     return thing not in _LANDING
 
 
-def flown_mode(autopilot: AutopilotName, thing: Thing) -> str:
+def flown_mode(autopilot: AutopilotName, thing: InjectionKind) -> str:
     """Return the flight mode in which an injection matters, by the autopilot's own name."""
     return "LAND" if thing in _LANDING else _GUIDED[autopilot]
 
 
 def injection_faults(
     autopilot: AutopilotName,
-    thing: Thing,
+    thing: InjectionKind,
     parameters: Mapping[str, float],
     mode: str,
     *,
@@ -48,7 +48,7 @@ def injection_faults(
     return broken_rules(_RULES[autopilot], thing, situation)
 
 
-def unsupported_injection(autopilot: AutopilotName, thing: Thing) -> tuple[Ignored, ...]:
+def unsupported_injection(autopilot: AutopilotName, thing: InjectionKind) -> tuple[Ignored, ...]:
     """Return reasons against an injection that no parameter mends, by its mode.
 
     So that a file can be refused before any vehicle is there.
@@ -57,6 +57,6 @@ def unsupported_injection(autopilot: AutopilotName, thing: Thing) -> tuple[Ignor
     return tuple(reason for reason in reasons if reason.parameter is None)
 
 
-def parameters_to_ask(autopilot: AutopilotName, thing: Thing) -> tuple[str, ...]:
+def parameters_to_read(autopilot: AutopilotName, thing: InjectionKind) -> tuple[str, ...]:
     """Return the parameters that decide whether an injection is used, each once."""
     return parameters_in(_RULES[autopilot], thing)

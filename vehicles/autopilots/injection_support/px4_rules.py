@@ -6,7 +6,14 @@ Each rule names its source in PX4's tree; parameters as in its own documentation
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from vehicles.autopilots.injection_support.rules import InModes, Needs, Never, Rule, Thing, When
+from vehicles.autopilots.injection_support.rules import (
+    InjectionKind,
+    InModes,
+    Needs,
+    Never,
+    Rule,
+    When,
+)
 
 # CollisionPrevention.cpp: is_active is CP_DIST > 0; used by the tasks of manual Position mode.
 _COLLISION_PREVENTION: tuple[Rule, ...] = (
@@ -29,7 +36,7 @@ _VISION: tuple[Rule, ...] = (
     Needs("EKF2_EV_CTRL", "the estimator does not take positions from outside (bit 0)", 1, bits=1),
 )
 
-PX4: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
+PX4: Mapping[InjectionKind, tuple[Rule, ...]] = MappingProxyType(
     {
         "obstacle_distance": _COLLISION_PREVENTION,
         "obstacle_distance_3d": (

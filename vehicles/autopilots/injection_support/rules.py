@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-Thing = Literal[
+InjectionKind = Literal[
     "obstacle_distance",
     "obstacle_distance_3d",
     "path_planning",
@@ -200,15 +200,15 @@ class Never:
         return Ignored(self.why, self.remedy)
 
 
-Rules = Mapping[Thing, tuple[Rule, ...]]
+Rules = Mapping[InjectionKind, tuple[Rule, ...]]
 
 
-def broken_rules(rules: Rules, thing: Thing, situation: Situation) -> tuple[Ignored, ...]:
+def broken_rules(rules: Rules, thing: InjectionKind, situation: Situation) -> tuple[Ignored, ...]:
     """Return why an injection would be ignored, in the order of the rules."""
     found = (rule.broken(situation) for rule in rules[thing])
     return tuple(each for each in found if each is not None)
 
 
-def parameters_in(rules: Rules, thing: Thing) -> tuple[str, ...]:
+def parameters_in(rules: Rules, thing: InjectionKind) -> tuple[str, ...]:
     """Return the names of all parameters that the injection rules read, each once."""
     return tuple(dict.fromkeys(name for rule in rules[thing] for name in rule.parameters))

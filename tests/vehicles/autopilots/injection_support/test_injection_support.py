@@ -6,9 +6,9 @@ import pytest
 
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.autopilots.injection_support.injection_support import injection_faults
-from vehicles.autopilots.injection_support.rules import Setpoints, Thing
+from vehicles.autopilots.injection_support.rules import InjectionKind, Setpoints
 
-THINGS: tuple[Thing, ...] = typing.get_args(Thing)
+THINGS: tuple[InjectionKind, ...] = typing.get_args(InjectionKind)
 
 ARDUPILOT_READY = {
     "PRX1_TYPE": 2,
@@ -51,7 +51,7 @@ NEVER = {
 }
 
 
-def mode_for(autopilot: AutopilotName, thing: Thing) -> str:
+def mode_for(autopilot: AutopilotName, thing: InjectionKind) -> str:
     modes = {
         ("ardupilot", "landing_target"): "LAND",
         ("px4", "landing_target"): "PRECLAND",
@@ -66,7 +66,7 @@ def mode_for(autopilot: AutopilotName, thing: Thing) -> str:
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
 def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
-    autopilot: AutopilotName, parameters: dict[str, float], thing: Thing
+    autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
     mode = mode_for(autopilot, thing)
@@ -79,7 +79,7 @@ def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
 def test_setting_what_is_advised_makes_it_used(
-    autopilot: AutopilotName, parameters: dict[str, float], thing: Thing
+    autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
     mode = mode_for(autopilot, thing)
