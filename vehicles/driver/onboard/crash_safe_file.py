@@ -28,12 +28,18 @@ class CrashSafeFile:
         )
         half = folder / f"{number:06d}{suffix}.{os.getpid()}.tmp"
         handle = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        # The lock belongs to the file, whatever its name.
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.write(handle, json.dumps(document).encode())
-        os.fsync(handle)
-        path = _link_numbered(half, folder, number, suffix)
-        half.unlink()
+        try:
+            # The lock belongs to the file, whatever its name.
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with open(handle, "wb", closefd=False) as file:
+                file.write(json.dumps(document).encode())
+            os.fsync(handle)
+            path = _link_numbered(half, folder, number, suffix)
+        except BaseException:
+            os.close(handle)
+            raise
+        finally:
+            half.unlink(missing_ok=True)
         _sync_folder(folder)
         return cls(path, handle, document)
 
