@@ -1,4 +1,4 @@
-"""The questions of honest injection, for both autopilots; pure."""
+"""Checks whether an autopilot would act on an injected message, for both autopilots; pure."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ _LANDING: frozenset[InjectionKind] = frozenset({"landing_target"})
 
 
 def matters_in_flight(thing: InjectionKind) -> bool:
-    """Return whether an injection matters while the goal is flown, not at the landing."""
+    """Return whether an injection matters while the goal is flown, not only at the landing."""
     return thing not in _LANDING
 
 
@@ -41,7 +41,7 @@ def injection_faults(
 ) -> tuple[Ignored, ...]:
     """Return every reason why the autopilot would ignore an injection; empty when used.
 
-    parameters: all that the autopilot reported. mode: that it will fly in, by its own name.
+    parameters: all that the autopilot reported. mode: the mode to fly in, by its own name.
     setpoints: what the autonomy sends in guided flight. unbooted: parameters set since it booted.
     """
     situation = Situation(parameters, mode, setpoints, unbooted)
@@ -49,9 +49,9 @@ def injection_faults(
 
 
 def unsupported_injection(autopilot: AutopilotName, thing: InjectionKind) -> tuple[Ignored, ...]:
-    """Return reasons against an injection that no parameter mends, by its mode.
+    """Return the reasons against an injection in its mode that no parameter can remove.
 
-    So that a file can be refused before any vehicle is there.
+    They refuse a campaign file before a vehicle is connected.
     """
     reasons = injection_faults(autopilot, thing, {}, flown_mode(autopilot, thing))
     return tuple(reason for reason in reasons if reason.parameter is None)

@@ -1,4 +1,4 @@
-"""The faults of one embedded vehicle in its process: each begun and ended at its time."""
+"""Injects faults into an embedded vehicle: begins and ends each at its time."""
 
 import asyncio
 import copy
@@ -17,14 +17,14 @@ _MESSAGES = {
         *("ATTITUDE_QUATERNION", "ALTITUDE", "VFR_HUD", "AHRS", "AHRS2"),
     ),
 }
-"""Which messages a signal is: the simulator's ground truth, and where the autopilot says it is."""
+"""The messages of each signal: the simulator's ground truth, and the autopilot's estimate."""
 _TIMES = ("time_boot_ms", "time_usec")
 
 
 class VehicleFaults:
-    """Injects faults into an embedded vehicle and into what it sends.
+    """Injects faults into an embedded vehicle and into the messages that it sends.
 
-    kill: called when the process has to end. report: is told of each begin and end, in words.
+    kill: called to end the process. report: called with a text at each begin and end.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class VehicleFaults:
         vehicle.filter_sent(self._pass_message)
 
     def inject(self, fault: Fault) -> None:
-        """Inject a fault, at its moment from now on. Raises FaultError for an absent signal."""
+        """Inject a fault after its delay. Raises FaultError for an absent signal."""
         if fault.kind is not None and fault.name not in self._signals:
             raise FaultError(f"{str(fault)!r}: this vehicle has no {fault.name}")
         if fault.after_s == 0.0:
@@ -53,7 +53,7 @@ class VehicleFaults:
     def through(
         self, name: str, restamp: Restamp[T], callback: Callable[[T], None]
     ) -> Callable[[T], None]:
-        """Return a callback that gets of a signal what its faults let through."""
+        """Return a callback that passes a signal on as its faults change it."""
         signal: FaultySignal[T] = self._add(name, FaultySignal(restamp))
 
         def pass_on(value: T) -> None:
@@ -96,8 +96,8 @@ class VehicleFaults:
 
 def _restamp_message(last: Any, new: Any) -> Any:
     """Return a MAVLink message with the times of another."""
-    again = copy.copy(last)
+    restamped = copy.copy(last)
     for name in _TIMES:
         if hasattr(new, name):
-            setattr(again, name, getattr(new, name))
-    return again
+            setattr(restamped, name, getattr(new, name))
+    return restamped

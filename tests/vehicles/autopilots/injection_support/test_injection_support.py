@@ -104,7 +104,7 @@ def test_obstacles_on_arducopter() -> None:
         "ardupilot", "obstacle_distance", {"PRX1_TYPE": 0, "AVOID_ENABLE": 1}, "GUIDED"
     )
     assert str(said[0]) == (
-        "PRX1_TYPE is 0: obstacles over MAVLink are not listened to; set PRX1_TYPE to 2 and "
+        "PRX1_TYPE is 0: obstacles over MAVLink are ignored; set PRX1_TYPE to 2 and "
         "reboot the autopilot"
     )
     assert str(said[1]) == (
@@ -171,7 +171,7 @@ def test_a_value_that_waits_for_a_boot_is_distinguished_from_one_that_counts() -
     )
     assert said.reboot
     assert str(said) == (
-        "PRX1_TYPE was set to 2 since the autopilot booted, and counts from the next boot on: "
-        "until then obstacles over MAVLink are not listened to; set PRX1_TYPE to 2 in the vehicle "
+        "PRX1_TYPE was set to 2 since the autopilot booted, and takes effect at the next boot: "
+        "until then obstacles over MAVLink are ignored; set PRX1_TYPE to 2 in the vehicle "
         "itself, reboot it, and then fly"
     )

@@ -1,4 +1,4 @@
-"""How PX4 flies its modes: behaviours from its parameters and the state."""
+"""PX4's automatic manoeuvres: behaviours built from its parameters and the state."""
 
 import math
 
