@@ -271,7 +271,7 @@ class Px4(Px4Core):
         breached = self._is_outside(fence) or (
             home is not None and fence.breached(home[0], home[1])
         )
-        if int(self.parameters["GF_ACTION"]) > 1 and breached:
+        if fence.areas and int(self.parameters["GF_ACTION"]) > 1 and breached:
             self.outbox.send_text(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
             return int(mavlink.MAV_MISSION_DENIED)
         return mission_service.ACCEPTED

@@ -197,13 +197,10 @@ class MissionService:
 
     def _clear(self, message: Any) -> None:
         kind = message.mission_type
-        kinds = tuple(self._lists) if kind == _ALL else (kind,)
-        results = [self._accept(each, ()) for each in kinds if each in self._lists]
-        for each in kinds:
-            if each in self._lists:
-                self._lists[each] = ()
-        refused = [result for result in results if result != ACCEPTED]
-        self._ack(_peer(message), refused[0] if refused else ACCEPTED, kind)
+        for each in self._lists if kind == _ALL else {kind} & self._lists.keys():
+            self._accept(each, ())
+            self._lists[each] = ()
+        self._ack(_peer(message), ACCEPTED, kind)
 
     def _ack(self, peer: tuple[int, int], result: int, kind: int) -> None:
         self._send(mavlink.MAVLink_mission_ack_message(*peer, result, kind))
