@@ -13,6 +13,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
 from vehicles.autopilots.autopilot import Target, command_long
+from vehicles.driver.onboard.mission_protocol import (
+    ItemList,
+    MissionError,
+    MissionItem,
+    MissionProtocol,
+)
 from vehicles.driver.onboard.parameters import Parameters, decode_parameter, encode_parameter
 from vehicles.driver.session.commands import Commander
 from vehicles.driver.session.conditions import ConditionWaiter
@@ -69,6 +75,24 @@ def test_lost_acks_are_asked_for_again_with_confirmation(fake_pair: Callable[...
     took_s, peer = _run(fake_pair, script, prepare)
     assert [each.confirmation for each in peer.commands(TAKEOFF)] == [0, 1, 2]
     assert took_s == pytest.approx(1.01)
+
+
+def test_a_list_that_is_accepted_before_its_items_is_an_error(
+    fake_pair: Callable[..., Any],
+) -> None:
+    def accept(peer: Any, message: Any) -> None:
+        peer.say(mavlink.MAVLink_mission_ack_message(245, 190, 0, message.mission_type))
+
+    def prepare(peer: Any) -> None:
+        peer.replies["MISSION_COUNT"] = accept
+
+    async def script(peer: Any, session: Session) -> None:
+        item = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT)
+        async with asyncio.timeout(60.0):
+            await MissionProtocol(session=session).upload(ItemList.MISSION, [item])
+
+    with pytest.raises(MissionError, match="mission: it was accepted after 0 of 1 items"):
+        _run(fake_pair, script, prepare)
 
 
 def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None:

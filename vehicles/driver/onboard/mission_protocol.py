@@ -145,16 +145,20 @@ class MissionProtocol:
         last = self._message(
             mavlink.MAVLink_mission_count_message, count=len(items), mission_type=which
         )
-        reached = 0
+        reached = early = 0
         self._inbox = asyncio.Queue()
         try:
             while True:
                 try:
                     answer = await self._exchange(which, last, lambda _: True)
                     if answer.get_type() == "MISSION_ACK":
-                        # An acknowledgement of something earlier may still be under way.
+                        # An acknowledgement of an earlier operation may still be in flight.
                         if answer.type == _ACCEPTED and reached < len(items):
-                            continue
+                            early += 1
+                            if early < self._tries:
+                                continue
+                            what = f"it was accepted after {reached} of {len(items)} items"
+                            raise self._error(which, what)
                         await self._check(which, answer)
                         return
                 except MissionError as error:
