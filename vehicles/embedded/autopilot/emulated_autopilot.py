@@ -60,6 +60,8 @@ class EmulatedAutopilot(ABC):
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
     item_rules: ClassVar[ItemRules]
+    mode_entries: ClassVar[tuple[discovery.ModeEntry, ...]]
+    """The modes in AVAILABLE_MODES."""
     is_px4: ClassVar[bool]
     """PX4's MAVLink conventions rather than ArduPilot's: parameters, texts, missions."""
     gps_time_s: ClassVar[float]
@@ -136,10 +138,6 @@ class EmulatedAutopilot(ABC):
     @abstractmethod
     def _is_forced(self, command: Command) -> bool:
         """Return whether an arm or disarm command skips the checks."""
-
-    @abstractmethod
-    def _mode_entries(self) -> tuple[discovery.ModeEntry, ...]:
-        """Return the emulated autopilot's modes for AVAILABLE_MODES."""
 
     def _sends_texts(self) -> bool:
         """Return whether the emulated autopilot sends its peer STATUSTEXT."""
@@ -341,7 +339,7 @@ class EmulatedAutopilot(ABC):
     def _request_message(self, command: Command) -> int:
         message_id = command.whole(0)
         if message_id == discovery.AVAILABLE_MODES:
-            modes = discovery.available_modes(self._mode_entries(), command.whole(1))
+            modes = discovery.available_modes(self.mode_entries, command.whole(1))
             for message in modes:
                 self.outbox.send_later(message)
             return ACCEPTED if modes else FAILED

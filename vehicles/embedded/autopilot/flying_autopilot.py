@@ -4,7 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -36,7 +36,16 @@ from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
 from worlds.frames import Vec3
 
-Mode = TypeVar("Mode")
+
+class FlownMode(Protocol):
+    """A firmware's flight mode (protocol)."""
+
+    @property
+    def is_manual(self) -> bool:
+        """Return whether a pilot's sticks fly the mode."""
+
+
+Mode = TypeVar("Mode", bound=FlownMode)
 
 
 class StandardModes(NamedTuple, Generic[Mode]):
@@ -129,15 +138,11 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     def _sticks_last_s(self) -> float:
         """Return how long received sticks are valid."""
 
-    @abstractmethod
-    def _is_flown_by_hand(self, mode: Mode) -> bool:
-        """Return whether a mode is flown by the sticks."""
-
     # Reported state.
 
     @on_request(discovery.CURRENT_MODE)
     def _current_mode(self) -> Any:
-        return discovery.current_mode(self._mode_entries(), self._custom_mode())
+        return discovery.current_mode(self.mode_entries, self._custom_mode())
 
     @on_request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     def _heartbeat(self) -> Any:
@@ -238,7 +243,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     def _take_sticks(self, sticks: Sticks | None) -> None:
         self.sticks = sticks
         flown = isinstance(self.flight.behaviour, FlyBySticks)
-        if self.flight.armed and self._is_flown_by_hand(self.mode) and not flown:
+        if self.flight.armed and self.mode.is_manual and not flown:
             self.flight.fly(self._by_sticks())
 
     def _by_sticks(self) -> Behaviour:

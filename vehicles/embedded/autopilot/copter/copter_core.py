@@ -41,6 +41,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
 
     is_px4: ClassVar[bool] = False
     item_rules: ClassVar[ItemRules] = RULES
+    mode_entries: ClassVar[tuple[ModeEntry, ...]] = ENTRIES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
@@ -189,9 +190,6 @@ class CopterCore(MissionAutopilot[CopterMode]):
             return self._by_sticks()
         return self.manoeuvres.hold()
 
-    def _is_flown_by_hand(self, mode: CopterMode) -> bool:
-        return mode.is_manual
-
     def _stick_limits(self) -> StickLimits:
         p = self.parameters
         up_cm_s = p["PILOT_SPEED_UP"]
@@ -201,9 +199,6 @@ class CopterCore(MissionAutopilot[CopterMode]):
 
     def _sticks_last_s(self) -> float:
         return self.parameters["RC_OVERRIDE_TIME"]
-
-    def _mode_entries(self) -> tuple[ModeEntry, ...]:
-        return ENTRIES
 
     def _new_follow(self) -> Follow:
         speeds = self.manoeuvres.speeds()

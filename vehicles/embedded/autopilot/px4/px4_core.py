@@ -53,6 +53,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
 
     is_px4: ClassVar[bool] = True
     item_rules: ClassVar[ItemRules] = RULES
+    mode_entries: ClassVar[tuple[ModeEntry, ...]] = ENTRIES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
     parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
@@ -236,9 +237,6 @@ class Px4Core(MissionAutopilot[Px4Mode]):
             return self._by_sticks()
         return self.manoeuvres.hold()
 
-    def _is_flown_by_hand(self, mode: Px4Mode) -> bool:
-        return mode.is_manual
-
     def _stick_limits(self) -> StickLimits:
         p = self.parameters
         speeds = speed_limits(p["MPC_VEL_MANUAL"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
@@ -246,9 +244,6 @@ class Px4Core(MissionAutopilot[Px4Mode]):
 
     def _sticks_last_s(self) -> float:
         return self.parameters["COM_RC_LOSS_T"]
-
-    def _mode_entries(self) -> tuple[ModeEntry, ...]:
-        return ENTRIES
 
     def _return_home(self) -> Behaviour:
         state, height_m = self.state, self.manoeuvres.return_height_m()
