@@ -51,8 +51,7 @@ class Driver:
     system_id: the vehicle's; None for the first vehicle that is received. start: its pose in the
     world on the ground; unless `set_anchor` is called, arming maps the position and heading of its
     estimator to this pose. silence_s: how long nothing is received until the link counts as lost.
-    max_clock_drift: see ClockMap. backend: sends its commands; None for our own frames. Errors
-    are VehicleErrors.
+    max_clock_drift: see ClockMap. backend: None for our own frames. Errors are VehicleErrors.
     """
 
     def __init__(
@@ -373,10 +372,7 @@ class Driver:
         self._session.send(message)
 
     async def hold(self) -> None:
-        """Set the vehicle's hold mode, which ignores setpoints.
-
-        Raises CommandError, StateTimeoutError.
-        """
+        """Hold position and ignore setpoints. Raises CommandError, StateTimeoutError."""
         await self._set_mode(Mode.HOLD)
 
     async def land(self) -> None:
@@ -428,8 +424,7 @@ class Driver:
         """Return the link's and vehicle's circumstances for an error message; or empty."""
         texts = () if self._status is None else self._status.last_texts()
         last_texts = "its last STATUSTEXT: " + " | ".join(texts) if texts else ""
-        silence = self._link_monitor.silence()
-        return "".join(f"; {text}" for text in (silence, last_texts) if text)
+        return "".join(f"; {text}" for text in (self._link_monitor.silence(), last_texts) if text)
 
     def _begin_listening(self) -> None:
         self._require_identified().streams.request()
