@@ -33,6 +33,7 @@ class VehicleFaults:
         self._vehicle = vehicle
         self._kill = kill
         self._report = report
+        self._active: dict[tuple[str, int], list[Fault]] = {}
         self._signals: dict[str, list[FaultySignal[Any]]] = {}
         self._messages: dict[str, FaultySignal[Any]] = {
             message: self._add(name, FaultySignal(_restamp_message))
@@ -69,13 +70,26 @@ class VehicleFaults:
 
     def _begin(self, fault: Fault) -> None:
         self._report(f"fault begun: {fault}")
+        active = self._active.setdefault(_target(fault), [])
+        if fault.name == "unmute":
+            active.clear()
+        else:
+            active.append(fault)
         self._set(fault, fault.kind, begun=True)
         if fault.for_s is not None:
             asyncio.get_running_loop().call_later(fault.for_s, self._end, fault)
 
     def _end(self, fault: Fault) -> None:
         self._report(f"fault ended: {fault}")
-        self._set(fault, None, begun=False)
+        active = self._active[_target(fault)]
+        others = [each for each in active if each is not fault]
+        if len(others) == len(active):
+            return  # An unmute has ended it.
+        active[:] = others
+        if others:
+            self._set(others[-1], others[-1].kind, begun=True)
+        else:
+            self._set(fault, None, begun=False)
 
     def _set(self, fault: Fault, kind: FaultKind | None, *, begun: bool) -> None:
         match fault.name:
@@ -92,6 +106,11 @@ class VehicleFaults:
     def _pass_message(self, message: Any) -> Any | None:
         signal = self._messages.get(message.get_type())
         return message if signal is None else signal.passed(message)
+
+
+def _target(fault: Fault) -> tuple[str, int]:
+    """Return what a fault acts on: a signal, a motor, or the link."""
+    return ("mute" if fault.name == "unmute" else fault.name, fault.motor)
 
 
 def _restamp_message(last: Any, new: Any) -> Any:
