@@ -83,8 +83,8 @@ class VehicleLogs:
             except OSError as error:
                 raise LogError(f"log {entry.number} to {path}: {error.strerror}") from error
             finally:
-                self._send(mavlink.MAVLink_log_request_end_message)
                 half.unlink(missing_ok=True)
+                self._send(mavlink.MAVLink_log_request_end_message)
         return path
 
     async def _entries(self) -> tuple[LogEntry, ...]:
