@@ -99,7 +99,7 @@ async def _hover_cpu_s(autopilot: AutopilotName) -> float:
     async with far, EmbeddedVehicle(config=config, link=near, seed=1) as vehicle:
         for message in (
             own_heartbeat(),
-            *(strategy.ask_interval(target, one) for one in plan),
+            *(strategy.request_interval(target, one) for one in plan),
             strategy.set_mode(target, strategy.arming_mode),
             strategy.arm(target),
             strategy.takeoff(target, altitude_m=2.5, ground_amsl_m=488.0),

@@ -1,4 +1,4 @@
-"""Which voices a driver can have, by name."""
+"""The command backends of a driver, by the name in a campaign."""
 
 from typing import Literal
 

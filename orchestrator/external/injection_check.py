@@ -11,9 +11,9 @@ from vehicles.autopilots.injection_support.injection_support import (
     flown_mode,
     injection_faults,
     matters_in_flight,
-    parameters_to_ask,
+    parameters_to_read,
 )
-from vehicles.autopilots.injection_support.rules import Ignored, Thing
+from vehicles.autopilots.injection_support.rules import Ignored, InjectionKind
 from vehicles.errors import ParameterError, VehicleError
 from worlds.frames import Pose, rotate
 
@@ -31,7 +31,7 @@ class InjectionProof:
 
     context: VehicleContext
     autopilot: AutopilotName
-    thing: Thing
+    thing: InjectionKind
     parameters: Mapping[str, float]
 
     def broken(self) -> tuple[Ignored, ...]:
@@ -84,7 +84,7 @@ async def prove_injection(
     return tuple(proofs)
 
 
-def message_name(injected: Injected, mount: Pose | None) -> Thing:
+def message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
     """Return the injected message's name in the rules; a rangefinder's mount decides."""
     if injected == "distance_sensor" and mount is not None:
         down = rotate(mount.q_wxyz, (1.0, 0.0, 0.0))[2]
@@ -93,11 +93,11 @@ def message_name(injected: Injected, mount: Pose | None) -> Thing:
 
 
 async def _ask_parameters(
-    context: VehicleContext, autopilot: AutopilotName, thing: Thing
+    context: VehicleContext, autopilot: AutopilotName, thing: InjectionKind
 ) -> InjectionProof:
     """Return the autopilot's parameters that decide about an injection."""
     parameters: dict[str, float] = {}
-    for name in parameters_to_ask(autopilot, thing):
+    for name in parameters_to_read(autopilot, thing):
         try:
             parameters[name] = await context.driver.parameters.get(name)
         except ParameterError:

@@ -125,7 +125,7 @@ class Injector:
         paced.offer(message, t_s)
         due = paced.due(asyncio.get_running_loop().time())
         if due is not None:
-            self._context.driver.tell(due)
+            self._context.driver.send_message(due)
 
     def _plan(self, one: InjectionSetup) -> InjectionPlan:
         usual = PLANS[one.thing]

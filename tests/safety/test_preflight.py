@@ -124,7 +124,7 @@ def test_what_is_set_is_sound(autopilot: str) -> None:
     [
         ("ardupilot", "FS_GCS_ENABLE", 0, "FS_GCS_ENABLE is 0: on link loss it would hover until"),
         ("ardupilot", "FS_GCS_TIMEOUT", 60, "FS_GCS_TIMEOUT is 60: it would take too long"),
-        ("ardupilot", "MAV_GCS_SYSID", 255, "MAV_GCS_SYSID is 255: it heeds another ground"),
+        ("ardupilot", "MAV_GCS_SYSID", 255, "MAV_GCS_SYSID is 255: it expects another ground"),
         ("px4", "NAV_DLL_ACT", 0, "NAV_DLL_ACT is 0: on link loss it would not"),
         ("px4", "NAV_DLL_ACT", 5, "NAV_DLL_ACT is 5: on link loss it would not"),
         ("px4", "COM_OBL_RC_ACT", 7, "COM_OBL_RC_ACT is 7: it would fall"),

@@ -1,1 +1,1 @@
-"""What differs between PX4 and ArduCopter, one class each; pure."""
+"""The differences between PX4 and ArduCopter, one strategy class each; pure."""

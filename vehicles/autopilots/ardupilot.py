@@ -20,9 +20,9 @@ from vehicles.autopilots.ground_truth import GroundTruth, read_sim_state
 from vehicles.autopilots.map_projections import ArduPilotProjection
 from vehicles.autopilots.readiness import ReadinessRules
 
-_ASKED: dict[Mode, int] = {
-    # BRAKE stops and stays by itself and obeys neither sticks nor late setpoints. LOITER sinks
-    # when no remote control holds its throttle in the middle; GUIDED would obey setpoints.
+_SETTABLE: dict[Mode, int] = {
+    # BRAKE stops and holds by itself and ignores sticks and late setpoints. LOITER sinks when no
+    # remote control holds the throttle at its centre; GUIDED would follow setpoints.
     Mode.HOLD: 17,
     Mode.GUIDED: 4,
     Mode.LAND: 9,
@@ -68,12 +68,12 @@ class ArduCopter(Autopilot):
     # GUID_TIMEOUT is 3 s; at 10 Hz its own interpolation stays smooth.
     setpoint_rate_hz: ClassVar[float] = 10.0
     streams_before_guided_s: ClassVar[float] = 0.0
-    # NAV_TAKEOFF over MAVLink is taken in GUIDED only.
+    # NAV_TAKEOFF over MAVLink is accepted in GUIDED only.
     arming_mode: ClassVar[Mode] = Mode.GUIDED
     takeoff_modes: ClassVar[tuple[Mode, ...]] = (Mode.GUIDED,)
     spool_s: ClassVar[float] = 2.0
     """The delay after arming, and MOT_SPOOL_TIME: before, a takeoff command waits (4.7)."""
-    # Measured by our liftoff detector, spool_s taken off, in flights of the gate with 4.7.
+    # Measured by our liftoff detector, minus spool_s, in flights of the gate with 4.7.
     liftoff_s: ClassVar[float] = 1.3
     embedded_liftoff_s: ClassVar[float] = 1.6
     takeoff_needs_amsl: ClassVar[bool] = False
@@ -86,7 +86,7 @@ class ArduCopter(Autopilot):
         needs_home=False,
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
-    # EKF_STATUS_REPORT calls its test ratios variances: they have no unit.
+    # The "variances" of EKF_STATUS_REPORT are test ratios without a unit.
     accuracy_message_id: ClassVar[int | None] = None
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_SIM_STATE
     heeds_pace: ClassVar[bool] = True
@@ -96,22 +96,22 @@ class ArduCopter(Autopilot):
         return _MODES.get(custom_mode, ("", Mode.OTHER))[1]
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return ArduCopter's word for the mode."""
+        """Return ArduCopter's name of the mode."""
         return _MODES.get(custom_mode, (f"mode {custom_mode}", Mode.OTHER))[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
         """Return ArduCopter's DO_SET_MODE; raises ValueError for other modes."""
-        if mode not in _ASKED:
-            raise ValueError(f"{mode} is not asked of ArduCopter")
+        if mode not in _SETTABLE:
+            raise ValueError(f"{mode} is not a mode to set on ArduCopter")
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_ASKED[mode]))
+        return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(_SETTABLE[mode]))
 
     def ground_truth(self, message: Any) -> GroundTruth:
         """Return the ground truth in a SIM_STATE. Raises GroundTruthError."""
         return read_sim_state(message)
 
     def projection(self, latitude_deg: float, longitude_deg: float) -> ArduPilotProjection:
-        """Return ArduPilot's projection round a place."""
+        """Return ArduPilot's map projection around a place."""
         return ArduPilotProjection(latitude_deg, longitude_deg)
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
@@ -131,6 +131,6 @@ class ArduCopter(Autopilot):
         )
 
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
-        # With both ignored it turns to where it flies (WP_YAW_BEHAVIOR): a rate of 0 keeps it.
+        # With both ignored it turns in its flight direction (WP_YAW_BEHAVIOR); rate 0 prevents it.
         del yaw_rate_rad_s
         return IGNORE_YAW if yaw_rad is None else IGNORE_YAW_RATE

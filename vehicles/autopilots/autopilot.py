@@ -1,4 +1,4 @@
-"""What every autopilot strategy offers; pure: MAVLink messages in and out, no sockets, no clock."""
+"""The base of autopilot strategies; pure: MAVLink messages in and out, no sockets, no clock."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ AutopilotName = Literal["px4", "ardupilot"]
 
 
 class Mode(Enum):
-    """A flight mode's meaning to us, whatever the autopilot calls it."""
+    """A flight mode by its meaning, whatever the autopilot calls it."""
 
     HOLD = "hold"
     TAKEOFF = "takeoff"
@@ -88,7 +88,7 @@ def own_heartbeat() -> Any:
 def _with_sensors(
     plan: tuple[MessageRate, ...], sensors: Iterable[MessageRate]
 ) -> tuple[MessageRate, ...]:
-    """Return a plan with the messages of sensors; one that is in it already comes as often."""
+    """Return a plan with the messages of sensors added; a message gets the higher of two rates."""
     lines = {line.message_id: line for line in plan}
     for line in sensors:
         known = lines.get(line.message_id, line)
@@ -106,38 +106,38 @@ class Autopilot(ABC):
 
     name: ClassVar[AutopilotName]
     label: ClassVar[str]
-    """What people call it."""
+    """Its name in messages."""
     mav_autopilot: ClassVar[int]
     """MAV_AUTOPILOT of its heartbeat."""
     setpoint_rate_hz: ClassVar[float]
-    """At least how often it wants setpoints to stay in its guided mode."""
+    """The rate of setpoints that keeps it in its guided mode."""
     streams_before_guided_s: ClassVar[float]
-    """How long setpoints must have come before it takes the guided mode; 0 for not at all."""
+    """How long setpoints must stream before it accepts the guided mode; 0 for not at all."""
     arming_mode: ClassVar[Mode]
-    """The mode to arm in, from which a takeoff command is taken at once."""
+    """The mode to arm in, from which a takeoff command is accepted at once."""
     takeoff_modes: ClassVar[tuple[Mode, ...]]
-    """The modes that it goes through by itself after a takeoff command."""
+    """The modes that it enters by itself after a takeoff command."""
     spool_s: ClassVar[float]
-    """How long after arming its motors are not yet up to take off at once."""
+    """How long after arming its motors spool up, before it can take off."""
     liftoff_s: ClassVar[float]
-    """How long it takes, its motors being up, from the takeoff command until it begins to climb."""
+    """The time from the takeoff command until it begins to climb, with motors spooled up."""
     embedded_liftoff_s: ClassVar[float]
     """The same of the embedded vehicle of this autopilot."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]
-    """Whether integers stand in PARAM_VALUE as their bytes rather than as a float."""
+    """Whether PARAM_VALUE holds integers as their bytes rather than as a float."""
     changes_mode_on_disarm: ClassVar[bool]
     """Whether it leaves LAND or RTL by itself once disarmed."""
     refusal_prefixes: ClassVar[tuple[str, ...]]
-    """How a STATUSTEXT begins that says why it does not arm."""
+    """The prefixes of STATUSTEXTs that explain why it does not arm."""
     readiness_rules: ClassVar[ReadinessRules]
     estimator_message_id: ClassVar[int]
-    """Of the message that says whether its estimator is ready."""
+    """Of the message with its estimator's status flags."""
     accuracy_message_id: ClassVar[int | None]
-    """Of the message with its estimator's covariance in metres; None where it sends none."""
+    """Of the message with its estimator's covariance in metres; None when it sends none."""
     truth_message_id: ClassVar[int]
-    """Of the message in which its simulator says where the vehicle is."""
+    """Of the message with its simulator's ground truth."""
     heeds_pace: ClassVar[bool] = False
     """Whether its own simulator's pace can be set while it flies."""
 
@@ -147,13 +147,13 @@ class Autopilot(ABC):
 
     @abstractmethod
     def mode_name(self, custom_mode: int) -> str:
-        """Return the autopilot's own word for the mode ("OFFBOARD", "BRAKE")."""
+        """Return the autopilot's own name of the mode ("OFFBOARD", "BRAKE")."""
 
     @abstractmethod
     def set_mode(self, target: Target, mode: Mode) -> Any:
         """Return the autopilot's MAV_CMD_DO_SET_MODE for HOLD, GUIDED, LAND or RTL.
 
-        Raises ValueError for a mode that is not asked for by us.
+        Raises ValueError for other modes.
         """
 
     @abstractmethod
@@ -166,9 +166,9 @@ class Autopilot(ABC):
 
     @abstractmethod
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
-        """Return which of yaw and yaw rate a setpoint has it ignore; with neither it does not turn.
+        """Return the ignore bits of yaw and yaw rate for a setpoint; without both it does not turn.
 
-        yaw_rad, yaw_rate_rad_s: None for what the setpoint does not say; never both given.
+        yaw_rad, yaw_rate_rad_s: None for a value that the setpoint does not have; never both set.
         """
 
     @abstractmethod
@@ -177,7 +177,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def projection(self, latitude_deg: float, longitude_deg: float) -> MapProjection:
-        """Return how its simulator turns metres round a place into degrees."""
+        """Return its simulator's map projection around a place."""
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
         """Return the messages to request from the autopilot, and how often."""
@@ -255,20 +255,20 @@ class Autopilot(ABC):
 
     def set_simulation_pace(self, target: Target, times_real_time: float) -> Any:
         """Return the message that sets the pace of its simulator; only where `heeds_pace`."""
-        raise NotImplementedError(f"{self.label} is given its pace when it starts")
+        raise NotImplementedError(f"the pace of {self.label} can only be set at its start")
 
-    def ask_interval(self, target: Target, rate: MessageRate) -> Any:
+    def request_interval(self, target: Target, rate: MessageRate) -> Any:
         """Return MAV_CMD_SET_MESSAGE_INTERVAL for one line of the autopilot's plan."""
         interval_us = round(1e6 / rate.rate_hz) if rate.rate_hz > 0 else -1
         return command_long(
             target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(rate.message_id), float(interval_us)
         )
 
-    def ask_message(self, target: Target, message_id: int) -> Any:
+    def request_message(self, target: Target, message_id: int) -> Any:
         """Return MAV_CMD_REQUEST_MESSAGE for one message of the autopilot."""
         return command_long(target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
 
-    def ask_checks(self, target: Target) -> Any:
+    def request_checks(self, target: Target) -> Any:
         """Return the command that makes the autopilot report failing pre-arm checks."""
         return command_long(target, mavlink.MAV_CMD_RUN_PREARM_CHECKS)
 
@@ -289,7 +289,7 @@ class Autopilot(ABC):
     def _needed_amsl(self, ground_amsl_m: float | None) -> float:
         if ground_amsl_m is None:
             raise VehicleError(
-                f"{self.label} takes off to a height above sea level, which is not known: it sent "
+                f"{self.label} takes off to a height above sea level, which is unknown: it sent "
                 "neither GLOBAL_POSITION_INT nor HOME_POSITION; wait for its GPS"
             )
         return ground_amsl_m

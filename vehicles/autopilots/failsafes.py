@@ -1,7 +1,8 @@
-"""What an autopilot has to do by itself when nobody tells it anything any more.
+"""The autopilot's own failsafe parameters, for the loss of its ground station or of setpoints.
 
-The guard is the first line; this is the one behind it: both the guard and who started it may die.
-Parameters: ArduCopter/Parameters.cpp and events.cpp; PX4's commander_params.c and rtl_params.c.
+The guard is the first line of defence; these are the second: the guard and its parent may both
+die. Parameters: ArduCopter/Parameters.cpp and events.cpp; PX4's commander_params.c and
+rtl_params.c.
 """
 
 from collections.abc import Iterator, Mapping
@@ -10,26 +11,26 @@ from dataclasses import dataclass
 from vehicles.autopilots.autopilot import AutopilotName
 
 OWN_SYSTEM_ID = 245
-"""Our system id as a ground station, whose heartbeats keep a vehicle from its failsafe."""
+"""Our system id as a ground station; its heartbeats prevent the vehicle's GCS failsafe."""
 _ARDUPILOT_LAND, _PX4_LAND = 5, 3
 _SILENT_S = 5.0
-"""Longer than the guard takes to call a vehicle lost, so that it acts first."""
+"""Longer than the guard's time-out for a lost vehicle, so that the guard acts first."""
 
 SILENCE_PARAMETERS: Mapping[AutopilotName, Mapping[str, float]] = {
     "ardupilot": {"FS_GCS_ENABLE": float(_ARDUPILOT_LAND), "FS_GCS_TIMEOUT": _SILENT_S},
     "px4": {"NAV_DLL_ACT": float(_PX4_LAND), "COM_DL_LOSS_T": _SILENT_S},
 }
-"""What embedded autopilots start with, so that they land when nobody speaks to them any more: as
-they ship, ArduCopter hovers on and PX4 stays in Hold. A campaign's own `params` win."""
+"""Parameters of embedded autopilots, so that they land on link loss: by default ArduCopter hovers
+and PX4 stays in Hold. A campaign's own `params` override them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailsafeRule:
-    """A rule of what a failsafe parameter has to be.
+    """A rule for the value of a failsafe parameter.
 
-    names: the newest first; firmware knows one of them. wanted: what it is set to where we may;
-    None is left as it is. sound: the values that will do; or longest_s, the longest time that
-    will. wrong: what is the matter with any other.
+    names: the newest first; firmware knows one of them. wanted: the value to set where we may;
+    None leaves it as it is. sound: the accepted values; or longest_s, the longest accepted time.
+    wrong: the consequence of any other value, for messages.
     """
 
     names: tuple[str, ...]
@@ -39,7 +40,7 @@ class FailsafeRule:
     wrong: str
 
     def holds(self, value: float, pace: float = 1.0) -> bool:
-        """Return whether a failsafe parameter's value will do; pace: times real time."""
+        """Return whether a failsafe parameter's value is accepted; pace: times real time."""
         if self.longest_s is not None:
             return 0.0 < value <= self.longest_s * max(1.0, pace)
         return value in self.sound
@@ -70,7 +71,7 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
             names=("MAV_GCS_SYSID", "SYSID_MYGCS"),
             wanted=OWN_SYSTEM_ID,
             sound=frozenset({OWN_SYSTEM_ID}),
-            wrong=f"it heeds another ground station's heartbeats, not ours ({OWN_SYSTEM_ID})",
+            wrong=f"it expects another ground station's heartbeats, not ours ({OWN_SYSTEM_ID})",
         ),
     ),
     "px4": (
@@ -102,7 +103,7 @@ RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
     "ardupilot": (AltitudeParameter("RTL_ALT", 0.01), AltitudeParameter("RTL_ALT_M", 1.0)),
     "px4": (AltitudeParameter("RTL_RETURN_ALT", 1.0),),
 }
-"""By the names that firmware knows it by, the usual first: ArduPilot is silent for unknown ones."""
+"""By all names in use, the most common first: ArduPilot does not answer for unknown names."""
 
 
 def unsound(
@@ -110,8 +111,8 @@ def unsound(
 ) -> Iterator[str]:
     """Yield in words what is wrong with an autopilot's failsafe parameters.
 
-    pace: how many times real time it was launched to fly; PX4's startup makes its time-outs as many
-    times longer (ROMFS/px4fmu_common/init.d-posix/rcS).
+    pace: the times real time that it was launched with; PX4's startup script multiplies its
+    time-outs by it (ROMFS/px4fmu_common/init.d-posix/rcS).
     """
     for rule in FAILSAFES[autopilot]:
         known = [name for name in rule.names if name in values]

@@ -1,12 +1,12 @@
-"""Where a simulator has the vehicle: HIL_STATE_QUATERNION of PX4, SIM_STATE of ArduPilot; pure.
+"""Reads a simulator's ground truth: HIL_STATE_QUATERNION of PX4, SIM_STATE of ArduPilot; pure.
 
-Both are sent by simulations alone (SITL, hardware in the loop). What they carry, read in the
-firmwares' sources:
+Both are sent by simulations only (SITL, hardware in the loop). Their content, by the firmwares'
+sources:
 
 PX4 (src/modules/mavlink/streams/HIL_STATE_QUATERNION.hpp) fills it from its *_groundtruth topics,
-and sends none where no simulator publishes those. Degrees times 1e7, millimetres above sea level,
-cm/s, all cut to whole numbers. In PX4 of August 2026 time_usec is the time
-since boot at which it was so, the epoch of time_boot_ms; in what was seen before it was 0.
+and sends none when no simulator publishes those. Degrees times 1e7, millimetres above sea level,
+cm/s, all truncated to integers. In PX4 of August 2026 time_usec is the time of validity since
+boot, the epoch of time_boot_ms; in earlier versions it was 0.
 
 ArduPilot (SIM::sim_state_send, libraries/SITL/SITL.cpp): attitude and velocity as floats; lat and
 lon are 32-bit floats, 0.4 m apart at 47 degrees (versions without lat_int put degrees times 1e7
@@ -21,18 +21,18 @@ from vehicles.errors import VehicleError
 from worlds.frames import Quat, Vec3, quat_normalize
 
 _UNIT_WITHIN = 0.1
-"""By how much the length of a quaternion may differ from 1."""
+"""The largest difference of a quaternion's length from 1."""
 
 
 class GroundTruthError(VehicleError):
-    """A simulator's message does not say precisely where the vehicle is; says what it lacks."""
+    """A simulator's message is no usable ground truth; the error says what is missing."""
 
 
 class GroundTruth(NamedTuple):
-    """A simulator's place of the vehicle.
+    """The vehicle's true position, attitude and velocity in a simulator.
 
-    altitude_m: above mean sea level. q_wxyz: body (FRD) to north, east, down. boot_s: when it was
-    so, as the message states it; None where it states nothing.
+    altitude_m: above mean sea level. q_wxyz: body (FRD) to north, east, down. boot_s: the time of
+    validity that the message states; None when it states none.
     """
 
     latitude_deg: float
@@ -61,7 +61,7 @@ def read_sim_state(message: Any) -> GroundTruth:
     """Return the ground truth in a SIM_STATE. Raises GroundTruthError."""
     if not (message.lat_int or message.lon_int):
         raise GroundTruthError(
-            "SIM_STATE has no lat_int and lon_int, and its floats are 0.4 m apart: "
+            "SIM_STATE has no lat_int and lon_int, and its floats have a resolution of 0.4 m: "
             "use a newer ArduPilot"
         )
     numbers = (message.alt, message.vn, message.ve, message.vd)

@@ -1,8 +1,8 @@
-"""Latitude and longitude to metres and back, as PX4 and ArduPilot do it: on a sphere; pure.
+"""Map projections of PX4 and ArduPilot: latitude and longitude to metres and back; pure.
 
-A simulator flies in metres and sends degrees. Whoever turns them into metres by WGS-84 finds the
-vehicle up to 0.3 % too near or too far (3 cm at 10 m); the autopilot's own conversion gives the
-simulator's metres back.
+A simulator computes in metres and sends degrees. Converted to metres by WGS-84, distances are up
+to 0.3 % wrong (3 cm at 10 m); the autopilot's own projection, on a sphere, returns the simulator's
+metres.
 """
 
 import math
@@ -18,7 +18,7 @@ ARDUPILOT_M_PER_1E7_DEG = 0.011131884502145034
 
 
 class MapProjection(Protocol):
-    """A projection round its origin: degrees to metres north and east, and back (protocol)."""
+    """A projection around its origin: degrees to metres north and east, and back (protocol)."""
 
     def to_metres(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
         """Return metres north and east of the origin."""
@@ -44,7 +44,7 @@ class Px4Projection:
         toward = math.sin(origin) * math.sin(latitude)
         toward += math.cos(origin) * math.cos(latitude) * math.cos(turn)
         sine = math.hypot(north, east)
-        # The arc is longer than its sine; atan2 is exact for metres, where acos has no digits.
+        # The arc is longer than its sine; atan2 is exact for metres, where acos loses precision.
         longer = math.atan2(sine, toward) / sine if sine > 0.0 else 1.0
         return north * longer * PX4_EARTH_RADIUS_M, east * longer * PX4_EARTH_RADIUS_M
 
@@ -68,8 +68,8 @@ class Px4Projection:
 class ArduPilotProjection:
     """ArduPilot's flat earth: Location::get_distance_NE and Location::offset (Location.cpp).
 
-    A degree is equally long everywhere northwards; eastwards it is shorter by the cosine of the
-    latitude in the middle of both places.
+    A degree north is equally long everywhere; a degree east is shorter by the cosine of the mean
+    latitude of both places.
     """
 
     latitude_deg: float
@@ -91,5 +91,5 @@ class ArduPilotProjection:
 
     @staticmethod
     def _shorter(latitude_deg: float) -> float:
-        """Return Location::longitude_scale: at least 0.01, so that a pole divides nothing by 0."""
+        """Return Location::longitude_scale: at least 0.01, to not divide by 0 at a pole."""
         return max(math.cos(math.radians(latitude_deg)), 0.01)

@@ -22,7 +22,7 @@ from vehicles.autopilots.map_projections import Px4Projection
 from vehicles.autopilots.readiness import ReadinessRules
 
 _AUTO = 4
-_ASKED: dict[Mode, tuple[int, int]] = {
+_SETTABLE: dict[Mode, tuple[int, int]] = {
     Mode.HOLD: (_AUTO, 3),
     Mode.GUIDED: (6, 0),
     Mode.LAND: (_AUTO, 6),
@@ -70,7 +70,7 @@ class Px4(Autopilot):
     name: ClassVar[AutopilotName] = "px4"
     label: ClassVar[str] = "PX4"
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
-    # It must be above 2 Hz, and COM_OF_LOSS_T is 1 s.
+    # PX4 requires more than 2 Hz, and COM_OF_LOSS_T is 1 s.
     setpoint_rate_hz: ClassVar[float] = 20.0
     # "for at least a second": docs.px4.io, Offboard Mode.
     streams_before_guided_s: ClassVar[float] = 1.0
@@ -91,7 +91,7 @@ class Px4(Autopilot):
         "Arming denied!",
         "Takeoff denied!",
     )
-    # Its flags keep CONST_POS_MODE set on the ground (1023): that bit says nothing here.
+    # Its flags have CONST_POS_MODE set on the ground (1023): that bit is ignored.
     readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
         estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
     )
@@ -104,14 +104,14 @@ class Px4(Autopilot):
         return _describe_mode(custom_mode)[1]
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return PX4's word for the mode."""
+        """Return PX4's name of the mode."""
         return _describe_mode(custom_mode)[0]
 
     def set_mode(self, target: Target, mode: Mode) -> Any:
         """Return PX4's DO_SET_MODE (main mode, sub mode); raises ValueError for other modes."""
-        if mode not in _ASKED:
-            raise ValueError(f"{mode} is not asked of PX4")
-        main, sub = _ASKED[mode]
+        if mode not in _SETTABLE:
+            raise ValueError(f"{mode} is not a mode to set on PX4")
+        main, sub = _SETTABLE[mode]
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return command_long(target, mavlink.MAV_CMD_DO_SET_MODE, custom, float(main), float(sub))
 
@@ -120,16 +120,16 @@ class Px4(Autopilot):
         return read_hil_state(message)
 
     def projection(self, latitude_deg: float, longitude_deg: float) -> Px4Projection:
-        """Return PX4's projection round a place."""
+        """Return PX4's map projection around a place."""
         return Px4Projection(latitude_deg, longitude_deg)
 
     def takeoff(self, target: Target, *, altitude_m: float, ground_amsl_m: float | None) -> Any:
-        """Return PX4's NAV_TAKEOFF, here and with the present heading."""
+        """Return PX4's NAV_TAKEOFF at the present position and heading."""
         amsl_m = self._needed_amsl(ground_amsl_m) + altitude_m
         unused = (math.nan,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, amsl_m)
 
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
-        # With neither it keeps the heading it has: PositionControl takes the present yaw.
+        # With neither it keeps its heading: PositionControl uses the present yaw.
         mask = IGNORE_YAW if yaw_rad is None else 0
         return mask | (IGNORE_YAW_RATE if yaw_rate_rad_s is None else 0)

@@ -1,4 +1,4 @@
-"""When a vehicle can arm and take off: not the pre-arm bit alone.
+"""Decides when a vehicle can arm and take off, by more than the pre-arm bit.
 
 ArduCopter's pre-arm bit turns true long before its estimator uses GPS (23 s and 41 s in a
 simulated boot), and arming in GUIDED in between is refused or drifts. So the estimator's own
@@ -20,8 +20,8 @@ _VERTICAL = mavlink.ESTIMATOR_POS_VERT_ABS | mavlink.ESTIMATOR_POS_VERT_AGL
 class ReadinessRules:
     """How autopilots differ in readiness: sensors, estimator flags, pre-arm texts.
 
-    estimator_message: which message carries the estimator's flags. forbidden_flags: of these
-    none may be set. needs_home: whether a home position must be known.
+    estimator_message: the name of the message with the estimator's flags. forbidden_flags: none of
+    them may be set. needs_home: whether a home position must be known.
     """
 
     estimator_message: str
@@ -30,7 +30,7 @@ class ReadinessRules:
 
 
 class Readiness:
-    """Tracks an autopilot's readiness from the messages it is fed; pure."""
+    """Tracks an autopilot's readiness from its messages; pure."""
 
     def __init__(self, rules: ReadinessRules) -> None:
         self._rules = rules
@@ -42,7 +42,7 @@ class Readiness:
 
     @property
     def ready(self) -> bool:
-        """Return whether nothing speaks against arming."""
+        """Return whether there is no reason against arming."""
         return not self.reasons()
 
     @property
@@ -51,7 +51,7 @@ class Readiness:
         return self._prearm_ok is False
 
     def feed(self, message: Any) -> None:
-        """Take a message of the autopilot into its readiness; others are ignored."""
+        """Update the readiness by a message of the autopilot; unrelated messages are ignored."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             self._system_status = message.system_status
@@ -67,7 +67,7 @@ class Readiness:
             self._home_known = True
 
     def reasons(self) -> tuple[str, ...]:
-        """Return what speaks against readiness to arm, in words; empty when ready."""
+        """Return the reasons against arming, in words; empty when ready."""
         reasons = [
             self._status_reason(),
             self._landed_reason(),

@@ -1,4 +1,4 @@
-"""Which strategy speaks to which autopilot."""
+"""Finds the strategy of an autopilot, by name or by MAV_AUTOPILOT."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -18,7 +18,7 @@ MULTICOPTERS = frozenset(
         mavlink.MAV_TYPE_DECAROTOR,
     }
 )
-"""MAV_TYPE of the vehicles that both strategies fly: ArduPilot's planes look alike otherwise."""
+"""MAV_TYPEs that both strategies fly: only the type tells ArduPilot's planes from copters."""
 
 
 def autopilot_named(name: AutopilotName) -> Autopilot:
@@ -27,5 +27,5 @@ def autopilot_named(name: AutopilotName) -> Autopilot:
 
 
 def autopilot_of(mav_autopilot: int) -> Autopilot | None:
-    """Return the registered autopilot strategy for HEARTBEAT.autopilot; None without."""
+    """Return the registered autopilot strategy for HEARTBEAT.autopilot; None for others."""
     return next((each for each in _STRATEGIES if each.mav_autopilot == mav_autopilot), None)

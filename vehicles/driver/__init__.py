@@ -1,4 +1,4 @@
-"""The driver: connects to a vehicle, identifies it, flies it, and tells what it does."""
+"""The driver: connects to a vehicle, identifies it, flies it, and reports its state."""
 
 from vehicles.driver.driver import Driver
 

@@ -1,7 +1,7 @@
-"""How a driver speaks to its vehicle: in frames of its own, or by the library of another client.
+"""How a driver sends commands to its vehicle: as our own MAVLink frames, or through mavsdk.
 
-What a driver hears it always reads itself, so that estimates, states and events, which verdicts
-rest on, are the same whoever speaks.
+Telemetry is always received by the driver itself, so that estimates, states and events, which
+verdicts are based on, are the same with every backend.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from vehicles.driver.vehicle_commands import VehicleCommands
 from vehicles.errors import VehicleError
 from vehicles.links.link import Link
 
-Speak = Callable[[Any], None]
+MessageSender = Callable[[Any], None]
 FailureListener = Callable[[VehicleError], None]
 
 
@@ -23,8 +23,8 @@ class CommandBackend(Protocol):
     """Sends one driver's commands to the vehicle (protocol)."""
 
     @property
-    def speak(self) -> Speak | None:
-        """Return the backend's sender of messages; None where the driver writes frames."""
+    def sender(self) -> MessageSender | None:
+        """Return the backend's sender of messages; None when the driver writes frames."""
 
     @property
     def sends_heartbeats(self) -> bool:
@@ -34,15 +34,15 @@ class CommandBackend(Protocol):
         """Return the link to receive by, which opens and closes `link` and the backend."""
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Call `listener` once when the command backend can send nothing any more."""
+        """Call `listener` once when the command backend can no longer send."""
 
     async def await_vehicle(self, target: Target, timeout_s: float) -> None:
         """Set the backend's target vehicle. Raises VehicleError if it is not found."""
 
-    def orders(
+    def commands(
         self, *, commander: Commander, autopilot: Autopilot, target: Target
     ) -> VehicleCommands:
-        """Return the backend's commands for the vehicle that was found."""
+        """Return the backend's commands for the identified vehicle."""
 
     def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
         """Return the backend's access to onboard data: parameters, missions, logs."""
@@ -51,7 +51,7 @@ class CommandBackend(Protocol):
 class FrameBackend:
     """The command backend of our own frames, written to the link; it never fails."""
 
-    speak: Speak | None = None
+    sender: MessageSender | None = None
     sends_heartbeats = False
 
     def join(self, link: Link) -> Link:
@@ -64,12 +64,12 @@ class FrameBackend:
     async def await_vehicle(self, target: Target, timeout_s: float) -> None:
         """Do nothing: the backend's frames carry their target."""
 
-    def orders(
+    def commands(
         self, *, commander: Commander, autopilot: Autopilot, target: Target
     ) -> VehicleCommands:
         """Return commands by COMMAND_LONG."""
         return VehicleCommands(commander=commander, autopilot=autopilot, target=target)
 
     def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
-        """Return onboard access by the session."""
+        """Return onboard access through the session."""
         return Onboard(session=session, circumstances=circumstances)

@@ -35,11 +35,11 @@ from vehicles.setpoints import Setpoint
 from worlds.frames import Pose, Vec3
 from worlds.geodesy import Geodetic
 
-_ASK_AGAIN_S = 2.0
+_REQUEST_AGAIN_S = 2.0
 _GROUND_SPEED_HZ = 2.0
 _ACCURACY_HZ = 2.0
 _ANSWER_WITHIN_S = 1.0
-"""What a vehicle that was heard at the last moment still has to say who it is."""
+"""Time to identify itself that is left to a vehicle whose first heartbeat came at the deadline."""
 
 
 class Driver:
@@ -48,10 +48,10 @@ class Driver:
     In order: `identify`, `ready`, `arm`, `begin_takeoff`, `enter_guided`, `send`, `land`,
     `disarmed`. Times and deadlines are on the loop's clock, positions in the world frame.
 
-    system_id: its own; None for the first vehicle that is heard. start: where in the world it
-    stands; unless `set_anchor` says otherwise, arming maps the place and heading that its
-    estimator has there. silence_s: after how long without a byte the link counts as lost.
-    max_clock_drift: see ClockMap. voice: who speaks for it. Errors are VehicleErrors.
+    system_id: the vehicle's; None for the first vehicle that is received. start: its pose in the
+    world on the ground; unless `set_anchor` is called, arming maps the position and heading of its
+    estimator to this pose. silence_s: how long nothing is received until the link counts as lost.
+    max_clock_drift: see ClockMap. backend: None for our own frames. Errors are VehicleErrors.
     """
 
     def __init__(
@@ -67,36 +67,38 @@ class Driver:
         own_component: int = 190,
         silence_s: float = 1.5,
         max_clock_drift: float = 0.02,
-        voice: CommandBackend | None = None,
+        backend: CommandBackend | None = None,
     ) -> None:
         self.name = name
-        self._voice: CommandBackend = voice or FrameBackend()
-        self._link = self._voice.join(link)
+        self._backend: CommandBackend = backend or FrameBackend()
+        self._link = self._backend.join(link)
         self._wanted = Wanted(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
         self._rates = rates
         self._anchor_given = False
         self._changes = ConditionWaiter()
         self._session = Session(
-            link=self._link, own=Target(own_system_id, own_component), speak=self._voice.speak
+            link=self._link, own=Target(own_system_id, own_component), sender=self._backend.sender
         )
-        self._presence = LinkMonitor(
+        self._link_monitor = LinkMonitor(
             session=self._session,
             silence_s=silence_s,
-            on_lost=partial(self._silent, up=False),
-            on_back=partial(self._silent, up=True),
+            on_lost=partial(self._on_link_change, up=False),
+            on_back=partial(self._on_link_change, up=True),
         )
         self._commander = Commander(session=self._session, circumstances=self._circumstances)
-        self._insistence = ConfirmedCommand(
+        self._confirmed_command = ConfirmedCommand(
             name=name,
             changes=self._changes,
             state=lambda: self.state,
             circumstances=self._circumstances,
         )
-        self.onboard = self._voice.onboard(session=self._session, circumstances=self._circumstances)
+        self.onboard = self._backend.onboard(
+            session=self._session, circumstances=self._circumstances
+        )
         self.parameters = self.onboard.parameters
         self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
-        self._clocking = TimesyncRequester(session=self._session, clock=self.clock)
+        self._timesync = TimesyncRequester(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
         self._estimates.on_reboot = self._on_reboot
         self.accuracy = EstimateAccuracy(session=self._session)
@@ -105,13 +107,13 @@ class Driver:
         self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None
         self._failure: VehicleError | None = None
-        self._voice.on_failure(self._on_failure)
+        self._backend.on_failure(self._on_failure)
 
     async def __aenter__(self) -> Self:
         """Open the driver's link and start heartbeats. Raises LinkError."""
         await self._link.__aenter__()
-        if not self._voice.sends_heartbeats:
-            self._presence.start()
+        if not self._backend.sends_heartbeats:
+            self._link_monitor.start()
         return self
 
     async def __aexit__(
@@ -123,31 +125,31 @@ class Driver:
         """Stop all sending and close the driver's link; it does not land the vehicle."""
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
-        self._presence.stop()
-        self._clocking.stop()
+        self._link_monitor.stop()
+        self._timesync.stop()
         self._commander.close()
         await self._link.__aexit__(kind, error, trace)
 
     @property
     def identity(self) -> Identity:
         """Return the vehicle's identity. Raises VehicleError before `identify`."""
-        return self._require_flying().identity
+        return self._require_identified().identity
 
     @property
     def state(self) -> VehicleState:
         """Return the vehicle's last reported state, an immutable snapshot."""
         state = VehicleState() if self._status is None else self._status.state
         return state._replace(
-            last_heard_s=self._session.last_heard_s,
+            last_received_s=self._session.last_received_s,
             estimate=self._estimates.newest,
             local=self._estimates.local,
         )
 
     def take_arrivals(self) -> tuple[float, ...]:
-        """Return when the vehicle was heard since the last call (run clock), thinned.
+        """Return the times (run clock) at which the vehicle was received since the last call.
 
-        One caller alone: what it took is gone. No silence between them is longer than it was, but
-        for 0.2 s (`Arrivals`).
+        For one caller: each time is returned once. The times are thinned; a gap between them is
+        at most 0.2 s longer than the vehicle's silence (`Arrivals`).
         """
         return self._session.arrivals.take()
 
@@ -167,7 +169,7 @@ class Driver:
         return self._estimates.place_deg
 
     def place_of(self, world_ned_m: Vec3) -> Geodetic:
-        """Return the latitude and longitude of a place of the world by the vehicle's estimate.
+        """Return the latitude and longitude of a world position by the vehicle's estimate.
 
         Raises AnchorError while it is not anchored, or knows no latitude and longitude.
         """
@@ -191,7 +193,7 @@ class Driver:
         """Call `listener` with speeds of the vehicle's GPS receiver; before `identify`."""
         hz = min(_GROUND_SPEED_HZ, self._rates.position_hz)
         self._rates = replace(self._rates, ground_speed_hz=hz)
-        self.onboard.satellites.on_ground_speed(listener)
+        self.onboard.gps_receiver.on_ground_speed(listener)
 
     def request_accuracy(self) -> None:
         """Request the covariance of the vehicle's estimator (`accuracy`); before `identify`."""
@@ -207,21 +209,21 @@ class Driver:
         self._session.on(message_id, handler)
 
     def request_missing(self) -> None:
-        """Request again the vehicle's telemetry that does not come."""
-        self._require_flying().streams.ask_missing(asyncio.get_running_loop().time())
+        """Request again the vehicle's telemetry that does not arrive."""
+        self._require_identified().streams.request_missing(asyncio.get_running_loop().time())
 
     def on_event(self, listener: EventListener) -> None:
         """Call `listener` with each event of the vehicle."""
         self._event_listeners.append(listener)
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Call `listener` once when the driver can send nothing any more; waits raise that."""
-        self._voice.on_failure(listener)
+        """Call `listener` once when the driver can no longer send; waits raise its error."""
+        self._backend.on_failure(listener)
 
     async def identify(self, timeout_s: float) -> Identity:
         """Find and identify the vehicle, and request its telemetry and time.
 
-        Raises IdentifyError, which says what was heard instead.
+        Raises IdentifyError, which says what was received instead.
         """
         if self._vehicle is not None:
             return self._vehicle.identity
@@ -230,7 +232,7 @@ class Driver:
         target, autopilot = await find_vehicle(
             self._session, self._changes, wanted=self._wanted, timeout_s=timeout_s
         )
-        await self._voice.await_vehicle(target, max(deadline_s - loop.time(), _ANSWER_WITHIN_S))
+        await self._backend.await_vehicle(target, max(deadline_s - loop.time(), _ANSWER_WITHIN_S))
         identity = await request_identity(
             self._session,
             self._changes,
@@ -245,8 +247,8 @@ class Driver:
             changes=self._changes,
             listeners=self._event_listeners,
         )
-        heard = self._session.heard[target]
-        status.heartbeat(heard.heartbeat, heard.t_s)
+        first = self._session.heartbeats[target]
+        status.heartbeat(first.heartbeat, first.t_s)
         plan = autopilot.telemetry_plan(self._rates)
         self.truth.begin(autopilot)
         self._vehicle = IdentifiedVehicle(
@@ -254,7 +256,7 @@ class Driver:
             autopilot=autopilot,
             target=target,
             status=status,
-            orders=self._voice.orders(
+            commands=self._backend.commands(
                 commander=self._commander, autopilot=autopilot, target=target
             ),
             streams=TelemetryStreams(
@@ -270,23 +272,23 @@ class Driver:
         return identity
 
     async def ready(self, timeout_s: float) -> None:
-        """Wait until the vehicle can arm and take off, and anchor it where it stands.
+        """Wait until the vehicle can arm and take off, and anchor it at its start pose.
 
         Raises NotReadyError with the reasons and the last STATUSTEXTs.
         """
-        vehicle = self._require_flying()
+        vehicle = self._require_identified()
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
         while True:
-            slice_s = max(0.0, min(_ASK_AGAIN_S, deadline_s - loop.time()))
+            slice_s = max(0.0, min(_REQUEST_AGAIN_S, deadline_s - loop.time()))
             if await self._changes.until(lambda: not self._reasons(), slice_s):
                 break
             if loop.time() >= deadline_s:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
                 raise not_ready(vehicle, what, self._reasons(), self._circumstances())
-            vehicle.streams.ask_missing(loop.time())
-            for question in vehicle.towards_ready():
-                self._session.send(question)
+            vehicle.streams.request_missing(loop.time())
+            for message in vehicle.messages_to_get_ready():
+                self._session.send(message)
         self._capture_anchor()
 
     async def arm(self) -> None:
@@ -294,37 +296,39 @@ class Driver:
 
         Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError.
         """
-        vehicle = self._require_flying()
+        vehicle = self._require_identified()
         status, autopilot = vehicle.status, vehicle.autopilot
         # On a bad link the last second may hold too few positions to anchor it by.
         await self._changes.until(lambda: not self._reasons(), SEEN_WITHIN_S)
         self._capture_anchor()
         if status.state.mode is not autopilot.arming_mode:
-            await self._reach(autopilot.arming_mode)
+            await self._set_mode(autopilot.arming_mode)
         try:
-            await self._insistence.confirm(vehicle.orders.arm, lambda: status.state.armed, "armed")
+            await self._confirmed_command.confirm(
+                vehicle.commands.arm, lambda: status.state.armed, "armed"
+            )
         except CommandError as error:
             raise await arm_refused(vehicle, self.name, self._changes, error) from error
 
     async def disarm(self) -> None:
         """Disarm the vehicle on the ground. Raises CommandError when refused (in the air)."""
-        vehicle = self._require_flying()
+        vehicle = self._require_identified()
         status = vehicle.status
-        await self._insistence.confirm(
-            vehicle.orders.disarm, lambda: not status.state.armed, "disarmed"
+        await self._confirmed_command.confirm(
+            vehicle.commands.disarm, lambda: not status.state.armed, "disarmed"
         )
 
     def begin_takeoff(self, altitude_m: float) -> Awaitable[None]:
-        """Send the vehicle's takeoff command now; the awaitable is its acceptance.
+        """Send the vehicle's takeoff command now; await the result for its acceptance.
 
-        altitude_m: above where it stands. The frame is written before this returns, so that two
-        vehicles get theirs in one turn of the loop. Awaiting raises CommandError.
+        altitude_m: above the ground below it. The frame is written before this returns, so that
+        two vehicles get their commands in one turn of the loop. Awaiting raises CommandError.
         """
-        vehicle = self._require_flying()
+        vehicle = self._require_identified()
         status = vehicle.status
-        status.asked_modes = vehicle.autopilot.takeoff_modes
+        status.requested_modes = vehicle.autopilot.takeoff_modes
         flies = {"taking_off", "in_air"}
-        return vehicle.orders.begin_takeoff(
+        return vehicle.commands.begin_takeoff(
             altitude_m,
             ground_amsl_m=self._estimates.amsl_m,
             done=lambda: status.state.landed in flies,
@@ -336,67 +340,69 @@ class Driver:
         Where the autopilot wants a stream of setpoints (PX4), zero velocity is streamed until
         then. Raises CommandError, StateTimeoutError.
         """
-        vehicle = self._require_flying()
+        vehicle = self._require_identified()
         if vehicle.autopilot.streams_before_guided_s > 0:
             vehicle.setpoints.keep_still()
             await asyncio.sleep(vehicle.autopilot.streams_before_guided_s)
         if vehicle.status.state.mode is not Mode.GUIDED:
-            await self._reach(Mode.GUIDED)
+            await self._set_mode(Mode.GUIDED)
 
     def send(self, setpoint: Setpoint) -> None:
-        """Send the vehicle a setpoint (world frame); to be renewed within its time-out.
+        """Send the vehicle a setpoint (world frame); the caller renews it within the time-out.
 
-        Raises AnchorError before `ready`, and what `on_failure` is told.
+        Raises AnchorError before `ready`, and the error that `on_failure` reports.
         """
         if self._failure is not None:
             raise self._failure
         anchor = self._estimates.anchor
         if anchor is None:
             raise AnchorError(f"{self.name}: not anchored in the world; await ready() first")
-        self._require_flying().setpoints.send(anchor.to_local(setpoint))
+        self._require_identified().setpoints.send(anchor.to_local(setpoint))
 
     def keep_still(self) -> None:
         """Stream zero velocity to the vehicle until the next `send` or `hand_over`."""
-        self._require_flying().setpoints.keep_still()
+        self._require_identified().setpoints.keep_still()
 
     def hand_over(self) -> None:
         """Stop the driver's setpoints: another program sends them."""
-        self._require_flying().setpoints.stop()
+        self._require_identified().setpoints.stop()
 
-    def tell(self, message: Any) -> None:
-        """Send the vehicle another message, such as a sensor's."""
+    def send_message(self, message: Any) -> None:
+        """Send the vehicle a MAVLink message, such as a sensor's."""
         self._session.send(message)
 
     async def hold(self) -> None:
-        """Have the vehicle hold, despite setpoints. Raises CommandError, StateTimeoutError."""
-        await self._reach(Mode.HOLD)
+        """Hold position and ignore setpoints. Raises CommandError, StateTimeoutError."""
+        await self._set_mode(Mode.HOLD)
 
     async def land(self) -> None:
         """Start the vehicle's landing; see `disarmed`. Raises CommandError, StateTimeoutError."""
-        await self._reach(Mode.LAND)
+        await self._set_mode(Mode.LAND)
 
     async def terminate(self) -> None:
         """Stop the vehicle's motors at once, in the air too. Raises CommandError."""
-        vehicle = self._require_flying()
+        vehicle = self._require_identified()
         vehicle.setpoints.stop()
-        await vehicle.orders.terminate()
+        await vehicle.commands.terminate()
 
     async def disarmed(self, timeout_s: float) -> None:
         """Wait until the vehicle is disarmed. Raises StateTimeoutError."""
-        status = self._require_flying().status
-        await self._insistence.see(lambda: not status.state.armed, timeout_s, "disarmed")
+        status = self._require_identified().status
+        await self._confirmed_command.await_effect(
+            lambda: not status.state.armed, timeout_s, "disarmed"
+        )
 
-    def _require_flying(self) -> IdentifiedVehicle:
+    def _require_identified(self) -> IdentifiedVehicle:
         if self._vehicle is None:
             raise VehicleError(f"{self.name}: not identified yet; await identify() first")
         return self._vehicle
 
-    async def _reach(self, mode: Mode) -> None:
-        vehicle = self._require_flying()
+    async def _set_mode(self, mode: Mode) -> None:
+        vehicle = self._require_identified()
         status = vehicle.status
-        status.asked_modes = (mode,)
-        await self._insistence.confirm(
-            partial(vehicle.orders.set_mode, mode),
+        status.requested_modes = (mode,)
+        await self._confirmed_command.confirm(
+            partial(vehicle.commands.set_mode, mode),
             lambda: status.state.mode is mode,
             f"in {mode.value}",
         )
@@ -412,18 +418,18 @@ class Driver:
                 raise AnchorError(f"{self.name}: {error}") from error
 
     def _reasons(self) -> tuple[str, ...]:
-        return self._require_flying().reasons(self._rates.position_hz)
+        return self._require_identified().reasons(self._rates.position_hz)
 
     def _circumstances(self) -> str:
         """Return the link's and vehicle's circumstances for an error message; or empty."""
         texts = () if self._status is None else self._status.last_texts()
-        said = "its last STATUSTEXT: " + " | ".join(texts) if texts else ""
-        return "".join(f"; {words}" for words in (self._presence.silence(), said) if words)
+        last_texts = "its last STATUSTEXT: " + " | ".join(texts) if texts else ""
+        return "".join(f"; {text}" for text in (self._link_monitor.silence(), last_texts) if text)
 
     def _begin_listening(self) -> None:
-        self._require_flying().streams.ask()
-        self._clocking.start()
-        self._presence.watch()
+        self._require_identified().streams.request()
+        self._timesync.start()
+        self._link_monitor.watch()
 
     def _on_reboot(self, t_s: float) -> None:
         self.truth.restart()
@@ -435,11 +441,11 @@ class Driver:
         self._failure = error
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
-        # What is aboard of the vehicle is still to be taken back.
-        self._session.speak_plainly()
+        # The vehicle's parameters, fence and missions still have to be restored.
+        self._session.write_frames()
         self._changes.fail(error)
         self._commander.fail(error)
 
-    def _silent(self, t_s: float, gap_s: float, *, up: bool) -> None:
+    def _on_link_change(self, t_s: float, gap_s: float, *, up: bool) -> None:
         if self._status is not None:
             self._status.set_link(up=up, t_s=t_s, gap_s=gap_s)

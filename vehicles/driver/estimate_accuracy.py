@@ -1,4 +1,4 @@
-"""How exact an estimator takes itself for, in metres and radians: the covariance of ODOMETRY."""
+"""An estimator's own accuracy in metres and radians, from the covariance in ODOMETRY."""
 
 import math
 from typing import Any, NamedTuple
@@ -9,14 +9,14 @@ from vehicles.driver.session.session import Session
 
 _POSITION_VARIANCES = (0, 6, 11)
 _ATTITUDE_VARIANCES = (15, 18, 20)
-"""Where the diagonal stands in the 21 numbers of an upper triangle of 6 by 6, row by row (x, y, z,
-roll, pitch, yaw), as MAVLink's ODOMETRY has it in pose_covariance."""
+"""Indices of the diagonal in the 21 numbers of the upper triangle of a 6 by 6 matrix, row by row
+(x, y, z, roll, pitch, yaw): pose_covariance of MAVLink's ODOMETRY."""
 
 
 class ReportedAccuracy(NamedTuple):
     """An estimator's accuracy as it reports it: one standard deviation of its worst axis.
 
-    arrived_s: when it reached us, run clock. attitude_rad: of its worst angle, mostly the heading.
+    arrived_s: time of arrival, run clock. attitude_rad: of its worst angle, mostly the heading.
     """
 
     arrived_s: float
@@ -25,9 +25,9 @@ class ReportedAccuracy(NamedTuple):
 
 
 def accuracy_in(message: Any, arrived_s: float) -> ReportedAccuracy | None:
-    """Return the accuracy in an ODOMETRY; None where it states none.
+    """Return the accuracy in an ODOMETRY; None when it has none.
 
-    By MAVLink a first element that is not a number means unknown. Zeros on all axes are unset.
+    In MAVLink, NaN as the first element means unknown. Zeros on all axes mean unset.
     """
     covariance = message.pose_covariance
     position = [covariance[index] for index in _POSITION_VARIANCES]

@@ -1,24 +1,24 @@
-"""Positions and attitudes come in messages of their own: pairs them in the vehicle's time; pure."""
+"""Pairs the positions and attitudes of an estimator by their time since boot; pure."""
 
 from collections import deque
 
 from vehicles.driver.vehicle_state import LocalEstimate
 from worlds.frames import Pose, Quat, Vec3, slerp
 
-_ATTITUDES_KEPT = 16
+_MAX_ATTITUDES = 16
 
 
 class EstimatePairing:
     """Pairs each estimated position with the attitude of the same time.
 
-    A position waits for the first attitude that is not older, and takes the one in between. If
-    the next position comes first, it takes the last attitude, when that is at most `max_age_s`
-    old; otherwise it is dropped and counted. Times are seconds since boot.
+    A position waits for the first attitude that is not older, and gets the attitude interpolated
+    at its time. If the next position comes first, it gets the last attitude when that is at most
+    `max_age_s` old; otherwise it is dropped and counted. Times are seconds since boot.
     """
 
     def __init__(self, *, max_age_s: float = 0.2) -> None:
         self._max_age_s = max_age_s
-        self._attitudes: deque[tuple[float, Quat]] = deque(maxlen=_ATTITUDES_KEPT)
+        self._attitudes: deque[tuple[float, Quat]] = deque(maxlen=_MAX_ATTITUDES)
         self._waiting: tuple[float, Vec3, Vec3] | None = None
         self.dropped = 0
 

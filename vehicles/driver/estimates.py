@@ -1,4 +1,4 @@
-"""The autopilot's estimate: paired, mapped to the run clock and into the world, told on."""
+"""Receives the autopilot's estimates, and maps them to the run clock and the world frame."""
 
 import math
 from collections.abc import Callable
@@ -18,10 +18,10 @@ from worlds.geodesy import Geodetic, LocalFrame
 
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
-"""Both have their fields on the wire in the order of their definition, time_boot_ms first."""
+"""Both payloads have their fields in the order of their definition, time_boot_ms first."""
 
 _REBOOT_S = 1.0
-"""A stamp that is older by less was overtaken or doubled on its way; by more, a clock restarted."""
+"""A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
 EstimateListener = Callable[[EstimateSample], None]
 
@@ -29,7 +29,7 @@ EstimateListener = Callable[[EstimateSample], None]
 class Estimates:
     """Collects a vehicle's position and attitude estimates; calls listeners with each.
 
-    Listeners are told once the vehicle is anchored, in the loop's turn in which the message
+    Listeners are called once the vehicle is anchored, in the loop's turn in which the message
     came; what they raise goes to the loop's exception handler.
     """
 
@@ -92,9 +92,8 @@ class Estimates:
         if self._anchor is None or self._here is None:
             lacks = "is not anchored" if self._anchor is None else "has sent no GLOBAL_POSITION_INT"
             raise AnchorError(
-                f"{self._session.link.name}: positions cannot be converted to latitude "
-                "and longitude: it "
-                f"{lacks}; give it satellites, or set its estimator's origin"
+                f"{self._session.link.name}: positions cannot be converted to latitude and "
+                f"longitude: the vehicle {lacks}; wait for its GPS, or set its estimator's origin"
             )
         frame, local = self._here
         wanted = self._anchor.position_to_local(world_ned_m)
@@ -105,7 +104,7 @@ class Estimates:
         self._listeners.append(listener)
 
     def _position(self, payload: bytes, t_s: float) -> None:
-        boot_ms, x, y, z, vx, vy, vz = _unpack_quaternion(_POSITION, payload)
+        boot_ms, x, y, z, vx, vy, vz = _unpack(_POSITION, payload)
         if not math.isfinite(x + y + z + vx + vy + vz):
             self.not_numbers += 1
             return
@@ -113,8 +112,8 @@ class Estimates:
             self._take(estimate, t_s)
 
     def _quaternion(self, payload: bytes, t_s: float) -> None:
-        boot_ms, w, x, y, z = _unpack_quaternion(_QUATERNION, payload)[:5]
-        # ATTITUDE is asked for nowhere, but ArduPilot may send it: one of both is enough.
+        boot_ms, w, x, y, z = _unpack(_QUATERNION, payload)[:5]
+        # ATTITUDE is never requested, but ArduPilot may send it: one of the two is enough.
         if self._takes_angles:
             self._takes_angles = False
             self._session.off(mavlink.MAVLINK_MSG_ID_ATTITUDE, self._angles)
@@ -191,6 +190,6 @@ class Estimates:
             self.amsl_m = message.altitude * 1e-3
 
 
-def _unpack_quaternion(layout: Struct, payload: bytes) -> tuple[float, ...]:
+def _unpack(layout: Struct, payload: bytes) -> tuple[float, ...]:
     """Return the fields of an estimate's payload, trailing zeros restored."""
     return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))

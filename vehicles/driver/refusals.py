@@ -1,17 +1,17 @@
-"""What a driver says of a vehicle that does not become ready, or does not arm."""
+"""Builds the errors of a vehicle that does not become ready, or does not arm."""
 
 from vehicles.driver.identified_vehicle import IdentifiedVehicle
 from vehicles.driver.session.conditions import ConditionWaiter
 from vehicles.errors import ArmRefusedError, CommandError, NotReadyError
 
 _TEXT_WITHIN_S = 0.5
-"""By how much the STATUSTEXT with the reason may be behind a refusal."""
+"""How long after a refusal the STATUSTEXT with its reason may arrive."""
 
 
 def not_ready(
     vehicle: IdentifiedVehicle, what: str, reasons: tuple[str, ...], circumstances: str
 ) -> NotReadyError:
-    """Return the error of a vehicle that refuses readiness; what: whose, and for how long."""
+    """Return the error of a vehicle that is not ready; what: the start of its message."""
     texts = vehicle.status.last_texts()
     reasons = (*reasons, *vehicle.autopilot.refusal_reasons(texts))
     return NotReadyError(

@@ -1,4 +1,4 @@
-"""Setpoints on the wire, and the stream that keeps a vehicle still until somebody flies it."""
+"""Sends setpoints to a vehicle, and streams zero velocity until the first one."""
 
 import asyncio
 from typing import Any
@@ -9,14 +9,14 @@ from vehicles.driver.session.repeater import Repeater
 from vehicles.driver.session.session import Session
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 
-_STILL = VelocitySetpoint((0.0, 0.0, 0.0))
+_ZERO_VELOCITY = VelocitySetpoint((0.0, 0.0, 0.0))
 
 
 class SetpointSender:
     """Sends setpoints in the autopilot's local frame, stamped in the vehicle's time.
 
-    A setpoint is sent once: whoever flies renews it, so that the autopilot's own time-out acts
-    when that one dies. Only standing still is repeated, from `keep_still` to the next `send`.
+    A setpoint is sent once: the autonomy renews it, so that the autopilot's own time-out acts
+    when the autonomy dies. Only zero velocity is repeated, from `keep_still` to the next `send`.
     """
 
     def __init__(
@@ -27,22 +27,24 @@ class SetpointSender:
         self._autopilot = autopilot
         self._target = target
         period_s = 1.0 / autopilot.setpoint_rate_hz
-        self._still = Repeater(period_s=period_s, action=lambda: self._write(_STILL))
+        self._zero_velocity_stream = Repeater(
+            period_s=period_s, action=lambda: self._send_once(_ZERO_VELOCITY)
+        )
 
     def send(self, setpoint: Setpoint) -> None:
         """Send a setpoint, and end streaming of zero velocity."""
-        self._still.stop()
-        self._write(setpoint)
+        self._zero_velocity_stream.stop()
+        self._send_once(setpoint)
 
     def keep_still(self) -> None:
         """Stream setpoints of zero velocity until `send` or `stop`."""
-        self._still.start()
+        self._zero_velocity_stream.start()
 
     def stop(self) -> None:
         """Stop sending setpoints."""
-        self._still.stop()
+        self._zero_velocity_stream.stop()
 
-    def _write(self, setpoint: Setpoint) -> None:
+    def _send_once(self, setpoint: Setpoint) -> None:
         now_s = asyncio.get_running_loop().time()
         t_boot_ms = max(0, int(self._clock.boot_time(now_s) * 1e3))
         message: Any

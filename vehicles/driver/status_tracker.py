@@ -1,4 +1,4 @@
-"""The vehicle's modes, states and words: kept as a snapshot, their changes told as events."""
+"""Tracks the vehicle's modes, states and STATUSTEXTs, and reports their changes as events."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ from vehicles.tasks import Contained
 
 EventListener = Callable[[VehicleEvent], None]
 
-_TEXTS_KEPT = 20
+_MAX_TEXTS = 20
 _ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 _FAILSAFE_STATES = frozenset(
     {
@@ -57,64 +57,58 @@ class StatusTracker:
         self._changes = changes
         self._listeners = listeners
         self._pieces = StatustextPieces()
-        self._texts: deque[StatusText] = deque(maxlen=_TEXTS_KEPT)
+        self._texts: deque[StatusText] = deque(maxlen=_MAX_TEXTS)
         self.state = VehicleState(link_up=True)
         self.readiness = autopilot.readiness()
         self.reported_s: dict[ReportName, float] = {}
         """When each report of its state last arrived (run clock)."""
         self._was_sound = False
-        self.asked_modes: tuple[Mode, ...] = ()
-        """In which modes it may now be because we asked for it."""
+        self.requested_modes: tuple[Mode, ...] = ()
+        """The modes that follow from our last command."""
         for message_id, handler in (
             (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self.heartbeat),
             (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, self._on_extended_state),
-            (mavlink.MAVLINK_MSG_ID_SYS_STATUS, self._sys_status),
-            (mavlink.MAVLINK_MSG_ID_STATUSTEXT, self._text),
-            (mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, self._estimator),
-            (mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, self._estimator),
-            (mavlink.MAVLINK_MSG_ID_HOME_POSITION, self._home),
+            (mavlink.MAVLINK_MSG_ID_SYS_STATUS, self._on_sys_status),
+            (mavlink.MAVLINK_MSG_ID_STATUSTEXT, self._on_statustext),
+            (mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, self._on_estimator_flags),
+            (mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, self._on_estimator_flags),
+            (mavlink.MAVLINK_MSG_ID_HOME_POSITION, self._on_home),
         ):
             session.on(message_id, handler)
 
-    def tell(self, event: VehicleEvent) -> None:
+    def report(self, event: VehicleEvent) -> None:
         """Report an event to all listeners of the status."""
         for listener in self._listeners:
             with Contained(f"a listener to a vehicle ({event.kind})"):
                 listener(event)
 
     def set_link(self, *, up: bool, t_s: float, gap_s: float) -> None:
-        """Note in the status that the vehicle fell silent for `gap_s`, or is back."""
+        """Set whether the link is up, after nothing was received for `gap_s`."""
         self._change(link_up=up)
         if up:
-            text = f"heard again after {gap_s:.1f} s"
-            self.tell(VehicleEvent(t_s, "link_back", text, duration_s=gap_s))
+            text = f"received again after {gap_s:.1f} s"
+            self.report(VehicleEvent(t_s, "link_back", text, duration_s=gap_s))
         else:
-            self.tell(VehicleEvent(t_s, "link_lost", f"nothing heard for {gap_s:.1f} s"))
+            self.report(VehicleEvent(t_s, "link_lost", f"nothing received for {gap_s:.1f} s"))
 
     def rebooted(self, t_s: float) -> None:
         """Reset the status of readiness: the vehicle rebooted."""
         self.readiness = self._autopilot.readiness()
         self._was_sound = False
         self._change(faults=())
-        self.tell(VehicleEvent(t_s, "reboot", "the vehicle's clock restarted (it rebooted)"))
+        self.report(VehicleEvent(t_s, "reboot", "the vehicle's clock restarted (it rebooted)"))
 
     def last_texts(self, count: int = 5) -> tuple[str, ...]:
         """Return the last STATUSTEXTs, oldest first; each once."""
-        said: dict[str, None] = {}
-        for text in reversed(self._texts):
-            said.setdefault(text.text)
-        return tuple(reversed(list(said)[:count]))
+        distinct = dict.fromkeys(text.text for text in reversed(self._texts))
+        return tuple(reversed(list(distinct)[:count]))
 
     def _change(self, **fields: Any) -> None:
         self.state = self.state._replace(**fields)
         self._changes.notify()
 
-    def _on_status_change(self, message: Any) -> None:
-        self.readiness.feed(message)
-        self._changes.notify()
-
     def heartbeat(self, message: Any, t_s: float) -> None:
-        """Take a HEARTBEAT into the status, the one of identification included."""
+        """Update the status by a HEARTBEAT."""
         before = self.state
         self.reported_s["heartbeat"] = t_s
         mode = self._autopilot.mode_of(message.custom_mode)
@@ -135,13 +129,13 @@ class StatusTracker:
         self.state = now
         if before.custom_mode != now.custom_mode:
             by_itself = not armed and self._autopilot.changes_mode_on_disarm
-            asked = mode in self.asked_modes or by_itself
-            self.tell(VehicleEvent(t_s, "mode", now.mode_name, mode=mode, asked=asked))
+            asked = mode in self.requested_modes or by_itself
+            self.report(VehicleEvent(t_s, "mode", now.mode_name, mode=mode, asked=asked))
         if before.armed != armed and before.custom_mode is not None:
-            self.tell(VehicleEvent(t_s, "armed" if armed else "disarmed", now.mode_name))
+            self.report(VehicleEvent(t_s, "armed" if armed else "disarmed", now.mode_name))
         if before.failsafe != failsafe:
             kind: EventKind = "failsafe" if failsafe else "failsafe_over"
-            self.tell(VehicleEvent(t_s, kind, enum_name("MAV_STATE", message.system_status)))
+            self.report(VehicleEvent(t_s, kind, enum_name("MAV_STATE", message.system_status)))
         self._changes.notify()
 
     def _on_extended_state(self, message: Any, t_s: float) -> None:
@@ -152,10 +146,10 @@ class StatusTracker:
         landed: Landed = LANDED_STATES[landed_state] if known else "unknown"
         if landed != self.state.landed:
             self.state = self.state._replace(landed=landed)
-            self.tell(VehicleEvent(t_s, "landed_state", landed))
+            self.report(VehicleEvent(t_s, "landed_state", landed))
         self._changes.notify()
 
-    def _sys_status(self, message: Any, t_s: float) -> None:
+    def _on_sys_status(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
         voltage_mv, percent = message.voltage_battery, message.battery_remaining
         battery = Battery(
@@ -166,15 +160,15 @@ class StatusTracker:
             self.reported_s["battery"] = t_s
         self._change(battery=battery)
 
-    def _text(self, message: Any, t_s: float) -> None:
+    def _on_statustext(self, message: Any, t_s: float) -> None:
         whole = self._pieces.add(message.text, message.id, message.chunk_seq)
         if not whole:
             return
         self._texts.append(StatusText(t_s, message.severity, whole))
         self._change(texts=tuple(self._texts))
-        self.tell(VehicleEvent(t_s, "text", whole, severity=message.severity))
+        self.report(VehicleEvent(t_s, "text", whole, severity=message.severity))
 
-    def _estimator(self, message: Any, t_s: float) -> None:
+    def _on_estimator_flags(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
         self.reported_s["estimator"] = t_s
         faults = self.readiness.estimator_faults()
@@ -183,10 +177,11 @@ class StatusTracker:
             self.state = self.state._replace(faults=faults)
             if self._was_sound:
                 kind: EventKind = "fault" if faults else "fault_over"
-                self.tell(VehicleEvent(t_s, kind, ", ".join(faults or before)))
-        # While an estimator starts it lacks everything: that is no fault yet.
+                self.report(VehicleEvent(t_s, kind, ", ".join(faults or before)))
+        # While an estimator starts, all its flags are missing: that is no fault yet.
         self._was_sound = self._was_sound or not faults
         self._changes.notify()
 
-    def _home(self, message: Any, _t_s: float) -> None:
-        self._on_status_change(message)
+    def _on_home(self, message: Any, _t_s: float) -> None:
+        self.readiness.feed(message)
+        self._changes.notify()

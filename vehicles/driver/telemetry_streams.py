@@ -1,4 +1,4 @@
-"""The telemetry plan: asked of the autopilot, and looked after that it comes."""
+"""Requests the telemetry of a plan from the autopilot, and finds missing streams."""
 
 from functools import partial
 
@@ -7,18 +7,18 @@ from vehicles.driver.session.session import Session
 from vehicles.mavlink.names import message_name
 
 _SLACK = 3.0
-"""A message counts as away after so many of its periods, and at least a second."""
+"""A message counts as missing after so many of its periods, and at least a second."""
 _LEAST_RATE = 0.5
-"""What comes less often than this part of its rate was asked for in vain: the request was lost, and
-the autopilot sends it at a rate of its own."""
-_SHORTEST_LOOK_S = 1.0
+"""A message that comes at less than this part of its rate is requested again: the request was
+lost, and the autopilot sends it at its default rate."""
+_SHORTEST_COUNT_S = 1.0
 
 
 class TelemetryStreams:
-    """Requests the telemetry streams of a plan, and finds those that do not come.
+    """Requests the telemetry streams of a plan, and finds those that do not arrive.
 
-    The requests go out all at once and their acknowledgements are not awaited: on a slow radio
-    that would take seconds, and an acknowledged message that does not come helps nobody.
+    All requests go out at once and their acknowledgements are not awaited: on a slow radio that
+    would take seconds, and only the arrival of the messages counts.
     """
 
     def __init__(
@@ -35,50 +35,50 @@ class TelemetryStreams:
         self._plan = plan
         self._last_s: dict[int, float] = {}
         self._counts = dict.fromkeys((line.message_id for line in plan), 0)
-        self._counts_then = dict(self._counts)
-        self._looked_s: float | None = None
+        self._earlier_counts = dict(self._counts)
+        self._counted_from_s: float | None = None
         for line in plan:
             session.on_payload(line.message_id, partial(self._on_message, line.message_id))
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Request all telemetry streams of the plan.
 
-        In one packet: an autopilot that counts a stream's periods from its request then sends what
-        has the same rate together, and whoever passes it on is woken once for it.
+        In one packet: an autopilot that counts a stream's periods from its request then sends
+        messages of the same rate together, and a relay is woken once for them.
         """
-        asked = [self._autopilot.ask_interval(self._target, line) for line in self._plan]
-        self._session.send_together(asked)
+        requests = [self._autopilot.request_interval(self._target, line) for line in self._plan]
+        self._session.send_together(requests)
 
-    def ask_missing(self, now_s: float) -> None:
+    def request_missing(self, now_s: float) -> None:
         """Request again telemetry streams that are missing or too slow."""
-        looked_s = now_s if self._looked_s is None else self._looked_s
+        counted_from_s = now_s if self._counted_from_s is None else self._counted_from_s
         for line in self._plan:
-            if self._missing_streams(line, now_s) or self._slow_streams(line, now_s - looked_s):
-                self._session.send(self._autopilot.ask_interval(self._target, line))
-        if self._looked_s is None or now_s - looked_s >= _SHORTEST_LOOK_S:
-            self._looked_s = now_s
-            self._counts_then = dict(self._counts)
+            if self._is_missing(line, now_s) or self._is_slow(line, now_s - counted_from_s):
+                self._session.send(self._autopilot.request_interval(self._target, line))
+        if self._counted_from_s is None or now_s - counted_from_s >= _SHORTEST_COUNT_S:
+            self._counted_from_s = now_s
+            self._earlier_counts = dict(self._counts)
 
     def missing(self, now_s: float) -> tuple[str, ...]:
-        """Return the required telemetry streams that do not come."""
+        """Return the required telemetry streams that do not arrive."""
         return tuple(
             message_name(line.message_id)
             for line in self._plan
-            if line.required and self._missing_streams(line, now_s)
+            if line.required and self._is_missing(line, now_s)
         )
 
     def rate_hz(self, message_id: int) -> float:
         """Return the requested rate of a telemetry message; 0 when not requested."""
         return next((line.rate_hz for line in self._plan if line.message_id == message_id), 0.0)
 
-    def _missing_streams(self, line: MessageRate, now_s: float) -> bool:
+    def _is_missing(self, line: MessageRate, now_s: float) -> bool:
         last_s = self._last_s.get(line.message_id)
         return last_s is None or now_s - last_s > max(1.0, _SLACK / line.rate_hz)
 
-    def _slow_streams(self, line: MessageRate, elapsed_s: float) -> bool:
-        came = self._counts[line.message_id] - self._counts_then[line.message_id]
+    def _is_slow(self, line: MessageRate, elapsed_s: float) -> bool:
+        came = self._counts[line.message_id] - self._earlier_counts[line.message_id]
         wanted = line.rate_hz * elapsed_s
-        return elapsed_s >= _SHORTEST_LOOK_S and wanted >= 2.0 and came < _LEAST_RATE * wanted
+        return elapsed_s >= _SHORTEST_COUNT_S and wanted >= 2.0 and came < _LEAST_RATE * wanted
 
     def _on_message(self, message_id: int, _payload: bytes, t_s: float) -> None:
         self._last_s[message_id] = t_s

@@ -1,4 +1,4 @@
-"""A simulator's ground truth over MAVLink: stamped, anchored at the start pose, told on."""
+"""Receives a simulator's ground truth over MAVLink: dates it and maps it into the world frame."""
 
 import math
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from vehicles.poses.anchor import Anchor, PoseAverage
 from worlds.frames import Pose
 
 _STILL_M = 0.1
-"""A simulator's vehicle stands to the centimetre."""
+"""How far the ground truth of a vehicle at rest may move."""
 _NEIGHBOUR_S = 0.1
-"""The newest stamp is no neighbour of what comes later, or states another time, than this."""
+"""The newest telemetry dates a ground truth that arrives, or states a time, at most so far off."""
 _STAMPED = (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
-"""Both begin with time_boot_ms on the wire, and come as often as the truth."""
+"""The payload of both begins with time_boot_ms, and they come as often as the truth."""
 
 TruthListener = Callable[[EstimateSample], None]
 
@@ -35,12 +35,12 @@ class _Stamp(NamedTuple):
 class TruthReceiver:
     """Receives the ground truth of a vehicle's simulator, in the world frame.
 
-    The messages say where on earth the vehicle is. The first one is the origin of a frame of
-    metres, by the autopilot's own projection; `anchor_at` maps it to the start pose, as an
-    estimate is. Where a message states when it was so, and telemetry that came just before
-    agrees within 0.1 s, that is its time. Else it is as old as the telemetry that arrived last
-    before it, plus what passed since; so both are late alike, whatever the link does. refused: why
-    the last unusable message was not used; empty when there was none.
+    The messages give latitude, longitude and altitude. The first one is the origin of a frame in
+    metres, by the autopilot's own projection; `anchor_at` maps it to the start pose, as it does an
+    estimate. A message that states its time since boot gets that time, if the telemetry that
+    arrived just before agrees within 0.1 s. Otherwise its time is that of the last telemetry, plus
+    the time since that arrived; so both are late alike, whatever the link does. refused: why the
+    last unusable message was not used; empty when there was none.
     """
 
     def __init__(self, *, session: Session, clock: VehicleClock) -> None:
@@ -59,7 +59,7 @@ class TruthReceiver:
 
     @property
     def wanted(self) -> bool:
-        """Return whether somebody listens."""
+        """Return whether there is a listener."""
         return bool(self._listeners)
 
     def listen(self, listener: TruthListener) -> None:
@@ -67,7 +67,7 @@ class TruthReceiver:
         self._listeners.append(listener)
 
     def begin(self, autopilot: Autopilot) -> None:
-        """Take the autopilot's ground truth messages from now on, if somebody listens."""
+        """Receive the autopilot's ground truth messages from now on, if there is a listener."""
         if not self.wanted:
             return
         self._read, self._project = autopilot.ground_truth, autopilot.projection
@@ -76,7 +76,7 @@ class TruthReceiver:
         self._session.on(autopilot.truth_message_id, self._take)
 
     def anchor_at(self, start: Pose) -> None:
-        """Anchor the last second's mean ground truth at `start`; without one it waits.
+        """Anchor the last second's mean ground truth at `start`; without any, do nothing.
 
         Raises AnchorError when the vehicle moves.
         """
@@ -84,14 +84,14 @@ class TruthReceiver:
             self._anchor = Anchor.of_poses(local=self._average.mean(), world=start)
 
     def rate_hz(self, now_s: float, *, fresh_s: float) -> float | None:
-        """Return how often it came in the last second, anchored or not.
+        """Return the rate of the ground truth in the last second, anchored or not.
 
-        None where the newest is older than `fresh_s`, or there are too few to say.
+        None when the newest is older than `fresh_s`, or too few have arrived.
         """
         return (self._average.rate_hz or None) if now_s - self._last_s <= fresh_s else None
 
     def restart(self) -> None:
-        """Forget the ground truth before a reboot: a simulator may have begun anew elsewhere."""
+        """Drop the ground truth from before a reboot: a simulator may restart at another place."""
         self._origin = self._anchor = self._stamp = None
         self._average = PoseAverage(still_within_m=_STILL_M)
         self._last_s = -math.inf
@@ -128,10 +128,10 @@ class TruthReceiver:
             listener(sample)
 
     def _time_of(self, truth: GroundTruth, arrived_s: float) -> float | None:
-        """Return when a ground truth was so that arrived now, run clock; None while unknown.
+        """Return the time (run clock) of a ground truth that arrived now; None while unknown.
 
-        What passed since the stamp counts all of a stall of the vehicle: a message that came after
-        one would be taken for younger than those that came in a burst behind it.
+        The time since the stamp includes any stall of the vehicle; so a message after a stall would
+        get a later time than those that follow it in a burst.
         """
         stamp = self._stamp
         if stamp is None or arrived_s - stamp.arrived_s > _NEIGHBOUR_S:
@@ -142,10 +142,10 @@ class TruthReceiver:
         try:
             return min(self._clock.run_time(boot_s) + since_s, arrived_s)
         except ValueError:
-            return None  # Nothing is known of the vehicle's clock yet.
+            return None  # The vehicle's clock is not synchronised yet.
 
     def _local(self, truth: GroundTruth) -> Pose:
-        """Return a ground truth's pose in metres from where the first one was."""
+        """Return a ground truth's pose in metres from the first one's position."""
         if self._origin is None:
             if self._project is None:
                 raise RuntimeError("ground truth before `begin`")

@@ -1,4 +1,4 @@
-"""What a vehicle is told to do: modes, arming, takeoff, termination."""
+"""The commands to a vehicle: modes, arming, takeoff, termination."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,13 +7,13 @@ from vehicles.autopilots.autopilot import Autopilot, Mode, Target
 from vehicles.driver.session.commands import Commander
 
 Done = Callable[[], bool]
-"""Says whether what an order is for has happened, though its acknowledgement was lost."""
+"""Returns whether a command has taken effect, though its acknowledgement was lost."""
 
 
 class VehicleCommands:
-    """A vehicle's commands, each a COMMAND_LONG; awaiting one is its acceptance.
+    """A vehicle's commands, each a COMMAND_LONG; awaiting one returns once it is accepted.
 
-    All raise CommandError when refused, CommandTimeoutError when never answered.
+    All raise CommandError when refused, CommandTimeoutError when not answered.
     """
 
     def __init__(self, *, commander: Commander, autopilot: Autopilot, target: Target) -> None:
@@ -37,7 +37,7 @@ class VehicleCommands:
     def begin_takeoff(
         self, altitude_m: float, *, ground_amsl_m: float | None, done: Done
     ) -> asyncio.Future[None]:
-        """Send the takeoff command now; the future is its acceptance.
+        """Send the takeoff command now; the future is done once it is accepted.
 
         ground_amsl_m: see `Autopilot.takeoff`.
         """

@@ -1,7 +1,7 @@
-"""What a driver tells of its vehicle: a snapshot, estimates, and events.
+"""What a driver reports of its vehicle: its state, estimates, and events.
 
-What is made many times a second is a named tuple: a frozen dataclass takes two to four times as
-long.
+Types that are created many times a second are named tuples: a frozen dataclass takes two to four
+times as long.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Landed = Literal["unknown", "on_ground", "in_air", "taking_off", "landing"]
 LANDED_STATES: tuple[Landed, ...] = ("unknown", "on_ground", "in_air", "taking_off", "landing")
 
 ReportName = Literal["heartbeat", "landed_state", "battery", "estimator"]
-"""What a vehicle says of its state in messages of their own."""
+"""The reports of a vehicle's state that come in separate messages."""
 
 EventKind = Literal[
     "mode",
@@ -45,8 +45,8 @@ class LocalEstimate(NamedTuple):
 class EstimateSample(NamedTuple):
     """A vehicle's estimate in the world frame.
 
-    t_s: the moment it is for, by mapped clocks. arrived_s: when it reached us. Both are on the
-    run clock. boot_s: the same moment on the vehicle's clock.
+    t_s: the time that it is valid for, by the clock map. arrived_s: its time of arrival. Both are
+    on the run clock. boot_s: t_s on the vehicle's clock.
     """
 
     t_s: float
@@ -67,7 +67,7 @@ class StatusText:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The vehicle's battery in SYS_STATUS; what the autopilot does not know is None."""
+    """The vehicle's battery in SYS_STATUS; values that the autopilot does not know are None."""
 
     voltage_v: float | None
     remaining: float | None
@@ -76,11 +76,11 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class VehicleEvent:
-    """An event in a vehicle's state, when we learned of it (run clock).
+    """An event in a vehicle's state; t_s: when it was received (run clock).
 
-    text: for people ("OFFBOARD", "Armed by external command"). mode: of kind "mode", what it
-    means. asked: of kind "mode", whether it is the mode that we last asked for. duration_s: of
-    kind "link_back", how long nothing was heard. severity: of kind "text", its MAV_SEVERITY.
+    text: for people ("OFFBOARD", "Armed by external command"). mode: for kind "mode", the new mode.
+    asked: for kind "mode", whether we last requested it. duration_s: for kind "link_back", how long
+    nothing was received. severity: for kind "text", its MAV_SEVERITY.
     """
 
     t_s: float
@@ -95,12 +95,12 @@ class VehicleEvent:
 class VehicleState(NamedTuple):
     """The vehicle's last reported state; immutable, a new one replaces it.
 
-    last_heard_s: when a byte of it last came (run clock); None before. custom_mode and
+    last_received_s: when a message of it last arrived (run clock); None before. custom_mode and
     system_status as in HEARTBEAT. estimate: None until the vehicle is anchored in the world.
-    local: the same in the autopilot's own frame. faults: what is wrong with its estimator.
+    local: the same in the autopilot's own frame. faults: of its estimator, in words.
     """
 
-    last_heard_s: float | None = None
+    last_received_s: float | None = None
     link_up: bool = False
     armed: bool = False
     mode: Mode = Mode.OTHER

@@ -1,5 +1,5 @@
-"""The embedded vehicle: a JSBSim quadrotor, its sensors, and an autopilot that speaks MAVLink.
+"""The embedded vehicle: a JSBSim quadrotor, its sensors, and an emulated MAVLink autopilot.
 
 Import from its modules (`vehicle`, `config`, `profile`, `feed`): physics and MAVLink are slow to
-import, and a profile must be had without them.
+import, and loading a profile needs neither.
 """

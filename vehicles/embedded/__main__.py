@@ -1,4 +1,4 @@
-"""`python -m vehicles.embedded SETTINGS_JSON`: one embedded vehicle in a process of its own."""
+"""`python -m vehicles.embedded SETTINGS_JSON`: runs one embedded vehicle as a process."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Profiles: what a vehicle and a place add to a flight, as data with a source for each number.
+"""Profiles: noise, wind, battery and delays of a vehicle and its place, each number with a source.
 
 A profile describes a vehicle and a place; it is never tuned per campaign.
 """
@@ -19,7 +19,7 @@ Pair = tuple[Nonnegative, Nonnegative]
 
 
 class ProfileError(ValueError):
-    """An unknown profile. suggestion: the name that was probably meant; empty without."""
+    """An unknown profile. suggestion: the name that was probably meant; empty if there is none."""
 
     def __init__(self, message: str, suggestion: str = "") -> None:
         super().__init__(message)
@@ -27,7 +27,7 @@ class ProfileError(ValueError):
 
 
 class AirMovement(Part):
-    """A profile's wind: first-order Gauss-Markov movement of the air, NED, of zero mean."""
+    """A profile's wind: first-order Gauss-Markov, NED, of zero mean."""
 
     sigma_m_s: tuple[Nonnegative, Nonnegative, Nonnegative]
     time_constant_s: Positive
@@ -41,7 +41,7 @@ class Motors(Part):
 
 
 class Battery(Part):
-    """A profile's battery; `thrust_loss`: part of thrust that is gone when empty."""
+    """A profile's battery; `thrust_loss`: part of the thrust that is lost when empty."""
 
     full_v: Positive
     empty_v: Positive
@@ -97,7 +97,7 @@ class VehicleClock(Part):
 
 
 class AirframeNumbers(Part):
-    """A profile's airframe, where it is not the paper's drone; fields as in `Airframe`."""
+    """A profile's airframe, when it is not the paper's drone; fields as in `Airframe`."""
 
     mass_kg: Positive
     inertia_xx_kg_m2: Positive
@@ -114,8 +114,8 @@ class AirframeNumbers(Part):
 class Profile(Part):
     """A profile of an embedded vehicle and its place.
 
-    sensors: what lidars, GPS, IMU and the like are: `ideal`, with the reach of their data sheets
-    and no noise; or `datasheet`, with their noise.
+    sensors: of lidars, GPS, IMU and others: `ideal` has the ranges of their data sheets and no
+    noise; `datasheet` adds their noise.
     """
 
     schema_: Literal["wil/profile/1"] = Field(alias="schema")
@@ -139,8 +139,8 @@ def list_profiles() -> tuple[str, ...]:
 def load_profile(name_or_path: str | Path, *, shown_as: str | None = None) -> Profile:
     """Return a profile by name, or from a YAML file. shown_as: what messages call the file.
 
-    Raises ProfileError for an unknown name, and BadInput with every fault at its place for a file
-    that cannot be read or is wrong.
+    Raises ProfileError for an unknown name, and BadInput with the place of each fault for a file
+    that is unreadable or wrong.
     """
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")):

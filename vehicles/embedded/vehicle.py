@@ -25,8 +25,8 @@ from worlds.geodesy import LocalFrame
 _LISTENER = Contained("a listener to a vehicle's truth")
 _STEPS_PER_TICK = 2
 _TURN_STEPS = 5
-_MOST_STEPS_BEHIND = 250
-"""Farther behind (a process that was stopped), time is dropped rather than made up for."""
+_MAX_STEPS_BEHIND = 250
+"""When it is farther behind (the process was stopped), it skips the time instead of catching up."""
 
 TruthCallback = Callable[[TruthSample], None]
 MocapCallback = Callable[[PoseReading], None]
@@ -49,9 +49,9 @@ class Component(Protocol):
 class EmbeddedVehicle:
     """An embedded vehicle in this event loop, in virtual or wall time.
 
-    As an async context manager it opens its end of the link and flies by timers of the loop until
-    it is closed. `seed` decides everything random in it. Positions are in the world's local frame.
-    When the physics fails the vehicle falls silent, and closing it raises the PlantError.
+    As an async context manager it opens its end of the link and runs on the loop's timers until it
+    is closed. `seed` determines all its randomness. Positions are in the world's local frame. When
+    the physics diverges the vehicle stops sending, and closing it raises the PlantError.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class EmbeddedVehicle:
         config: EmbeddedConfig,
         link: Link,
         seed: int,
-        surroundings: ContactWorld | None = None,
+        contact_world: ContactWorld | None = None,
     ) -> None:
         self.config = config
         self._link = link
-        self._surroundings = surroundings
-        self._body = Body(config=config, seed=seed, surroundings=surroundings)
+        self._contact_world = contact_world
+        self._body = Body(config=config, seed=seed, contact_world=contact_world)
         self._autopilot = build_autopilot(config, self._body)
         self._codec = Codec(system_id=config.system_id, component_id=COMPONENT)
         self._mocap = MotionCaptureFeed(
@@ -107,7 +107,7 @@ class EmbeddedVehicle:
         return self._body.sample(self._step_s(self._steps))
 
     def on_truth(self, callback: TruthCallback, rate_hz: float) -> None:
-        """Call `callback` with the vehicle's truth (at most 250 Hz, a whole part of it)."""
+        """Call `callback` with the vehicle's truth; rate_hz: 250 Hz or an integer fraction."""
         self._truth_callbacks.append((max(1, round(PHYSICS_HZ / rate_hz)), callback))
 
     def on_mocap(self, callback: MocapCallback) -> None:
@@ -123,18 +123,18 @@ class EmbeddedVehicle:
         self._on_sent = callback
 
     def add_component(self, component: Component) -> None:
-        """Have a component beside the autopilot at the vehicle's link, as of its system."""
+        """Add a MAVLink component to the vehicle's link, with the vehicle's system id."""
         codec = Codec(system_id=self.config.system_id, component_id=component.component_id)
         self._components.append((component, codec))
 
     def filter_sent(self, passing: Callable[[Any], Any | None]) -> None:
-        """Send what `passing` returns for each MAVLink message of the autopilot; None: nothing."""
+        """Send what `passing` returns for each MAVLink message of the autopilot; None drops it."""
         self._pass_sent = passing
 
     def notify(self, event: str, t_s: float) -> None:
-        """Pass an event of the world to the vehicle's surroundings."""
-        if isinstance(self._surroundings, EventListener):
-            self._surroundings.notify(event, t_s)
+        """Pass an event of the world to the vehicle's contact world."""
+        if isinstance(self._contact_world, EventListener):
+            self._contact_world.notify(event, t_s)
 
     def kill(self) -> None:
         """Stop the embedded vehicle at once and for good, as when its process dies."""
@@ -144,11 +144,11 @@ class EmbeddedVehicle:
                 timer.cancel()
 
     def mute(self, *, muted: bool) -> None:
-        """Mute or unmute the vehicle: all bytes are lost both ways; it flies on."""
+        """Mute or unmute the vehicle: all bytes are dropped both ways; it continues to fly."""
         self._muted = muted
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Let one motor (0 to 3, PX4's order) give only this part of its thrust."""
+        """Reduce the thrust of one motor (0 to 3, PX4's order) by this factor."""
         self._body.fail_motor(index, factor=factor)
 
     async def __aenter__(self) -> Self:
@@ -166,7 +166,7 @@ class EmbeddedVehicle:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop the vehicle and close the link. Raises what stopped it, if anything."""
+        """Stop the vehicle and close the link. Raises the error that stopped it, if any."""
         self.kill()
         await self._link.__aexit__(kind, error, trace)
         if self._fault is not None and error is None:
@@ -192,7 +192,7 @@ class EmbeddedVehicle:
         """Step the embedded vehicle until the present, and send its messages."""
         now_s = self._loop.time()
         behind = round((now_s - self._t0_s) * PHYSICS_HZ) - self._steps
-        if behind > _MOST_STEPS_BEHIND:
+        if behind > _MAX_STEPS_BEHIND:
             self._t0_s += (behind - _STEPS_PER_TICK) / PHYSICS_HZ
             behind = _STEPS_PER_TICK
         for _ in range(behind):
@@ -234,7 +234,7 @@ class EmbeddedVehicle:
         )
         for every, callback in self._truth_callbacks:
             if steps % every == 0:
-                # Who looks at the vehicle has nothing to do with whether it flies.
+                # An error of a listener must not stop the vehicle.
                 sample = body.sample(t_s)
                 with _LISTENER:
                     callback(sample)
@@ -244,24 +244,24 @@ class EmbeddedVehicle:
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._muted or not self._alive:
             return
-        # Steps are taken a few at a time: the clock of the last one may be 8 ms behind.
+        # Several steps are run at once: the clock of the last one may be 8 ms behind.
         arrived_s = (t_s - self._step_s(self._boot_step)) * self._drift
         for message in self._codec.parse(data):
             self._autopilot.handle(message, arrived_s)
             for component, codec in self._components:
                 self._send_of(codec, component.take(message, t_s))
         self._flush()
-        if self._autopilot.reboot_asked:
+        if self._autopilot.reboot_requested:
             self._reboot()
 
     def _reboot(self) -> None:
-        """Reboot the embedded vehicle's autopilot; its parameters stay."""
-        kept = {name: self._autopilot.parameters[name] for name in self._autopilot.parameters}
+        """Reboot the embedded vehicle's autopilot; its parameters are kept."""
+        parameters = {name: self._autopilot.parameters[name] for name in self._autopilot.parameters}
         boot_unix_us = self.config.boot_unix_us
         if boot_unix_us is not None:
             since_boot_s = self._steps / PHYSICS_HZ + self.config.running_s
             boot_unix_us += round(since_boot_s * 1e6)
-        config = replace(self.config, parameters=kept, boot_unix_us=boot_unix_us)
+        config = replace(self.config, parameters=parameters, boot_unix_us=boot_unix_us)
         self._autopilot = build_autopilot(config, self._body)
         self._boot_step = self._steps
         self._thrusts = STOPPED

@@ -1,1 +1,1 @@
-"""MAVLink on the wire: frames, messages, and the words of its numbers."""
+"""MAVLink frames and messages: framing, packing, signing, and names of enum values."""

@@ -18,9 +18,8 @@ _START_V2 = b"\xfd"
 class _Layout(NamedTuple):
     """The payload layout of a MAVLink message of numbers, for the codec.
 
-    values: its fields in the order of the wire. lengths: of those that are arrays, with their place
-    there, last first; empty when none is. order: where on the wire each field of the constructor
-    lies.
+    values: returns its fields in payload order. lengths: index and length of each array among them,
+    last first. order: the payload index of each constructor argument.
     """
 
     make: Callable[..., Any]
@@ -35,8 +34,8 @@ class _Layout(NamedTuple):
 class Codec:
     """The MAVLink codec: packs as one system and component, parses any sender's frames.
 
-    Parsing never raises: what is no frame or cannot be decoded is counted. Signed frames are
-    read without a look at their signature.
+    Parsing never raises: garbage and undecodable frames are counted. Signatures of signed frames
+    are not checked.
     """
 
     def __init__(self, *, system_id: int, component_id: int) -> None:
@@ -47,20 +46,20 @@ class Codec:
 
     @property
     def bytes_seen(self) -> int:
-        """Return how many bytes the codec has taken."""
+        """Return the number of bytes that the codec has received."""
         return self._splitter.bytes_seen
 
     @property
     def garbage_bytes(self) -> int:
-        """Return how many bytes belonged to no MAVLink frame."""
+        """Return the number of bytes that belong to no MAVLink frame."""
         return self._splitter.garbage_bytes
 
     def split(self, data: bytes) -> list[Frame]:
-        """Return the whole frames, not decoded; for users of few messages."""
+        """Return the complete frames, not decoded; for readers of few messages."""
         return self._splitter.feed(data)
 
     def decode(self, frame: Frame) -> Any | None:
-        """Return a frame's message; None when the dialect does not know it or it is broken."""
+        """Return a frame's message; None when it is unknown to the dialect or malformed."""
         layout = _layout(mavlink.mavlink_map.get(frame.message_id))
         if layout is not None and not layout.lengths:
             return _decode_plain(frame, layout)
@@ -75,7 +74,7 @@ class Codec:
         return message
 
     def parse(self, data: bytes) -> list[Any]:
-        """Return the MAVLink messages that are whole now, in their order."""
+        """Return the MAVLink messages that are complete now, in order."""
         messages = (self.decode(frame) for frame in self._splitter.feed(data))
         return [message for message in messages if message is not None]
 
@@ -91,7 +90,7 @@ class Codec:
         return raw
 
     def _pack_numbers(self, message: Any, layout: _Layout) -> bytes:
-        # As pymavlink's own pack, in a third of its time: it is half of what a setpoint costs.
+        # Like pymavlink's pack, in a third of its time, which is half of the cost of a setpoint.
         _, fields, lengths, _, form, number, extra = layout
         values = fields(message)
         payload = form.pack(*(_flat(values, lengths) if lengths else values))
@@ -114,7 +113,7 @@ def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> list
 
 
 def _decode_plain(frame: Frame, layout: _Layout) -> Any:
-    """Return the message of a frame with a sound checksum, as pymavlink would decode it."""
+    """Return the message of a frame with a valid checksum, as pymavlink would decode it."""
     size = layout.payload.size
     values = layout.payload.unpack(frame.payload[:size].ljust(size, b"\0"))
     message = layout.make(*[values[place] for place in layout.order])
@@ -125,7 +124,7 @@ def _decode_plain(frame: Frame, layout: _Layout) -> Any:
 
 @cache
 def _layout(kind: Any) -> _Layout | None:
-    """Return the payload layout of a message type; None when it holds texts, or is unknown."""
+    """Return the payload layout of a message type; None when it has texts, or is unknown."""
     if kind is None:
         return None
     names = kind.ordered_fieldnames

@@ -1,4 +1,4 @@
-"""What the fence items of MAVLink draw: polygons and circles that keep a vehicle in, or out; pure.
+"""The fence areas of MAVLink fence items: inclusion and exclusion polygons and circles; pure.
 
 Items 5000 to 5004: https://mavlink.io/en/services/mission.html#fence.
 """
@@ -68,7 +68,7 @@ FenceArea = FencePolygon[Place] | FenceCircle[Place]
 
 
 class FenceItem(Protocol):
-    """A MAVLink fence item, of whichever side; x and y in 1e-7 degrees."""
+    """A MAVLink fence item (protocol); x and y in 1e-7 degrees."""
 
     @property
     def command(self) -> int:
@@ -93,10 +93,10 @@ def fence_areas(items: Sequence[FenceItem]) -> tuple[FenceArea, ...]:
     at = 0
     while at < len(items):
         item = items[at]
-        taken = 1
+        count = 1
         if item.command in POLYGONS:
             corners = _corners(items, at)
-            taken = len(corners)
+            count = len(corners)
             areas.append(FencePolygon(tuple(map(_place, corners)), POLYGONS[item.command]))
         elif item.command in CIRCLES:
             if not 0.0 < item.params[0] < math.inf:
@@ -105,17 +105,17 @@ def fence_areas(items: Sequence[FenceItem]) -> tuple[FenceArea, ...]:
         elif item.command != RETURN_POINT:
             message = f"fence item {at} has command {item.command}, which is not a fence item"
             raise FenceItemError(message)
-        at += taken
+        at += count
     return tuple(areas)
 
 
 def _corners(items: Sequence[FenceItem], at: int) -> Sequence[FenceItem]:
-    """Return the items of a fence polygon that begins at an index; all say their count."""
+    """Return the items of a fence polygon that begins at an index; each states their count."""
     stated = items[at].params[0]
     count = int(stated) if math.isfinite(stated) else 0
     corners = items[at : at + count]
     if count < 3 or len(corners) < count or {c.command for c in corners} != {items[at].command}:
-        raise FenceItemError(f"fence item {at} begins a polygon that is not whole")
+        raise FenceItemError(f"fence item {at} begins a polygon that is incomplete")
     return corners
 
 

@@ -1,4 +1,4 @@
-"""MAVLink's own names for its numbers, for messages to people."""
+"""MAVLink's names for its enum values, commands and messages, for log and error texts."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 

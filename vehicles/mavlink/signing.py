@@ -1,10 +1,10 @@
-"""MAVLink 2 signing: frames signed and checked as bytes, without a look at their messages; pure.
+"""MAVLink 2 signing: signs and verifies frames as bytes, without decoding their messages; pure.
 
 https://mavlink.io/en/guide/message_signing.html: a signed frame has bit 0 of its incompatibility
 flags set and ends with a link id, a timestamp of 48 bits and 48 bits of a SHA-256. The checksum
-covers that bit. It is linear (a CRC), so that setting the bit changes it by what depends on the
-frame's length alone: no message's extra byte need be known to sign it or to take the signature
-off.
+covers that bit. It is linear (a CRC): setting the bit changes it by a value that depends only on
+the frame's length. So a frame can be signed, or its signature removed, without the extra byte of
+its message.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ TICKS_PER_S = 100_000
 """Timestamps count 10 us since 2015-01-01 UTC."""
 _UTC_OF_ZERO_S = 1_420_070_400
 _OLDEST_NEW_STREAM = 60 * TICKS_PER_S
-"""A stream not heard before may be a minute behind us, no more."""
+"""A new stream may be at most a minute behind our time."""
 _MOST_TICKS = 2**48 - 1
 _SIGNED = 0x01
-_UNSIGNED_TAKEN = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
-"""Radios have no key: the guide lets their status pass."""
+_UNSIGNED_ACCEPTED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
+"""Radios have no key: the guide accepts their status unsigned."""
 
 
 def ticks_of_utc(utc_s: float) -> int:
@@ -60,13 +60,13 @@ class SigningCounts:
 class Signer:
     """Signs outgoing and verifies incoming frames, with one key on one link.
 
-    Times are timestamps (`ticks_of_utc`). What comes with a later timestamp than ours moves ours
-    on, as the guide asks, so that a vehicle whose clock is ahead hears us.
+    Times are timestamps (`ticks_of_utc`). A received timestamp that is later than ours advances
+    ours, as the guide requires, so that a vehicle whose clock is ahead accepts our frames.
     """
 
     def __init__(self, *, key: SigningKey, link_id: int = 0, newest: int = 0) -> None:
         if not 0 <= link_id <= 255:
-            raise ValueError(f"link_id is {link_id}: it is one byte")
+            raise ValueError(f"link_id is {link_id}: it must be 0 to 255")
         self._key = key
         self._link_id = link_id
         self._newest = newest
@@ -92,15 +92,15 @@ class Signer:
 
     @property
     def newest(self) -> int:
-        """Return the last signing timestamp used: a signer after this one starts from there."""
+        """Return the last signing timestamp used: the next signer starts from it."""
         return self._newest
 
     def sign(self, frame: Frame, now: int) -> bytes | None:
-        """Return a frame with our signature; None for MAVLink 1, which has none."""
+        """Return a frame with our signature; None for MAVLink 1, which cannot be signed."""
         if frame.version != 2:
             self._unsignable += 1
             return None
-        # Each frame's timestamp is one more at least: two of one value would be a replay.
+        # Timestamps increase by at least one per frame: equal ones would count as a replay.
         self._newest = stamp = min(max(now, self._newest + 1), _MOST_TICKS)
         self._signed += 1
         body = _set_flag(_bare(frame), signed=True)
@@ -110,7 +110,7 @@ class Signer:
     def check(self, frame: Frame, now: int) -> bytes | None:
         """Return a frame without its signature; None when the signature is refused."""
         if not frame.signed:
-            if frame.message_id in _UNSIGNED_TAKEN:
+            if frame.message_id in _UNSIGNED_ACCEPTED:
                 return frame.raw
             self._unsigned += 1
             return None
@@ -141,7 +141,7 @@ def _bare(frame: Frame) -> bytes:
 
 
 def _set_flag(raw: bytes, *, signed: bool) -> bytes:
-    """Return a frame without a signature, its signing flag set or not, its checksum right."""
+    """Return a frame without a signature, with its signing flag and checksum updated."""
     if bool(raw[2] & _SIGNED) == signed:
         return raw
     crc = (raw[-2] | raw[-1] << 8) ^ _flag_in_checksum(len(raw))
@@ -152,8 +152,8 @@ def _set_flag(raw: bytes, *, signed: bool) -> bytes:
 def _flag_in_checksum(length: int) -> int:
     """Return how the signing flag changes the checksum of a frame of `length` bytes.
 
-    The register (CRC-16/MCRF4XX) starts at 0, for what it starts at cancels out; behind the flag
-    come the rest of the frame without checksum, and the message's extra byte.
+    The register (CRC-16/MCRF4XX) starts at 0, as its initial value cancels out; after the flag
+    follow the rest of the frame without checksum, and the message's extra byte.
     """
     crc = 0
     # The magic byte is not covered; the length before the flag changes nothing.

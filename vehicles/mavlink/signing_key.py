@@ -1,4 +1,4 @@
-"""The secret of MAVLink 2 signing: read from a file or the environment, shown to nobody."""
+"""The key of MAVLink 2 signing: read from a file or the environment, never printed."""
 
 import base64
 import binascii
@@ -14,7 +14,7 @@ _FORMS = (
     "32 bytes as they are, 64 hexadecimal digits, base64 of 32 bytes, or passphrase:WORDS, which "
     "is hashed as MAVProxy and Mission Planner do"
 )
-_PASSPHRASE = "passphrase:"  # noqa: S105 - the mark before one
+_PASSPHRASE = "passphrase:"  # noqa: S105 - a prefix
 
 
 class SigningKeyError(VehicleError):
@@ -72,8 +72,8 @@ def _key(raw: bytes, where: str) -> SigningKey:
         return SigningKey(raw)
     secret = _from_text(raw)
     if secret is None or len(secret) != KEY_BYTES:
-        # The cause may quote the key: it is left out.
-        raise SigningKeyError(f"{where} has no signing key; it may be {_FORMS}") from None
+        # The cause may quote the key, so it is dropped.
+        raise SigningKeyError(f"{where} has no signing key; accepted are {_FORMS}") from None
     return SigningKey(secret)
 
 

@@ -1,4 +1,4 @@
-"""The .tlog of a vehicle: every frame both ways, as MAVExplorer and Mission Planner read it."""
+"""Writes a vehicle's .tlog: all frames both ways, for MAVExplorer and Mission Planner."""
 
 import struct
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""A driver's voice by mavsdk, which runs in a process of its own."""
+"""The command backend that uses mavsdk, which runs in a separate process."""

@@ -1,4 +1,4 @@
-"""`python -m vehicles.mavsdk`: the process that speaks to one vehicle by mavsdk."""
+"""`python -m vehicles.mavsdk`: the process that commands one vehicle through mavsdk."""
 
 import sys
 

@@ -1,3 +1,3 @@
-"""Who mavsdk is on the wire: a ground station, by its own defaults."""
+"""The MAVLink ids of mavsdk, which is a ground station by its own defaults."""
 
 OWN_SYSTEM, OWN_COMPONENT = 245, 190

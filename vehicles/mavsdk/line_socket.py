@@ -1,4 +1,4 @@
-"""The socket to a mavsdk process, message by message, without ever waiting."""
+"""The driver's socket to a mavsdk process: writes and reads whole messages without waiting."""
 
 import asyncio
 import socket
@@ -9,28 +9,28 @@ from vehicles.mavsdk.messages import FromProcess, ToProcess, from_process, to_pr
 from vehicles.processes.codec import FrameReader, MessageError, framed
 
 _LONGEST_QUEUE_BYTES = 4 << 20
-"""A process that does not read is seen to hang long before; a mission of thousands fits in."""
+"""A process that does not read counts as hung long before; a mission of thousands fits in."""
 
 
 class LineSocket(asyncio.Protocol):
-    """A socket of message lines: writes and passes on; `garbage` counts unreadable ones."""
+    """A socket of messages: writes them, and passes received ones on; `garbage`: unreadable."""
 
-    def __init__(self, take: Callable[[FromProcess], None]) -> None:
-        self._take = take
+    def __init__(self, on_message: Callable[[FromProcess], None]) -> None:
+        self._on_message = on_message
         self._frames = FrameReader()
         self._transport: asyncio.Transport | None = None
         self.garbage = 0
 
     @classmethod
-    async def on(cls, end: socket.socket, take: Callable[[FromProcess], None]) -> Self:
+    async def on(cls, end: socket.socket, on_message: Callable[[FromProcess], None]) -> Self:
         """Return a line socket on this socket, which it closes."""
         loop = asyncio.get_running_loop()
         end.setblocking(False)
-        _, lines = await loop.create_connection(lambda: cls(take), sock=end)
+        _, lines = await loop.create_connection(lambda: cls(on_message), sock=end)
         return lines
 
     def write(self, message: ToProcess) -> None:
-        """Write a message to the line socket; lost when the other end is gone or full."""
+        """Write a message to the line socket; dropped when the other end is gone or full."""
         transport, frame = self._transport, framed(to_process.encode(message))
         if transport is None or transport.is_closing():
             return
@@ -58,4 +58,4 @@ class LineSocket(asyncio.Protocol):
             except MessageError:
                 self.garbage += 1
                 continue
-            self._take(message)
+            self._on_message(message)

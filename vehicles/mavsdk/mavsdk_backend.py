@@ -1,4 +1,4 @@
-"""A driver's voice by mavsdk."""
+"""The command backend that sends a driver's commands through mavsdk."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,14 +20,14 @@ from vehicles.mavsdk.messages import Choose
 from vehicles.mavsdk.relayed_link import RelayedLink
 
 _FIND_S = 5.0
-"""mavsdk knows a system once it has heard a heartbeat of it; those come once a second."""
+"""mavsdk knows a system once it has received its heartbeat; those come once a second."""
 
 
 class MavsdkBackend:
-    """The command backend of mavsdk, in a process of its own.
+    """The command backend of mavsdk, which runs in a separate process.
 
-    name: of the vehicle, for messages. Wall clock only; one voice, process and instance of mavsdk
-    for each vehicle. The driver's own ids must be mavsdk's: 245 and 190, which are its default.
+    name: of the vehicle, for messages. Wall clock only; one backend, process and instance of mavsdk
+    for each vehicle. The driver's own ids must be mavsdk's: 245 and 190, which are the default.
     """
 
     sends_heartbeats = True
@@ -37,7 +37,7 @@ class MavsdkBackend:
         self.client = MavsdkClient(name=name)
 
     @property
-    def speak(self) -> Callable[[Any], None]:
+    def sender(self) -> Callable[[Any], None]:
         """Return the sender of messages by mavsdk's MavlinkDirect."""
         return self._send_message
 
@@ -46,26 +46,25 @@ class MavsdkBackend:
         return RelayedLink(link=link, client=self.client)
 
     def on_failure(self, listener: FailureListener) -> None:
-        """Call `listener` once when mavsdk's process has died or hangs."""
+        """Call `listener` once when the mavsdk process has died or hangs."""
         self.client.on_failure(listener)
 
     async def await_vehicle(self, target: Target, timeout_s: float) -> None:
         """Select mavsdk's target system. Raises IdentifyError when it does not find it."""
-        del timeout_s  # A heartbeat has come already: mavsdk has as long as two more take.
+        del timeout_s  # A heartbeat has already arrived: mavsdk needs at most a few more.
         make = partial(Choose, system_id=target.system, within_s=_FIND_S)
         try:
             await self.client.order(make, f"system {target.system}", 2.0 * _FIND_S)
         except RefusedError as error:
             raise IdentifyError(
-                f"{self._name}: system {target.system} sends heartbeats, but mavsdk "
-                "does not find it "
-                f"({error.result})"
+                f"{self._name}: system {target.system} sends heartbeats, but mavsdk does not find "
+                f"it ({error.result})"
             ) from error
 
-    def orders(
+    def commands(
         self, *, commander: Commander, autopilot: Autopilot, target: Target
     ) -> VehicleCommands:
-        """Return commands by mavsdk's Action where that is sound."""
+        """Return commands that use mavsdk's Action where that is sound."""
         return MavsdkCommands(
             client=self.client, commander=commander, autopilot=autopilot, target=target
         )
@@ -82,4 +81,4 @@ class MavsdkBackend:
         )
 
     def _send_message(self, message: Any) -> None:
-        self.client.say(message.get_type(), fields_json(message))
+        self.client.send_message(message.get_type(), fields_json(message))

@@ -1,4 +1,4 @@
-"""The driver's end of its mavsdk process: started, spoken to, watched, and ended for certain."""
+"""The driver's client of its mavsdk process: starts, monitors and ends it, and sends it orders."""
 
 import asyncio
 import re
@@ -29,21 +29,22 @@ FailureListener = Callable[[VehicleError], None]
 
 _START_S = 20.0
 _SILENT_S = 5.0
-"""It gives a sign five times a second, and a busy machine may keep it for seconds."""
+"""It sends `Alive` five times a second, and a busy machine may delay that by seconds."""
 _FLYING_SILENT_S = 0.8
-"""While it has setpoints to say: at 1 s PX4 falls into its own failsafe, which would be blamed."""
-_WATCH_S, _KEPT_S = 0.1, 0.3
-"""A look of ours that comes so late was kept itself: that time is no silence of the other end."""
+"""The limit while it has setpoints to send: after 1 s without, PX4 enters its own failsafe, which
+would seem to be the cause."""
+_CHECK_EVERY_S, _OWN_DELAY_S = 0.1, 0.3
+"""A check that comes so late was delayed on our side: that time is no silence of the process."""
 _LOG_LINE = re.compile(r"\|(Debug|Info |Warn )\]")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _SETPOINTS = {"SET_POSITION_TARGET_LOCAL_NED"}
-_NOT_THERE = re.compile(r"(ModuleNotFound|Import)Error: .*'mavsdk[.']")
-"""Also what is said of mavsdk 3, which was another library."""
+_IMPORT_FAILED = re.compile(r"(ModuleNotFound|Import)Error: .*'mavsdk[.']")
+"""The message also for mavsdk 3, which was another library."""
 _INSTALL = "the driver mavsdk needs the package of that name: pip install 'mavsdk>=4.1,<5'"
 
 
 class RefusedError(VehicleError):
-    """mavsdk refused an order; result: its word for why."""
+    """mavsdk refused an order; result: the name of its result."""
 
     def __init__(self, message: str, result: str) -> None:
         super().__init__(message)
@@ -52,7 +53,7 @@ class RefusedError(VehicleError):
 
 @dataclass(slots=True)
 class _Waiting:
-    """A mavsdk order without its reply. until_s: when to give up, on the wall clock."""
+    """A mavsdk order that awaits its reply. until_s: its deadline, on the wall clock."""
 
     future: asyncio.Future[Done]
     what: str
@@ -63,8 +64,8 @@ class _Waiting:
 class MavsdkClient:
     """The client of a mavsdk process. name: of the vehicle, for messages.
 
-    Limits are on the wall's clock, whatever the loop's: mavsdk knows no other. When the process
-    dies or hangs, all that waits raises the VehicleError that `on_failure` is told.
+    Deadlines are on the wall clock, whatever the loop's clock: mavsdk knows no other. When the
+    process dies or hangs, all waits raise the VehicleError that `on_failure` reports.
     """
 
     def __init__(self, *, name: str) -> None:
@@ -74,14 +75,14 @@ class MavsdkClient:
         self._ready: asyncio.Future[None] | None = None
         self._waiting: dict[int, _Waiting] = {}
         self._count = 0
-        self._heard_s = 0.0
-        self._owed_s: float | None = None
-        self._looked_s = 0.0
+        self._last_received_s = 0.0
+        self._unconfirmed_since_s: float | None = None
+        self._last_check_s = 0.0
         self._failure: VehicleError | None = None
         self._listeners: list[FailureListener] = []
-        self._watch = Repeater(period_s=_WATCH_S, action=self._look)
+        self._watch = Repeater(period_s=_CHECK_EVERY_S, action=self._check_process)
         self.late = 0
-        """Messages that were not said because they came too late."""
+        """Number of messages that were not sent because they came too late."""
 
     @property
     def pid(self) -> int | None:
@@ -104,17 +105,17 @@ class MavsdkClient:
         self._child = ChildProcess(
             argv=(sys.executable, "-m", "vehicles.mavsdk", url), stdin=theirs.fileno()
         )
-        self._heard_s = time.monotonic() + _START_S - _SILENT_S
+        self._last_received_s = time.monotonic() + _START_S - _SILENT_S
         try:
             self._child.start(self._on_exit)
         except OSError as error:
             ours.close()
             self._ready.cancel()
-            raise LinkError(f"{self._name}: mavsdk's process cannot start: {error}") from error
+            raise LinkError(f"{self._name}: the mavsdk process cannot start: {error}") from error
         finally:
             theirs.close()
-        self._lines = await LineSocket.on(ours, self._take)
-        self._looked_s = time.monotonic()
+        self._lines = await LineSocket.on(ours, self._on_message)
+        self._last_check_s = time.monotonic()
         self._watch.start()
         try:
             await self._ready
@@ -126,21 +127,21 @@ class MavsdkClient:
             raise
 
     async def end(self) -> None:
-        """End the mavsdk process and all that waits for it."""
+        """End the mavsdk process and all waits for it."""
         self._watch.stop()
-        self._failure = self._failure or VehicleError(f"{self._name}: mavsdk was ended")
+        self._failure = self._failure or VehicleError(f"{self._name}: the mavsdk process was ended")
         self._give_up(self._failure)
         if self._lines is not None:
             self._lines.close()
         if self._child is not None:
             await self._child.end()
 
-    def say(self, name: str, fields: str) -> None:
-        """Send a message by mavsdk; nothing when the process is gone."""
+    def send_message(self, name: str, fields: str) -> None:
+        """Send a message through mavsdk; does nothing when the process is gone."""
         if self._lines is not None and self._failure is None:
             now_s = time.monotonic()
-            if self._owed_s is None and name in _SETPOINTS:
-                self._owed_s = now_s
+            if self._unconfirmed_since_s is None and name in _SETPOINTS:
+                self._unconfirmed_since_s = now_s
             self._lines.write(SendMessage(name, fields, now_s))
 
     async def order(
@@ -150,14 +151,14 @@ class MavsdkClient:
         within_s: float,
         progress: Callable[[float], None] | None = None,
     ) -> Done:
-        """Execute an order by mavsdk. make: gives it the number of its reply.
+        """Execute an order by mavsdk. make: builds the order with its number.
 
-        Raises RefusedError with mavsdk's word, and VehicleError when there is no answer.
+        Raises RefusedError with mavsdk's result, and VehicleError when the process has failed.
         """
         if self._failure is not None:
             raise self._failure
         if self._lines is None:
-            raise VehicleError(f"{self._name}: mavsdk was not started yet")
+            raise VehicleError(f"{self._name}: the mavsdk process is not started yet")
         self._count = number = self._count + 1
         future: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
         self._waiting[number] = _Waiting(future, what, time.monotonic() + within_s, progress)
@@ -167,22 +168,22 @@ class MavsdkClient:
         finally:
             del self._waiting[number]
 
-    def _take(self, message: FromProcess) -> None:
-        self._heard_s = max(self._heard_s, time.monotonic())
+    def _on_message(self, message: FromProcess) -> None:
+        self._last_received_s = max(self._last_received_s, time.monotonic())
         match message:
             case Ready():
-                self._heard_s = time.monotonic()
+                self._last_received_s = time.monotonic()
                 if self._ready is not None and not self._ready.done():
                     self._ready.set_result(None)
             case Alive(late=late):
-                # Of the thread that says messages: an order may be answered while that one hangs.
-                self._owed_s, self.late = None, late
+                # From the thread that sends messages: orders may succeed while that one hangs.
+                self._unconfirmed_since_s, self.late = None, late
             case NotSent(name=name, result=result):
-                self._fail(f"mavsdk cannot say {name} ({result})")
+                self._fail(f"mavsdk cannot send {name} ({result})")
             case _:
-                self._on_answer(message)
+                self._on_reply(message)
 
-    def _on_answer(self, message: Done | Refused | Progress) -> None:
+    def _on_reply(self, message: Done | Refused | Progress) -> None:
         """Handle a reply of the mavsdk process to an order."""
         waiting = self._waiting.get(message.number)
         if waiting is None or waiting.future.done():
@@ -191,37 +192,40 @@ class MavsdkClient:
             case Done():
                 waiting.future.set_result(message)
             case Refused(result=result):
-                text = f"{self._name}: {waiting.what}: mavsdk says {result}"
+                text = f"{self._name}: {waiting.what}: mavsdk reports {result}"
                 waiting.future.set_exception(RefusedError(text, result))
             case Progress(part=part):
                 if waiting.progress is not None:
                     waiting.progress(part)
 
-    def _look(self) -> None:
+    def _check_process(self) -> None:
         now_s = time.monotonic()
-        kept_s, self._looked_s = now_s - self._looked_s, now_s
-        if kept_s > _KEPT_S:
-            self._forgive(kept_s)
-        owes = self._owed_s is not None and now_s - self._owed_s > _FLYING_SILENT_S
-        if owes or now_s - self._heard_s > _SILENT_S:
-            silent_s = now_s - self._heard_s
-            self._fail(f"mavsdk's process hangs: no response for {silent_s:.1f} s")
+        delay_s, self._last_check_s = now_s - self._last_check_s, now_s
+        if delay_s > _OWN_DELAY_S:
+            self._extend_deadlines(delay_s)
+        overdue = (
+            self._unconfirmed_since_s is not None
+            and now_s - self._unconfirmed_since_s > _FLYING_SILENT_S
+        )
+        if overdue or now_s - self._last_received_s > _SILENT_S:
+            silent_s = now_s - self._last_received_s
+            self._fail(f"the mavsdk process hangs: no response for {silent_s:.1f} s")
             return
         for waiting in self._waiting.values():
             if now_s > waiting.until_s and not waiting.future.done():
                 text = f"{self._name}: {waiting.what}: mavsdk did not answer"
                 waiting.future.set_exception(RefusedError(text, "TIMEOUT"))
 
-    def _forgive(self, kept_s: float) -> None:
-        self._heard_s += kept_s
-        if self._owed_s is not None:
-            self._owed_s += kept_s
+    def _extend_deadlines(self, delay_s: float) -> None:
+        self._last_received_s += delay_s
+        if self._unconfirmed_since_s is not None:
+            self._unconfirmed_since_s += delay_s
         for waiting in self._waiting.values():
-            waiting.until_s += kept_s
+            waiting.until_s += delay_s
 
     def _on_exit(self, child: ChildProcess) -> None:
-        said = _last_line(child.stderr_tail)
-        self._fail(f"mavsdk's process {how_it_ended(child.exit_code)}{said}")
+        last_line = _last_line(child.stderr_tail)
+        self._fail(f"the mavsdk process {how_it_ended(child.exit_code)}{last_line}")
 
     def _fail(self, what: str) -> None:
         if self._failure is not None:
@@ -229,7 +233,7 @@ class MavsdkClient:
         self._watch.stop()
         self._failure = VehicleError(f"{self._name}: {what}; nothing more is sent to it")
         if self._child is not None:
-            # What hangs might wake and go on with what it was told.
+            # A process that hangs might wake up and continue to send.
             self._child.kill()
         self._give_up(self._failure)
         for listener in self._listeners:
@@ -249,6 +253,6 @@ def _last_line(text: str) -> str:
     lines = [line for line in plain.splitlines() if line.strip() and not _LOG_LINE.search(line)]
     if not lines:
         return ""
-    if _NOT_THERE.match(lines[-1]):
+    if _IMPORT_FAILED.match(lines[-1]):
         return f": {_INSTALL}"
     return f": {lines[-1].strip()}"

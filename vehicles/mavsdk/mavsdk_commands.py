@@ -1,4 +1,4 @@
-"""Orders by mavsdk's `Action`, as far as it is sound; the rest are commands by MavlinkDirect."""
+"""Commands by mavsdk's `Action`, as far as it is sound; the others by MavlinkDirect."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ from vehicles.mavsdk.messages import Act, Action
 
 _TRIES = 2
 _WITHIN_S = 6.0
-"""mavsdk asks four times, half a second apart, and gives up."""
+"""mavsdk sends a command four times, half a second apart, and gives up."""
 _MODES: dict[Mode, Action] = {
     Mode.HOLD: "hold",
     Mode.LAND: "land",
@@ -22,9 +22,9 @@ _MODES: dict[Mode, Action] = {
 class MavsdkCommands(VehicleCommands):
     """The commands by mavsdk's `Action`: hold, land, return, disarm, terminate.
 
-    Not so arming (`Action.arm` can abort the process), takeoff (`Action.takeoff` goes to a height
-    that is a parameter of PX4, and blocks the next vehicle's), and the guided mode (`Offboard`
-    repeats the last setpoint by itself, for good).
+    Not arming (`Action.arm` can abort the process), takeoff (`Action.takeoff` climbs to a height
+    that is a parameter of PX4, and blocks the next vehicle's), nor the guided mode (`Offboard`
+    repeats the last setpoint forever).
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""mavsdk itself, of which one instance speaks to one vehicle; blocking, for threads.
+"""Calls the mavsdk library, one instance for one vehicle; its calls block, so they need threads.
 
-Which of its plugins are used, and why not the others: docs/decisions/0012-mavsdk.md.
+The plugins in use, and why the others are not: docs/decisions/0012-mavsdk.md.
 """
 
 import threading
@@ -23,13 +23,13 @@ from vehicles.driver.onboard.vehicle_logs import LogEntry
 from vehicles.mavsdk.ids import OWN_COMPONENT, OWN_SYSTEM
 from vehicles.mavsdk.messages import Act, Choose, Download, FetchLog, ListLogs, Order, Upload
 
-_LOOK_S = 0.02
+_POLL_S = 0.02
 
 Progress = Callable[[float], None]
 
 
 class LibraryError(Exception):
-    """The mavsdk library did not do it; its word for why."""
+    """The mavsdk library refused an order or message; the message is the name of its result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +53,11 @@ class MavsdkLibrary:
         self._target = 0
         self._acting = threading.Lock()
         self._action: Action | None = None
-        # mavsdk refuses a second transfer, also of somebody who waits for the first no more.
+        # mavsdk refuses a second transfer, even when the caller no longer waits for the first.
         self._transfers = {"missions": threading.Lock(), "logs": threading.Lock()}
 
-    def say(self, name: str, fields: str) -> None:
-        """Send a message by mavsdk; fields as JSON. Nothing before a system is chosen."""
+    def send_message(self, name: str, fields: str) -> None:
+        """Send a message by mavsdk; fields as JSON. Does nothing before a system is chosen."""
         if self._system is None:
             return
         message = MavlinkMessage(name, OWN_SYSTEM, OWN_COMPONENT, self._target, 1, fields)
@@ -66,7 +66,7 @@ class MavsdkLibrary:
         except MavlinkDirectError as error:
             raise LibraryError(error.result.name) from error
 
-    def obey(self, order: Order, progress: Progress) -> Outcome:
+    def execute(self, order: Order, progress: Progress) -> Outcome:
         """Execute an order by the mavsdk library."""
         if isinstance(order, Choose):
             self._choose(order)
@@ -74,7 +74,7 @@ class MavsdkLibrary:
         if self._system is None:
             raise LibraryError("NO_SYSTEM")
         try:
-            return self._do(order, progress)
+            return self._execute(self._system, order, progress)
         except (ActionError, MissionRawError, LogFilesError) as error:
             raise LibraryError(error.result.name) from error
 
@@ -87,7 +87,7 @@ class MavsdkLibrary:
                     return
             if time.monotonic() > end_s:
                 raise LibraryError("TIMEOUT")
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
 
     def _take(self, system: System) -> None:
         self._direct = MavlinkDirect(system)
@@ -96,14 +96,23 @@ class MavsdkLibrary:
         self._target = system.get_system_id()
         self._system = system
 
-    def _do(self, order: Order, progress: Progress) -> Outcome:
+    def _execute(
+        self,
+        system: System,
+        order: Act | Upload | Download | ListLogs | FetchLog,
+        progress: Progress,
+    ) -> Outcome:
         match order:
             case Act():
-                getattr(self._actions(self._system), order.action)()
+                getattr(self._actions(system), order.action)()
                 return Outcome()
-            case Upload() | Download():
+            case Upload():
                 with self._transfers["missions"]:
-                    return self._transfer(order)
+                    self._upload(order)
+                return Outcome()
+            case Download():
+                with self._transfers["missions"]:
+                    return Outcome(items=tuple(map(_item, self._download(order.which))))
             case ListLogs():
                 with self._transfers["logs"]:
                     return Outcome(logs=self._list())
@@ -111,25 +120,17 @@ class MavsdkLibrary:
                 with self._transfers["logs"]:
                     self._fetch(order, progress)
                 return Outcome()
-            case Choose():
-                raise AssertionError("is done before")
 
     def _actions(self, system: System) -> Action:
-        """Return mavsdk's Action, made at its first use.
+        """Return mavsdk's Action, created at its first use.
 
-        From its making on, and after each gap of the link, it asks for EXTENDED_SYS_STATE once a
-        second, in place of what the driver asked for.
+        Once created, and after each gap of the link, it requests EXTENDED_SYS_STATE once a second,
+        which replaces the driver's rate.
         """
         with self._acting:
             if self._action is None:
                 self._action = Action(system)
             return self._action
-
-    def _transfer(self, order: Upload | Download) -> Outcome:
-        if isinstance(order, Download):
-            return Outcome(items=tuple(map(_item, self._download(order.which))))
-        self._upload(order)
-        return Outcome()
 
     def _upload(self, order: Upload) -> None:
         items = [_raw(number, item, order.which) for number, item in enumerate(order.items)]
@@ -144,21 +145,21 @@ class MavsdkLibrary:
     def _download(self, which: ItemList) -> Sequence[Any]:
         match which:
             case ItemList.MISSION:
-                found = self._missions.download_mission()
+                items = self._missions.download_mission()
             case ItemList.FENCE:
-                found = self._missions.download_geofence()
+                items = self._missions.download_geofence()
             case ItemList.RALLY:
-                found = self._missions.download_rallypoints()
-        return list(found)
+                items = self._missions.download_rallypoints()
+        return list(items)
 
     def _list(self) -> tuple[LogEntry, ...]:
         try:
-            found = self._logs.get_entries()
+            entries = self._logs.get_entries()
         except LogFilesError as error:
             if error.result is LogFilesResult.NO_LOGFILES:
                 return ()
             raise
-        return tuple(LogEntry(one.id, one.size_bytes, _utc_s(one.date)) for one in found)
+        return tuple(LogEntry(one.id, one.size_bytes, _utc_s(one.date)) for one in entries)
 
     def _fetch(self, order: FetchLog, progress: Progress) -> None:
         ended = threading.Event()
@@ -186,7 +187,7 @@ def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
         seq=number,
         frame=item.frame,
         command=item.command,
-        # It refuses a mission of which the first item is not the current one (CURRENT_INVALID).
+        # mavsdk refuses a mission whose first item is not the current one (CURRENT_INVALID).
         current=int(which is ItemList.MISSION and number == 0),
         autocontinue=int(item.autocontinue),
         param1=first,
@@ -214,7 +215,7 @@ def _item(raw: Any) -> MissionItem:
 
 
 def _utc_s(date: str) -> int | None:
-    """Return a mavsdk log's begin; None where the vehicle did not know the time (the epoch)."""
+    """Return a mavsdk log's start; None when the vehicle did not know the time (the epoch)."""
     try:
         return int(datetime.fromisoformat(date).timestamp()) or None
     except ValueError:

@@ -1,4 +1,4 @@
-"""Missions, fences and logs by mavsdk's plugins; parameters stay ours, by MavlinkDirect."""
+"""Missions, fences and logs by mavsdk's plugins; parameters are ours, sent by MavlinkDirect."""
 
 import asyncio
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from vehicles.driver.onboard.mission_protocol import (
-    WORDS_S,
+    STATUSTEXT_WAIT_S,
     ItemList,
     MissionItem,
     MissionProtocol,
@@ -20,16 +20,14 @@ from vehicles.mavsdk.messages import Download, FetchLog, ListLogs, Upload
 _LIST_S = 60.0
 _LOGS_S, _LOG_S = 30.0, 1800.0
 _PAUSES_S = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Before each further listing: a machine that is busy for a second is asked again after it."""
+"""Pauses before each further listing: a busy machine gets time to answer."""
 
 
 class MavsdkMissions(MissionProtocol):
-    """Uploads and downloads mission lists by mavsdk's `MissionRaw`, compared as ever.
+    """Uploads and downloads mission lists by mavsdk's `MissionRaw`, and compares them.
 
-    When mavsdk is gone, by the session: what was put aboard has to be taken back.
-
-    It empties them by MISSION_CLEAR_ALL: `MissionRaw` clears missions only, and takes no empty
-    fence.
+    When mavsdk is gone it uses the session: uploaded lists still have to be restored. It clears
+    lists by MISSION_CLEAR_ALL: `MissionRaw` clears missions only, and refuses an empty fence.
     """
 
     def __init__(
@@ -48,18 +46,20 @@ class MavsdkMissions(MissionProtocol):
         except RefusedError as error:
             if error.result == "TIMEOUT":
                 raise UnsureError(str(error)) from error
-            await asyncio.sleep(WORDS_S)
-            raise self._error(which, f"it was refused: mavsdk says {error.result}") from error
+            await asyncio.sleep(STATUSTEXT_WAIT_S)
+            raise self._error(which, f"it was refused: mavsdk reports {error.result}") from error
 
     async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
         if self._client.failed:
             return await super()._read_list(which)
         make = partial(Download, which=which)
         try:
-            done = await self._client.order(make, f"{which.name.lower()} download", _LIST_S)
+            reply = await self._client.order(make, f"{which.name.lower()} download", _LIST_S)
         except RefusedError as error:
-            raise self._error(which, f"not read back: mavsdk says {error.result}") from error
-        return done.items
+            raise self._error(
+                which, f"it was not read back: mavsdk reports {error.result}"
+            ) from error
+        return reply.items
 
 
 class MavsdkLogs(VehicleLogs):
@@ -77,7 +77,7 @@ class MavsdkLogs(VehicleLogs):
             try:
                 return (await self._client.order(ListLogs, "list of logs", _LOGS_S)).logs
             except RefusedError as error:
-                # mavsdk asks for lost entries, but not again for a list of which nothing came.
+                # mavsdk requests lost entries again, but not a list of which nothing arrived.
                 pause_s = next(pauses_s, None)
                 if error.result != "TIMEOUT" or pause_s is None:
                     raise LogError(str(error)) from error
@@ -94,7 +94,7 @@ class MavsdkLogs(VehicleLogs):
             if progress is not None:
                 progress(int(part * entry.size_bytes))
 
-        # mavsdk writes no file that is there.
+        # mavsdk does not overwrite a file.
         await asyncio.to_thread(half.unlink, missing_ok=True)
         make = partial(FetchLog, entry=entry, path=str(half), within_s=_LOG_S)
         try:
@@ -104,5 +104,5 @@ class MavsdkLogs(VehicleLogs):
         size_bytes = (await asyncio.to_thread(half.stat)).st_size
         if size_bytes != entry.size_bytes:
             raise LogError(
-                f"log {entry.number}: {size_bytes} of {entry.size_bytes} bytes came by mavsdk"
+                f"log {entry.number}: mavsdk received {size_bytes} of {entry.size_bytes} bytes"
             )

@@ -1,8 +1,8 @@
-"""The process that speaks by mavsdk: told what by its stdin, a socket to its driver.
+"""The mavsdk process: reads orders and messages from its stdin, a socket to its driver.
 
-The main thread reads and nothing else, so that the driver's end is always seen, and ends all: no
-call into mavsdk can keep it. One thread says messages, in their order and never behind another
-call; orders, which may block for seconds, have threads of their own.
+The main thread only reads, so that it always notices the driver's exit and ends the process: no
+call into mavsdk can block that. One thread sends messages, in order and never behind another
+call; orders, which may block for seconds, have their own threads.
 """
 
 import contextlib
@@ -34,14 +34,14 @@ from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 
 BAD_USE, FAILED = 2, 1
 ALIVE_S = 0.2
-"""How often the thread that says messages gives a sign, and less seldom with each message."""
+"""The longest interval between two `Alive` of the thread that sends messages."""
 STALE_S = 1.0
-"""A message that waited longer is not said: setpoints are renewed, and commands said again."""
+"""A message that waited longer is not sent: setpoints are renewed, and commands repeated."""
 _ORDERS = 4
 _READ_BYTES = 1 << 16
 
 
-class AnswerSender:
+class ReplySender:
     """Sends the mavsdk process's replies to the driver, from any thread."""
 
     def __init__(self, end: socket.socket) -> None:
@@ -49,37 +49,37 @@ class AnswerSender:
         self._turn = threading.Lock()
 
     def send(self, message: FromProcess) -> None:
-        """Send a reply of the mavsdk process; nothing when the driver is gone."""
+        """Send a reply of the mavsdk process; does nothing when the driver is gone."""
         try:
             with self._turn:
                 self._end.sendall(framed(from_process.encode(message)))
         except OSError:
-            return  # The main thread finds the end.
+            return  # The main thread notices that the driver is gone.
 
 
-class Speaker:
-    """The mavsdk process's thread that sends messages, and its signs of life."""
+class MessageThread:
+    """The mavsdk process's thread that sends messages, and `Alive` to the driver."""
 
-    def __init__(self, library: MavsdkLibrary, answers: AnswerSender) -> None:
+    def __init__(self, library: MavsdkLibrary, replies: ReplySender) -> None:
         self._library = library
-        self._answers = answers
+        self._replies = replies
         self._queue: queue.SimpleQueue[SendMessage] = queue.SimpleQueue()
         self._late = 0
 
-    def say(self, message: SendMessage) -> None:
+    def queue_message(self, message: SendMessage) -> None:
         """Queue a message for the mavsdk process's sending thread."""
         self._queue.put(message)
 
     def run(self) -> None:
-        """Send queued messages for good, in the mavsdk process's thread."""
-        shown_s = 0.0
+        """Send queued messages forever, in the mavsdk process's thread."""
+        alive_sent_s = 0.0
         while True:
             with contextlib.suppress(queue.Empty):
                 self._send(self._queue.get(timeout=ALIVE_S))
             now_s = time.monotonic()
-            if now_s - shown_s >= ALIVE_S / 2.0:
-                shown_s = now_s
-                self._answers.send(Alive(self._late))
+            if now_s - alive_sent_s >= ALIVE_S / 2.0:
+                alive_sent_s = now_s
+                self._replies.send(Alive(self._late))
 
     def _send(self, message: SendMessage) -> None:
         """Send a message by mavsdk, unless it is stale."""
@@ -87,35 +87,35 @@ class Speaker:
             self._late += 1
             return
         try:
-            self._library.say(message.name, message.fields)
+            self._library.send_message(message.name, message.fields)
         except LibraryError as error:
-            self._answers.send(NotSent(message.name, str(error)))
+            self._replies.send(NotSent(message.name, str(error)))
 
 
-def obey(library: MavsdkLibrary, answers: AnswerSender, order: Order) -> None:
+def execute(library: MavsdkLibrary, replies: ReplySender, order: Order) -> None:
     """Execute an order in the mavsdk process and reply, whatever the outcome."""
     try:
-        done = library.obey(order, lambda part: answers.send(Progress(order.number, part)))
+        outcome = library.execute(order, lambda part: replies.send(Progress(order.number, part)))
     except LibraryError as error:
-        answers.send(Refused(order.number, str(error)))
-    except Exception as error:  # noqa: BLE001 - whoever waits for the answer is told, not left
-        answers.send(Refused(order.number, f"{type(error).__name__}: {error}"))
+        replies.send(Refused(order.number, str(error)))
+    except Exception as error:  # noqa: BLE001 - the driver waits for a reply
+        replies.send(Refused(order.number, f"{type(error).__name__}: {error}"))
     else:
-        answers.send(Done(order.number, items=done.items, logs=done.logs))
+        replies.send(Done(order.number, items=outcome.items, logs=outcome.logs))
 
 
 def serve(end: socket.socket, url: str) -> int:
     """Serve the driver until it is gone. Returns an exit code when mavsdk does not start."""
-    answers = AnswerSender(end)
+    replies = ReplySender(end)
     try:
         library = MavsdkLibrary(url)
     except LibraryError as error:
         sys.stderr.write(f"{error}\n")
         return FAILED
-    speaker = Speaker(library, answers)
-    threading.Thread(target=speaker.run, name="speaker", daemon=True).start()
+    messages = MessageThread(library, replies)
+    threading.Thread(target=messages.run, name="messages", daemon=True).start()
     orders = ThreadPoolExecutor(_ORDERS, thread_name_prefix="order")
-    answers.send(Ready())
+    replies.send(Ready())
     frames = FrameReader()
     while data := end.recv(_READ_BYTES):
         for packet in frames.feed(data):
@@ -125,10 +125,10 @@ def serve(end: socket.socket, url: str) -> int:
                 sys.stderr.write(f"{error}\n")
                 continue
             if isinstance(message, SendMessage):
-                speaker.say(message)
+                messages.queue_message(message)
             else:
-                orders.submit(obey, library, answers, message)
-    # Nothing is torn down in order: a call that blocks would keep us.
+                orders.submit(execute, library, replies, message)
+    # No orderly shutdown: a call into mavsdk that blocks would prevent the exit.
     os._exit(0)
 
 
@@ -138,7 +138,7 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write("usage: python -m vehicles.mavsdk URL, with a socket as stdin\n")
         return BAD_USE
     try:
-        # Also while we are stopped.
+        # SIGKILL also ends a stopped process.
         die_with_parent(signal.SIGKILL)
     except UnsupportedSystemError as error:
         sys.stderr.write(f"{error}\n")

@@ -1,4 +1,4 @@
-"""MAVLink messages as mavsdk's MavlinkDirect takes them: a name, and fields in JSON; pure."""
+"""Converts MAVLink messages to the JSON fields that mavsdk's MavlinkDirect takes; pure."""
 
 import json
 import math
@@ -8,8 +8,8 @@ from typing import Any
 def fields_json(message: Any) -> str:
     """Return the fields of a pymavlink message as JSON for mavsdk.
 
-    NaN, which JSON has not, is null there: mavsdk 4.1 takes null for NaN, and refuses NaN. Raises
-    ValueError for what is infinite.
+    NaN becomes null: JSON has no NaN, and mavsdk 4.1 reads null as NaN. Raises ValueError for an
+    infinite value.
     """
     fields = {name: _plain(getattr(message, name)) for name in message.fieldnames}
     return json.dumps(fields, allow_nan=False)

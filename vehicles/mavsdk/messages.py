@@ -1,4 +1,4 @@
-"""What a driver and its mavsdk process send to each other, in frames on a socket."""
+"""The messages between a driver and its mavsdk process, in frames on a socket."""
 
 from typing import Literal
 
@@ -68,7 +68,7 @@ class Ready(Message, frozen=True):
 
 
 class Alive(Message, frozen=True):
-    """Message of the mavsdk process: its thread lives. late: how many messages were too old."""
+    """Message of the mavsdk process: its thread runs. late: how many messages were too old."""
 
     late: int
 
@@ -81,7 +81,7 @@ class NotSent(Message, frozen=True):
 
 
 class Done(Message, frozen=True):
-    """Message of the mavsdk process: an order was done; with what was requested."""
+    """Message of the mavsdk process: an order was executed; with the requested data."""
 
     number: int
     items: tuple[MissionItem, ...] = ()
@@ -89,14 +89,14 @@ class Done(Message, frozen=True):
 
 
 class Refused(Message, frozen=True):
-    """Message of the mavsdk process: an order was refused. result: mavsdk's word for why."""
+    """Message of the mavsdk process: an order was refused. result: the name of mavsdk's result."""
 
     number: int
     result: str
 
 
 class Progress(Message, frozen=True):
-    """Message of the mavsdk process: how far a log has come, 0 to 1."""
+    """Message of the mavsdk process: the part of a log that has arrived, 0 to 1."""
 
     number: int
     part: float

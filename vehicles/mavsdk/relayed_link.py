@@ -1,7 +1,7 @@
-"""A link that mavsdk hears too, and by which what mavsdk says goes out.
+"""A link that is shared with mavsdk: mavsdk receives its bytes, and sends on it.
 
-Its bytes go over a socket of loopback, as from vehicle to ground station: mavsdk reads and writes
-there in threads of its own, and no Python stands in its way.
+The bytes are relayed over a loopback socket, as from vehicle to ground station: mavsdk reads and
+writes it in its own threads, without Python.
 """
 
 import asyncio
@@ -17,8 +17,8 @@ _HOST = "127.0.0.1"
 class RelayedLink(asyncio.DatagramProtocol):
     """A link relayed to its receiver and to mavsdk; wall clock only.
 
-    Opening it opens the link and starts mavsdk; closing ends both. Only mavsdk's own socket is
-    heard, the first that speaks.
+    Opening it opens the link and starts mavsdk; closing ends both. It relays only the first
+    sender's packets, which is mavsdk.
     """
 
     def __init__(self, *, link: Link, client: MavsdkClient) -> None:
@@ -36,7 +36,7 @@ class RelayedLink(asyncio.DatagramProtocol):
 
     @property
     def trouble(self) -> str:
-        """Return the relayed link's last error; empty without."""
+        """Return the relayed link's last error; empty without one."""
         return str(getattr(self._link, "trouble", ""))
 
     def receive(self, receiver: Receiver) -> None:
@@ -102,7 +102,7 @@ class RelayedLink(asyncio.DatagramProtocol):
             self._link.write(data)
 
     def error_received(self, exc: Exception) -> None:
-        """Continue: mavsdk's end is reported by its process."""
+        """Ignore the error: the exit of mavsdk's process is reported elsewhere."""
 
     def _on_datagram(self, data: bytes, t_s: float) -> None:
         if self._receiver is not None:

@@ -161,7 +161,7 @@ def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:
         landed=state.landed,
         link_up=state.link_up,
         failsafe=state.failsafe,
-        silent_s=None if state.last_heard_s is None else now_s - state.last_heard_s,
+        silent_s=None if state.last_received_s is None else now_s - state.last_received_s,
         battery_fraction=None if battery is None else battery.remaining,
         battery_v=None if battery is None else battery.voltage_v,
         faults=state.faults,

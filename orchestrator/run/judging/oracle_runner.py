@@ -159,7 +159,7 @@ class OracleRunner:
 
     def _state(self, context: VehicleContext, t_s: float) -> None:
         state = context.driver.state
-        if state.last_heard_s is None:
+        if state.last_received_s is None:
             return
         self._take_arrivals(context)
         for name, reported_s in context.driver.reported_s.items():

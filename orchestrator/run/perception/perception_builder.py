@@ -65,7 +65,7 @@ def build_perception(
     def someone_is_silent() -> bool:
         now_s = asyncio.get_running_loop().time()
         awaited = [one for one in pair.contexts if one.name not in run_state.dropped_out]
-        heard_s = [context.driver.state.last_heard_s for context in awaited]
+        heard_s = [context.driver.state.last_received_s for context in awaited]
         return any(t_s is None or now_s - t_s > _SILENT_S for t_s in heard_s)
 
     budgets = MixingBudgetWatch(run_state=run_state, someone_is_silent=someone_is_silent)

@@ -190,7 +190,7 @@ async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> N
 
     def is_coming_down(context: VehicleContext) -> bool:
         state = context.driver.state
-        heard_s = state.last_heard_s
+        heard_s = state.last_received_s
         return state.armed and heard_s is not None and loop.time() - heard_s < _SILENT_S
 
     until_s = loop.time() + sync.landing_timeout_s

@@ -100,7 +100,7 @@ class OnboardConfiguration:
         if await restore_fence(journal, fences=fences, vehicle=parameters.vehicle):
             self._note("fence_given_back", vehicle=context.name)
         changes = {**await self._failsafes(context, vehicle), **vehicle.params}
-        changed = parameters.changed(changes, journal=journal)
+        changed = parameters.changed(changes, backup_folder=journal)
         await stack.enter_async_context(changed)
         moved = tuple(one for one in changed.changes if one.before != one.wanted)
         names = (one.name for one in (*restored.restored, *moved))

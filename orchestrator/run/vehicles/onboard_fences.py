@@ -61,7 +61,7 @@ class OnboardFences:
             fences=context.driver.onboard.fences,
             parameters=context.driver.parameters,
             autopilot=context.driver.identity.autopilot,
-            journal=parameter_backup_folder() if attached else None,
+            backup_folder=parameter_backup_folder() if attached else None,
         )
         if attached:
             await stack.enter_async_context(kept)

@@ -132,7 +132,7 @@ def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> 
         system_id=vehicle.system_id,
         start=vehicle.start,
         rates=vehicle.rates,
-        voice=command_backend_of(vehicle.driver, name=vehicle.name),
+        backend=command_backend_of(vehicle.driver, name=vehicle.name),
         max_clock_drift=_clock_drift(setup, vehicle),
     )
     return VehicleContext(

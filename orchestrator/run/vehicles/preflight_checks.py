@@ -132,7 +132,7 @@ class Preflight:
         truth = (self._truth_item(context),) if has_truth else ()
         if wanted.gps is None:
             return truth
-        fix = await context.driver.onboard.satellites.fix(_FIX_WITHIN_S)
+        fix = await context.driver.onboard.gps_receiver.fix(_FIX_WITHIN_S)
         gps = gps_items(
             name,
             None if fix is None else (fix.kind, fix.satellites, fix.hdop),

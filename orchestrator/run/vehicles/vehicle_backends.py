@@ -101,7 +101,7 @@ class InProcessBackend:
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
-            surroundings=SceneContactWorld(scene=scene, body=BODY, tracks=self._tracks)
+            contact_world=SceneContactWorld(scene=scene, body=BODY, tracks=self._tracks)
             if real
             else None,
         )
@@ -161,7 +161,7 @@ class SubprocessBackend:
     async def _first_word(self, name: str) -> Feed:
         """Wait for the first word of an embedded vehicle's process."""
         feed = self._begun[name]
-        heard = start(feed.heard.wait(), name=f"first word of {name}")
+        heard = start(feed.connected.wait(), name=f"first word of {name}")
         try:
             await self._guard.ended_or(name, heard, _FIRST_WORD_S)
         finally:
@@ -192,7 +192,7 @@ class SubprocessBackend:
             running_s=_RUNNING_S,
             end_with_stdin=True,
             end_with_parent=False,
-            surroundings=self._contact_settings() if vehicle.name == "real" else None,
+            contact_world=self._contact_settings() if vehicle.name == "real" else None,
         )
 
     def _contact_settings(self) -> ContactWorldSettings | None:

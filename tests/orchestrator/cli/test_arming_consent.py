@@ -167,9 +167,9 @@ def _armed(speaker: Speaker) -> None:
         (255, _gcs, "heartbeats of system 255 only: this is a ground station's port"),
         (1, _old, "it runs px4 1.11.0-dev, and 1.14 is the oldest that is supported"),
         (1, _plane, "system 1 component 1 is a fixed_wing of px4, and only multicopters"),
-        (1, _ardupilot, "system 1 component 1 is ardupilot, and px4 was asked for"),
+        (1, _ardupilot, "system 1 component 1 is ardupilot, and px4 was requested"),
         (7, lambda _: None, "system 7 component 1 is a quadrotor of px4"),
-        (1, _garbage, "bytes came, and they are not MAVLink"),
+        (1, _garbage, "bytes arrived, and they are not MAVLink"),
         (1, _armed, "real is armed already"),
     ],
 )

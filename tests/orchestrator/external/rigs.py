@@ -19,7 +19,7 @@ class FakeParameters:
     async def get(self, name: str) -> float:
         self.asked.append(name)
         if name not in self.values:
-            raise ParameterError(f"no answer about parameter {name}")
+            raise ParameterError(f"no reply for parameter {name}")
         return self.values[name]
 
 
@@ -37,7 +37,7 @@ class FakeDriver:
     state: FakeState = field(default_factory=FakeState)
     calls: list[str] = field(default_factory=list)
 
-    def tell(self, message: Any) -> None:
+    def send_message(self, message: Any) -> None:
         self.told.append(message)
 
     def keep_still(self) -> None:

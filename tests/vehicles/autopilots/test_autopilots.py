@@ -66,7 +66,7 @@ def test_the_mode_that_is_asked_for_is_the_mode_it_means(autopilot: Autopilot, m
 
 @pytest.mark.parametrize("autopilot", BOTH)
 def test_other_modes_are_not_asked_for(autopilot: Autopilot) -> None:
-    with pytest.raises(ValueError, match="not asked"):
+    with pytest.raises(ValueError, match="not a mode to set"):
         autopilot.set_mode(TARGET, Mode.PILOT)
 
 
@@ -87,10 +87,10 @@ def test_common_commands(autopilot: Autopilot) -> None:
     assert (disarm.command, *_parameters(disarm)[:2]) == (400, 0.0, 0.0)
     terminate = autopilot.terminate(TARGET)
     assert (terminate.command, terminate.param1) == (185, 1.0)
-    interval = autopilot.ask_interval(TARGET, MessageRate(32, 50.0))
+    interval = autopilot.request_interval(TARGET, MessageRate(32, 50.0))
     assert (interval.command, *_parameters(interval)[:2]) == (511, 32.0, 20000.0)
-    assert autopilot.ask_interval(TARGET, MessageRate(32, 0.0)).param2 == -1.0
-    assert autopilot.ask_message(TARGET, 148).command == 512
+    assert autopilot.request_interval(TARGET, MessageRate(32, 0.0)).param2 == -1.0
+    assert autopilot.request_message(TARGET, 148).command == 512
     Codec(system_id=1, component_id=1).pack(terminate)
 
 

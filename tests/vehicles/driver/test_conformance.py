@@ -97,7 +97,7 @@ def fly(
                 link=ours,
                 autopilot=autopilot,
                 system_id=7,
-                voice=command_backend_of(voice, name="real"),
+                backend=command_backend_of(voice, name="real"),
             )
             await stack.enter_async_context(driver)
             flown = Flown(driver, vehicle)

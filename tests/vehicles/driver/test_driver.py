@@ -235,7 +235,7 @@ def test_a_dead_vehicle_is_reported(autopilot: AutopilotName) -> None:
         await _up(driver, 1.2)
         driver.on_event(events.append)
         vehicle.kill()
-        with pytest.raises(CommandError, match="nothing heard for"):
+        with pytest.raises(CommandError, match="nothing received for"):
             await driver.land()
         return events
 
@@ -262,7 +262,7 @@ def test_wrong_autopilot() -> None:
         ):
             await driver.identify(5.0)
 
-    with pytest.raises(IdentifyError, match="is px4, and ardupilot was asked for"):
+    with pytest.raises(IdentifyError, match="is px4, and ardupilot was requested"):
         run_virtual(fly())
 
 

@@ -13,6 +13,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
 from vehicles.autopilots.autopilot import Target, command_long
+from vehicles.driver.onboard.mission_protocol import (
+    ItemList,
+    MissionError,
+    MissionItem,
+    MissionProtocol,
+)
 from vehicles.driver.onboard.parameters import Parameters, decode_parameter, encode_parameter
 from vehicles.driver.session.commands import Commander
 from vehicles.driver.session.conditions import ConditionWaiter
@@ -71,6 +77,24 @@ def test_lost_acks_are_asked_for_again_with_confirmation(fake_pair: Callable[...
     assert took_s == pytest.approx(1.01)
 
 
+def test_a_list_that_is_accepted_before_its_items_is_an_error(
+    fake_pair: Callable[..., Any],
+) -> None:
+    def accept(peer: Any, message: Any) -> None:
+        peer.say(mavlink.MAVLink_mission_ack_message(245, 190, 0, message.mission_type))
+
+    def prepare(peer: Any) -> None:
+        peer.replies["MISSION_COUNT"] = accept
+
+    async def script(peer: Any, session: Session) -> None:
+        item = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT)
+        async with asyncio.timeout(60.0):
+            await MissionProtocol(session=session).upload(ItemList.MISSION, [item])
+
+    with pytest.raises(MissionError, match="mission: it was accepted after 0 of 1 items"):
+        _run(fake_pair, script, prepare)
+
+
 def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None:
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: None
@@ -78,7 +102,7 @@ def test_no_answer_is_an_error_with_names(fake_pair: Callable[..., Any]) -> None
     async def script(peer: Any, session: Session) -> None:
         await _commander(session).run(command_long(PEER, TAKEOFF, 0.0))
 
-    with pytest.raises(CommandTimeoutError, match="MAV_CMD_NAV_TAKEOFF was not answered") as caught:
+    with pytest.raises(CommandTimeoutError, match="TAKEOFF was not acknowledged") as caught:
         _run(fake_pair, script, prepare)
     assert "Crash: Disarming" in str(caught.value)
     assert caught.value.result == "none"
@@ -163,7 +187,7 @@ def test_the_same_command_waits_its_turn_or_says_so(fake_pair: Callable[..., Any
     async def script(peer: Any, session: Session) -> int:
         commander = _commander(session)
         first = commander.begin(command_long(PEER, TAKEOFF, 0.0))
-        with pytest.raises(CommandError, match="still waiting"):
+        with pytest.raises(CommandError, match="not acknowledged yet"):
             commander.begin(command_long(PEER, TAKEOFF, 0.0))
         await first
         await asyncio.gather(*(commander.run(command_long(PEER, TAKEOFF, 0.0)) for _ in range(3)))
@@ -212,7 +236,7 @@ def test_whole_numbers_survive_as_bytes(value: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "value", "words"),
-    [(INT8, 300, "does not fit"), (INT32, 1.5, "not whole"), (UINT16, -1, "does not fit")],
+    [(INT8, 300, "does not fit"), (INT32, 1.5, "not a whole number"), (UINT16, -1, "does not fit")],
 )
 def test_values_that_do_not_fit_are_refused(
     fake_pair: Callable[..., Any], kind: int, value: float, words: str
@@ -237,7 +261,7 @@ def test_a_parameter_that_stays_as_it_was_is_an_error(fake_pair: Callable[..., A
     async def script(peer: Any, session: Session) -> None:
         await Parameters(session=session).set("READ_ONLY", 3.0)
 
-    with pytest.raises(ParameterError, match="READ_ONLY did not take"):
+    with pytest.raises(ParameterError, match="READ_ONLY was set to"):
         _run(fake_pair, script, prepare)
 
 
@@ -245,7 +269,7 @@ def test_unknown_parameters_are_an_error_soon(fake_pair: Callable[..., Any]) -> 
     async def script(peer: Any, session: Session) -> None:
         await Parameters(session=session).get("NO_SUCH_PARAM")
 
-    unsent = "no answer about parameter NO_SUCH_PARAM.* received .* no parameter yet: .* arrive"
+    unsent = "no reply for parameter NO_SUCH_PARAM.* received .* no parameter yet: .* arrive"
     with pytest.raises(ParameterError, match=unsent):
         _run(fake_pair, script)
 
@@ -275,9 +299,9 @@ def test_a_parameter_without_an_answer_says_what_else_the_vehicle_sent(
         peer.muted = True
         await parameters.get("SOME_PARAM")
 
-    with pytest.raises(ParameterError, match="answered about other parameters: most likely this"):
+    with pytest.raises(ParameterError, match="answered for other parameters: most likely this"):
         _run(fake_pair, known, prepare)
-    with pytest.raises(ParameterError, match="nothing else of the vehicle was received"):
+    with pytest.raises(ParameterError, match="nothing else was received from the vehicle"):
         _run(fake_pair, silent, prepare)
 
 

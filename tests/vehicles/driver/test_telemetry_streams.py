@@ -42,7 +42,7 @@ def asked(packets: list[bytes]) -> list[float]:
 def test_all_streams_are_asked_for_in_one_packet() -> None:
     wire, plan = Wire(), Px4().telemetry_plan(TelemetryRates())
     session = Session(link=wire, own=Target(245, 190))
-    TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan).ask()
+    TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan).request()
     assert len(wire.packets) == 1
     assert asked(wire.packets) == [line.message_id for line in plan]
 
@@ -50,10 +50,10 @@ def test_all_streams_are_asked_for_in_one_packet() -> None:
 def test_another_command_backend_says_each_of_them() -> None:
     wire, said = Wire(), list[Any]()
     plan = Px4().telemetry_plan(TelemetryRates())
-    session = Session(link=wire, own=Target(245, 190), speak=said.append)
+    session = Session(link=wire, own=Target(245, 190), sender=said.append)
     streams = TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan)
-    streams.ask()
+    streams.request()
     assert [one.param1 for one in said] == [line.message_id for line in plan]
-    session.speak_plainly()
-    streams.ask()
+    session.write_frames()
+    streams.request()
     assert len(wire.packets) == 1

@@ -27,14 +27,14 @@ class Rig:
         self,
         *,
         seed: int = 1,
-        surroundings: ContactWorld | None = None,
+        contact_world: ContactWorld | None = None,
         heartbeats: bool = True,
         **config: Any,
     ) -> None:
         near, self.link = memory_pair(latency_s=0.003)
         self.config = EmbeddedConfig(**config)
         self.vehicle = EmbeddedVehicle(
-            config=self.config, link=near, seed=seed, surroundings=surroundings
+            config=self.config, link=near, seed=seed, contact_world=contact_world
         )
         self.codec = Codec(system_id=255, component_id=190)
         self.heard: list[tuple[float, Any]] = []

@@ -46,10 +46,10 @@ class EmbeddedProcess:
             argv=(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
             stdin=self._stdin,
         )
-        child.start(lambda _: self.feed.heard.set())
+        child.start(lambda _: self.feed.connected.set())
         try:
             async with asyncio.timeout(_FIRST_WORD_S):
-                await self.feed.heard.wait()
+                await self.feed.connected.wait()
             if not child.running:
                 how = f"{how_it_ended(child.exit_code)}: {child.stderr_tail}"
                 raise LinkError(f"it did not start, it {how}")  # noqa: TRY301

@@ -172,5 +172,5 @@ async def test_the_wrong_speed_is_reported(cable: Cable, wait_until: Any) -> Non
         cable.say(bytes(range(0, 250, 3)) * 8)
         with pytest.raises(IdentifyError, match="wrong baud rate") as caught:
             await driver.identify(0.4)
-        assert "672 bytes came" in str(caught.value)
+        assert "672 bytes arrived" in str(caught.value)
         assert "57600" in str(caught.value)

@@ -233,7 +233,7 @@ def test_a_vehicle_that_signs_otherwise_is_refused_in_words(
 
 
 def test_a_vehicle_that_wants_signatures_does_not_hear_us_without() -> None:
-    with pytest.raises(IdentifyError, match="does not answer what we send"):
+    with pytest.raises(IdentifyError, match="does not answer our requests"):
         _fly_signed(KEY, None)
 
 

@@ -69,11 +69,11 @@ async def until(condition: Callable[[], bool], within_s: float = 10.0) -> None:
 async def test_all_that_is_sent_arrives_as_it_was_meant(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
     voice = MavsdkBackend(name="real")
-    async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
+    async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
         await driver.identify(10.0)
         await driver.ready(20.0)
         for message in SAID:
-            driver.tell(message)
+            driver.send_message(message)
         driver.send(VelocitySetpoint((1.5, -2.25, 0.5), yaw_rad=0.25))
         await until(lambda: bool(peer.of_type("SET_POSITION_TARGET_LOCAL_NED")))
         for message in SAID:
@@ -106,20 +106,20 @@ async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable
     peer.replies["MISSION_COUNT"] = lambda peer, _: peer.say(
         mavlink.MAVLink_mission_ack_message(245, 190, mavlink.MAV_MISSION_DENIED, 0)
     )
-    async with peer, Driver(name="real", link=link, voice=MavsdkBackend(name="real")) as driver:
+    async with peer, Driver(name="real", link=link, backend=MavsdkBackend(name="real")) as driver:
         await driver.identify(10.0)
-        with pytest.raises(CommandError, match=r"real: Action\.land: mavsdk says COMMAND_DENIED"):
+        with pytest.raises(CommandError, match=r"Action\.land: mavsdk reports COMMAND_DENIED"):
             await driver.land()
-        with pytest.raises(MissionError, match="it was refused: mavsdk says DENIED"):
+        with pytest.raises(MissionError, match="it was refused: mavsdk reports DENIED"):
             await driver.onboard.missions.upload(ItemList.MISSION, [MissionItem(command=16)])
 
 
 async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
     voice = MavsdkBackend(name="real")
-    said = r"real: mavsdk's process was ended by SIGKILL; nothing more is sent to it"
+    said = r"real: the mavsdk process was ended by SIGKILL; nothing more is sent to it"
     failures: list[VehicleError] = []
-    async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
+    async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
         driver.on_failure(failures.append)
         await driver.identify(10.0)
         await driver.ready(20.0)
@@ -148,7 +148,7 @@ async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[
 async def test_a_process_that_hangs_is_an_error_and_killed(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
     voice = MavsdkBackend(name="real")
-    async with peer, Driver(name="real", link=link, system_id=1, voice=voice) as driver:
+    async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
         failed = asyncio.get_running_loop().create_future()
         driver.on_failure(failed.set_result)
         await driver.identify(10.0)
@@ -157,13 +157,13 @@ async def test_a_process_that_hangs_is_an_error_and_killed(fake_pair: Callable[.
         pid = voice.client.pid or 0
         os.kill(pid, signal.SIGSTOP)
         async with asyncio.timeout(10.0):
-            assert "real: mavsdk's process hangs: no response for" in str(await failed)
+            assert "real: the mavsdk process hangs: no response for" in str(await failed)
         await until(lambda: gone(pid))
 
 
 async def test_a_process_that_cannot_start_says_why() -> None:
     client = MavsdkClient(name="real")
-    with pytest.raises(LinkError, match=r"real: mavsdk's process ended with exit code 1: mavsdk "):
+    with pytest.raises(LinkError, match=r"the mavsdk process ended with exit code 1: mavsdk "):
         await client.start("nonsense://somewhere")
     assert gone(client.pid or 0)
 

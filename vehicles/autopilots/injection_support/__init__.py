@@ -1,1 +1,1 @@
-"""Which injected messages an autopilot acts on, as it is set up; pure."""
+"""Which injected messages an autopilot acts on, with its present parameters; pure."""

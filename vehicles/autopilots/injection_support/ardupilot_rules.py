@@ -1,4 +1,4 @@
-"""What ArduCopter 4.5 and later acts on.
+"""Rules for which injected messages ArduCopter 4.5 and later acts on.
 
 Each rule names its source in ArduPilot's tree; parameters as in its own documentation.
 """
@@ -7,22 +7,22 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from vehicles.autopilots.injection_support.rules import (
+    InjectionKind,
     InModes,
     Needs,
     Never,
     Rule,
     Setpoints,
-    Thing,
     When,
 )
 
 _GUIDED = frozenset({"GUIDED"})
 _NAVIGATES = frozenset({"AUTO", "GUIDED", "RTL"})
 
-# AP_Proximity_MAV.cpp: data older than 500 ms is no data; any frame is taken as the body's.
+# AP_Proximity_MAV.cpp: data older than 500 ms is dropped; any frame is treated as the body's.
 _PROXIMITY = Needs(
     "PRX1_TYPE",
-    "obstacles over MAVLink are not listened to",
+    "obstacles over MAVLink are ignored",
     2,
     one_of=(2,),
     more_names=("PRX_TYPE",),
@@ -47,7 +47,7 @@ _GUIDED_POSITIONS = When(
     _GUIDED,
     "position",
 )
-# mode_guided.cpp, angle_control_run: what is asked is flown.
+# mode_guided.cpp, angle_control_run: attitudes are flown without adjustment.
 _GUIDED_ATTITUDES = When(
     Never("attitude setpoints are not adjusted by simple avoidance", "send velocity setpoints"),
     _GUIDED,
@@ -68,11 +68,11 @@ _TRAFFIC: tuple[Rule, ...] = (
 )
 # AP_VisualOdom.cpp: TYPE 1 MAVLink, 2 T265, 3 VOXL; AP_NavEKF_Source: POSXY 6 ExternalNav.
 _VISION: tuple[Rule, ...] = (
-    Needs("VISO_TYPE", "poses from outside are not listened to", 1, one_of=(1, 2, 3), reboot=True),
-    Needs("EK3_SRC1_POSXY", "the estimator takes its position from elsewhere", 6, one_of=(6,)),
+    Needs("VISO_TYPE", "external poses are ignored", 1, one_of=(1, 2, 3), reboot=True),
+    Needs("EK3_SRC1_POSXY", "the estimator uses another position source", 6, one_of=(6,)),
 )
 
-ARDUPILOT: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
+ARDUPILOT: Mapping[InjectionKind, tuple[Rule, ...]] = MappingProxyType(
     {
         "obstacle_distance": _SIMPLE_AVOIDANCE,
         "obstacle_distance_3d": _SIMPLE_AVOIDANCE,
@@ -94,30 +94,30 @@ ARDUPILOT: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
         "distance_sensor": (
             Needs(
                 "RNGFND1_TYPE",
-                "a rangefinder over MAVLink is not listened to",
+                "a rangefinder over MAVLink is ignored",
                 10,
                 one_of=(10,),
                 reboot=True,
             ),
-            Needs("RNGFND1_ORIENT", "only this direction is taken (25 is down)", 25, one_of=(25,)),
+            Needs("RNGFND1_ORIENT", "only this direction is used (25 is down)", 25, one_of=(25,)),
         ),
         "distance_sensor_sideways": _SIMPLE_AVOIDANCE,
         # AP_ADSB.cpp, var_info: TYPE; any receiver lets in ADSB_VEHICLE over MAVLink.
         "adsb_vehicle": (
-            Needs("ADSB_TYPE", "transponder messages are not listened to", 1, above=0, reboot=True),
+            Needs("ADSB_TYPE", "transponder messages are ignored", 1, above=0, reboot=True),
             *_TRAFFIC,
         ),
         "other_global_position": _TRAFFIC,
         "collision": (
             Never(
-                "ArduPilot sends COLLISION and never takes it",
+                "ArduPilot sends COLLISION but ignores it",
                 "inject adsb_vehicle or obstacle_distance; COLLISION is for ground stations",
             ),
         ),
         # AC_PrecLand_MAVLink.cpp: TYPE 1, frame BODY_FRD or angles; 1 s without is lost.
         "landing_target": (
             Needs("PLND_ENABLED", "precision landing is off", 1, one_of=(1,)),
-            Needs("PLND_TYPE", "targets over MAVLink are not listened to", 1, one_of=(1,)),
+            Needs("PLND_TYPE", "targets over MAVLink are ignored", 1, one_of=(1,)),
             InModes(frozenset({"LAND", "RTL", "AUTO"}), "no landing is guided"),
         ),
         "vision_position_estimate": _VISION,
@@ -125,7 +125,7 @@ ARDUPILOT: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
         "gps_input": (
             Needs(
                 "GPS1_TYPE",
-                "fixes over MAVLink are not listened to",
+                "fixes over MAVLink are ignored",
                 14,
                 one_of=(14,),
                 more_names=("GPS_TYPE",),
@@ -135,13 +135,13 @@ ARDUPILOT: Mapping[Thing, tuple[Rule, ...]] = MappingProxyType(
         # AC_Fence.cpp, var_info: ENABLE, TYPE bit 2 circles and polygons, ACTION 0 report only.
         "fence": (
             Needs("FENCE_ENABLE", "its own fence is off", 1, one_of=(1,)),
-            Needs("FENCE_TYPE", "uploaded circles and polygons do not count (bit 2)", 4, bits=4),
+            Needs("FENCE_TYPE", "uploaded circles and polygons are ignored (bit 2)", 4, bits=4),
             Needs("FENCE_ACTION", "a breach is reported at most", 1, above=0),
         ),
         "flight_termination": (),
         "inject_failure": (
             Never(
-                "ArduPilot does not know INJECT_FAILURE",
+                "ArduPilot does not support INJECT_FAILURE",
                 "in SITL set the SIM_ parameter of the failure",
             ),
         ),

@@ -1,15 +1,15 @@
-"""Would this autopilot, as it is set up and in this mode, act on what we inject? Pure.
+"""Rules for whether an autopilot acts on an injected message, by its parameters and mode; pure.
 
-Messages that nobody consumes look like a vehicle that does not avoid. So before arming each
-injected thing is held against rules: parameters, modes, and what is never consumed at all. The
-tables are in `honoured_ardupilot` and `honoured_px4`, each line with its source.
+An injected message that the autopilot ignores looks like a vehicle that does not avoid. So before
+arming each injection is checked by rules: parameters, modes, and messages that are never used. The
+tables are in `ardupilot_rules` and `px4_rules`, each line with its source.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-Thing = Literal[
+InjectionKind = Literal[
     "obstacle_distance",
     "obstacle_distance_3d",
     "path_planning",
@@ -27,12 +27,12 @@ Thing = Literal[
     "inject_failure",
 ]
 Setpoints = Literal["velocity", "position", "attitude"]
-"""What an autonomy steers by: velocities or accelerations, positions, or attitudes."""
+"""The setpoints of an autonomy: velocities or accelerations, positions, or attitudes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The situation that injection rules judge. mode: the autopilot's word ("GUIDED").
+    """The input of injection rules. mode: the autopilot's own name ("GUIDED").
 
     unbooted: parameters that were set since the autopilot booted.
     """
@@ -45,10 +45,10 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """Why an injection would be ignored by the autopilot, and what to do.
+    """Why an injection would be ignored by the autopilot, and the remedy.
 
-    parameter, value: what to set; None where no parameter helps. reboot: whether it takes
-    effect after a reboot only.
+    parameter, value: to set; None when no parameter helps. reboot: whether it takes effect only
+    after a reboot.
     """
 
     reason: str
@@ -62,7 +62,7 @@ class Ignored:
 
 
 class Rule(Protocol):
-    """A rule of injection support: one condition of using it. parameters: those it reads."""
+    """A rule of injection support: one condition for the autopilot to use an injection."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -76,8 +76,8 @@ class Rule(Protocol):
 class Needs:
     """A rule that a parameter has one of some values, all of some bits, or exceeds a number.
 
-    parameter: its name; more names: those of other versions. advised: the value to set, or the
-    bits to add. meaning: what it is for, as the end of "PARAMETER is 0: ...".
+    parameter: its name; more_names: those of other versions. advised: the value to set, or the
+    bits to add. meaning: the consequence, as the end of "PARAMETER is 0: ...".
     """
 
     parameter: str
@@ -91,7 +91,7 @@ class Needs:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the parameter's names in this rule, the present one first."""
+        """Return the parameter's names in this rule, the current one first."""
         return (self.parameter, *self.more_names)
 
     def broken(self, situation: Situation) -> Ignored | None:
@@ -106,39 +106,39 @@ class Needs:
                 self.advised,
                 self.reboot,
             )
-        found = situation.parameters[name]
-        if self._fits(found):
-            return self._asleep(name, found) if name in situation.unbooted else None
-        value = float(round(found) | self.bits) if self.bits else self.advised
+        present = situation.parameters[name]
+        if self._is_fulfilled_by(present):
+            return self._needs_boot(name, present) if name in situation.unbooted else None
+        value = float(round(present) | self.bits) if self.bits else self.advised
         after = " and reboot the autopilot" if self.reboot else ""
         return Ignored(
-            f"{name} is {found:g}: {self.meaning}",
+            f"{name} is {present:g}: {self.meaning}",
             f"set {name} to {value:g}{after}",
             name,
             value,
             self.reboot,
         )
 
-    def _asleep(self, name: str, found: float) -> Ignored | None:
+    def _needs_boot(self, name: str, value: float) -> Ignored | None:
         """Return that a parameter of the rule takes effect only after a boot."""
         if not self.reboot:
             return None
         return Ignored(
-            f"{name} was set to {found:g} since the autopilot booted, and counts from the next "
-            f"boot on: until then {self.meaning}",
-            f"set {name} to {found:g} in the vehicle itself, reboot it, and then fly",
+            f"{name} was set to {value:g} since the autopilot booted, and takes effect at the next "
+            f"boot: until then {self.meaning}",
+            f"set {name} to {value:g} in the vehicle itself, reboot it, and then fly",
             name,
-            found,
+            value,
             reboot=True,
         )
 
-    def _fits(self, found: float) -> bool:
+    def _is_fulfilled_by(self, value: float) -> bool:
         """Return whether a parameter's value fulfils the rule."""
         if self.bits:
-            return round(found) & self.bits == self.bits
+            return round(value) & self.bits == self.bits
         if self.above is not None:
-            return found > self.above
-        return found in self.one_of
+            return value > self.above
+        return value in self.one_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ class When:
         return self.rule.parameters
 
     def broken(self, situation: Situation) -> Ignored | None:
-        """Return what the inner rule says, where it applies."""
+        """Return the inner rule's result, where it applies."""
         if situation.mode not in self.modes:
             return None
         if self.setpoints is not None and situation.setpoints != self.setpoints:
@@ -200,15 +200,15 @@ class Never:
         return Ignored(self.why, self.remedy)
 
 
-Rules = Mapping[Thing, tuple[Rule, ...]]
+Rules = Mapping[InjectionKind, tuple[Rule, ...]]
 
 
-def broken_rules(rules: Rules, thing: Thing, situation: Situation) -> tuple[Ignored, ...]:
+def broken_rules(rules: Rules, thing: InjectionKind, situation: Situation) -> tuple[Ignored, ...]:
     """Return why an injection would be ignored, in the order of the rules."""
-    found = (rule.broken(situation) for rule in rules[thing])
-    return tuple(each for each in found if each is not None)
+    results = (rule.broken(situation) for rule in rules[thing])
+    return tuple(result for result in results if result is not None)
 
 
-def parameters_in(rules: Rules, thing: Thing) -> tuple[str, ...]:
+def parameters_in(rules: Rules, thing: InjectionKind) -> tuple[str, ...]:
     """Return the names of all parameters that the injection rules read, each once."""
     return tuple(dict.fromkeys(name for rule in rules[thing] for name in rule.parameters))

@@ -1,1 +1,1 @@
-"""What is on board a vehicle: parameters, missions, fences, logs, GPS receiver."""
+"""A vehicle's onboard data: parameters, missions, fences, logs, GPS receiver."""

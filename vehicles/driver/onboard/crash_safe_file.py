@@ -1,6 +1,6 @@
-"""Files that say what is to be put back after a crash, each locked while its writer lives.
+"""JSON files with what to restore after a crash, each locked while its writer lives.
 
-A lock that is free tells the next start that nobody will come back for what the file says.
+A free lock tells the next start that the writer is gone and that the file is to be restored.
 """
 
 import fcntl
@@ -21,19 +21,25 @@ class CrashSafeFile:
 
     @classmethod
     def write(cls, folder: Path, suffix: str, document: Mapping[str, object]) -> Self:
-        """Write a crash-safe file, on the disk when this returns. Raises OSError."""
+        """Write a crash-safe file and sync it to the disk. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
         number = (
             max((_number(path, suffix) for path in crash_safe_files(folder, suffix)), default=0) + 1
         )
         half = folder / f"{number:06d}{suffix}.{os.getpid()}.tmp"
         handle = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        # The lock goes with the file through its renaming.
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.write(handle, json.dumps(document).encode())
-        os.fsync(handle)
-        path = _link_numbered(half, folder, number, suffix)
-        half.unlink()
+        try:
+            # The lock belongs to the file, whatever its name.
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with open(handle, "wb", closefd=False) as file:
+                file.write(json.dumps(document).encode())
+            os.fsync(handle)
+            path = _link_numbered(half, folder, number, suffix)
+        except BaseException:
+            os.close(handle)
+            raise
+        finally:
+            half.unlink(missing_ok=True)
         _sync_folder(folder)
         return cls(path, handle, document)
 
@@ -41,7 +47,7 @@ class CrashSafeFile:
     def take(cls, path: Path) -> Self | None:
         """Return an unlocked crash-safe file; None when it is locked or gone.
 
-        Raises ValueError when it is no JSON.
+        Raises ValueError when it is not JSON.
         """
         try:
             handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
@@ -81,7 +87,7 @@ def _number(path: Path, suffix: str) -> int:
 
 
 def _link_numbered(half: Path, folder: Path, number: int, suffix: str) -> Path:
-    """Give a crash-safe file the first free number; another run's one is respected."""
+    """Give a crash-safe file the first free number, without replacing another run's file."""
     while True:
         path = folder / f"{number:06d}{suffix}"
         try:

@@ -1,4 +1,4 @@
-"""The fence that an autopilot had before ours, noted in a file for the start after a crash."""
+"""Backs up the fence of an autopilot before ours replaces it, to restore it after a crash."""
 
 import contextlib
 from collections.abc import Sequence
@@ -29,34 +29,34 @@ def back_up_fence(
         return CrashSafeFile.write(folder, FENCE_SUFFIX, document)
     except OSError as error:
         raise MissionError(
-            f"the note of its fence in {folder} cannot be written ({error.strerror}); without it "
-            "the vehicle would keep ours after a crash"
+            f"the fence backup in {folder} cannot be written ({error.strerror}); without it the "
+            "vehicle would keep the campaign's fence after a crash"
         ) from error
 
 
 async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) -> bool:
     """Restore a vehicle's fence from backups of runs that were killed.
 
-    Returns whether it got one. A fence that is not ours is somebody's, and is left alone. Notes of
-    runs that live, and of other vehicles, are left too. Raises MissionError; the note is kept then.
+    Returns whether it restored one. A fence that is not ours is left alone, and so are backups of
+    running runs and of other vehicles. Raises MissionError; the backup is kept then.
     """
-    given = False
+    restored = False
     for path in crash_safe_files(folder, FENCE_SUFFIX):
         try:
-            note = CrashSafeFile.take(path)
-            if note is None:
+            backup = CrashSafeFile.take(path)
+            if backup is None:
                 continue
-            with contextlib.closing(note):
-                if note.document["vehicle"] != vehicle:
+            with contextlib.closing(backup):
+                if backup.document["vehicle"] != vehicle:
                     continue
-                own, ours = _items(note.document["own"]), _items(note.document["ours"])
+                own, ours = _items(backup.document["own"]), _items(backup.document["ours"])
                 if _is_same_fence(ours, await fences.items()):
                     await fences.restore(own)
-                    given = True
-                note.remove()
+                    restored = True
+                backup.remove()
         except (ValueError, KeyError, TypeError) as error:
             raise MissionError(f"{path} is not a fence backup; inspect it and remove it") from error
-    return given
+    return restored
 
 
 def waiting_backups(folder: Path) -> tuple[Path, ...]:
@@ -67,10 +67,10 @@ def waiting_backups(folder: Path) -> tuple[Path, ...]:
 def _items(rows: Sequence[Sequence[Any]]) -> tuple[MissionItem, ...]:
     """Return the fence items in a backup's rows."""
     names = [field.name for field in fields(MissionItem)]
-    made = [MissionItem(**dict(zip(names, row, strict=True))) for row in rows]
-    four = [(*map(float, item.params),) for item in made]
+    items = [MissionItem(**dict(zip(names, row, strict=True))) for row in rows]
+    params = [(*map(float, item.params),) for item in items]
     return tuple(
-        replace(item, params=(a, b, c, d)) for item, (a, b, c, d) in zip(made, four, strict=True)
+        replace(item, params=(a, b, c, d)) for item, (a, b, c, d) in zip(items, params, strict=True)
     )
 
 

@@ -1,4 +1,4 @@
-"""The autopilot's own fence: its areas and its parameters, uploaded and read back.
+"""The autopilot's own fence: uploads and reads back its areas; the parameters that enable it.
 
 Items 5000 to 5004: https://mavlink.io/en/services/mission.html#fence. Parameters: AC_Fence of
 ArduPilot (FENCE_*), geofence_params.c of PX4 (GF_*).
@@ -42,9 +42,9 @@ _ALTITUDE_BIT, _AREAS_BIT = 1, 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotFence:
-    """A fence for the autopilot itself to keep, as the fence protocol uploads it.
+    """A fence that the autopilot itself enforces, as the fence protocol uploads it.
 
-    ceiling_m: above home; None for no ceiling. action: what it does on a breach.
+    ceiling_m: above home; None for no ceiling. action: of the autopilot on a breach.
     """
 
     areas: tuple[FenceArea, ...] = ()
@@ -71,10 +71,10 @@ def fence_items(areas: Sequence[FenceArea]) -> tuple[MissionItem, ...]:
 
 
 def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[str, ParameterValue]:
-    """Return the parameters that make an autopilot keep a fence, in the order to set.
+    """Return the parameters that make an autopilot enforce a fence, in the order to set.
 
-    Bounds come before what makes them count, so that nothing is breached meanwhile in flight; set
-    back in reverse, the fence is off before its bounds change.
+    Bounds come before the parameters that enable them, so that none is breached in between in
+    flight; restored in reverse order, the fence is off before its bounds change.
     """
     if autopilot == "px4":
         # GF_MAX_*_DIST are distances from home; 0 is off.
@@ -88,7 +88,7 @@ def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[st
     if fence.ceiling_m is not None:
         parameters["FENCE_ALT_MAX"] = fence.ceiling_m
     return parameters | {
-        # Avoidance keeps a vehicle so far inside, 2 m by default: a hall is left with no room.
+        # Avoidance keeps this distance from the fence, 2 m by default: too much in a hall.
         "FENCE_MARGIN": 0.0,
         "FENCE_TYPE": kinds,
         "FENCE_ACTION": _ARDUPILOT_ACTIONS[fence.action],
@@ -107,10 +107,7 @@ class FenceProtocol:
 
         Raises MissionError; PX4 refuses a fence that excludes its home or is breached at once.
         """
-        if areas:
-            await self._missions.upload(ItemList.FENCE, fence_items(areas))
-        else:
-            await self._missions.clear(ItemList.FENCE)
+        await self.restore(fence_items(areas))
 
     async def read(self) -> tuple[FenceArea, ...]:
         """Return the autopilot's fence areas. Raises MissionError."""
@@ -121,11 +118,11 @@ class FenceProtocol:
             raise MissionError(str(error)) from error
 
     async def items(self) -> tuple[MissionItem, ...]:
-        """Return the autopilot's fence items, to `restore` later. Raises MissionError."""
+        """Return the autopilot's fence items, for `restore`. Raises MissionError."""
         return await self._missions.download(ItemList.FENCE)
 
     async def restore(self, items: Sequence[MissionItem]) -> None:
-        """Restore the fence items of `items`, and read them back. Raises MissionError."""
+        """Upload the fence items that `items` returned, and read them back. Raises MissionError."""
         if items:
             await self._missions.upload(ItemList.FENCE, items)
         else:

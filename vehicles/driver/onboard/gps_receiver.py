@@ -1,4 +1,4 @@
-"""What the vehicle's GPS receiver says of its fix and its speed: GPS_RAW_INT."""
+"""The fix and the ground speed of the vehicle's GPS receiver: GPS_RAW_INT."""
 
 import asyncio
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.autopilots.autopilot import command_long
 from vehicles.driver.session.session import Session
 
-_ASK_AGAIN_S = 0.5
+_REQUEST_AGAIN_S = 0.5
 _UNKNOWN_HDOP = 0xFFFF
 _UNKNOWN_COUNT = 0xFF
 _UNKNOWN_SPEED = 0xFFFF
@@ -20,7 +20,7 @@ _UNKNOWN_SPEED = 0xFFFF
 class GpsFix:
     """A fix of the vehicle's GPS receiver; unknown values are None.
 
-    kind: GPS_FIX_TYPE: 0 no receiver, 1 no fix, 2 without height, 3 and more with height. hdop:
+    kind: GPS_FIX_TYPE: 0 no receiver, 1 no fix, 2 without height, 3 or more with height. hdop:
     dilution of the horizontal position, no unit.
     """
 
@@ -32,8 +32,8 @@ class GpsFix:
 class GroundSpeed(NamedTuple):
     """A horizontal speed by the vehicle's GPS receiver, which measures it by Doppler shift.
 
-    arrived_s: when it reached us (run clock). accuracy_m_s: one standard deviation as the receiver
-    states it, None where it does not.
+    arrived_s: time of arrival (run clock). accuracy_m_s: one standard deviation as the receiver
+    states it, None when it does not.
     """
 
     arrived_s: float
@@ -47,7 +47,7 @@ class GpsReceiver:
     def __init__(self, *, session: Session) -> None:
         self._session = session
         self._newest: GpsFix | None = None
-        self._came = asyncio.Event()
+        self._arrived = asyncio.Event()
         self._speed_listeners: list[Callable[[GroundSpeed], None]] = []
         session.on(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, self._take)
 
@@ -56,19 +56,19 @@ class GpsReceiver:
         self._speed_listeners.append(listener)
 
     async def fix(self, timeout_s: float) -> GpsFix | None:
-        """Return the GPS receiver's present fix; None without a report in `timeout_s`."""
+        """Request and return the GPS receiver's fix; None without a reply within `timeout_s`."""
         target = self._session.target
         if target is None:
             return None
         message = command_long(
             target, mavlink.MAV_CMD_REQUEST_MESSAGE, float(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT)
         )
-        self._came.clear()
-        for _ in range(max(1, round(timeout_s / _ASK_AGAIN_S))):
+        self._arrived.clear()
+        for _ in range(max(1, round(timeout_s / _REQUEST_AGAIN_S))):
             self._session.send(message)
             try:
-                async with asyncio.timeout(_ASK_AGAIN_S):
-                    await self._came.wait()
+                async with asyncio.timeout(_REQUEST_AGAIN_S):
+                    await self._arrived.wait()
             except TimeoutError:
                 continue
             return self._newest
@@ -81,7 +81,7 @@ class GpsReceiver:
             satellites=None if seen == _UNKNOWN_COUNT else seen,
             hdop=None if hdop == _UNKNOWN_HDOP else hdop * 0.01,
         )
-        self._came.set()
+        self._arrived.set()
         if message.fix_type < mavlink.GPS_FIX_TYPE_3D_FIX or message.vel == _UNKNOWN_SPEED:
             return
         accuracy_m_s = message.vel_acc * 1e-3 if message.vel_acc else None

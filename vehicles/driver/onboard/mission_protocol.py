@@ -1,4 +1,4 @@
-"""The mission protocol from our side: lists of items uploaded, read back, and cleared.
+"""The ground station's side of the mission protocol: uploads, reads back and clears item lists.
 
 https://mavlink.io/en/services/mission.html
 """
@@ -16,19 +16,19 @@ from vehicles.errors import VehicleError
 from vehicles.mavlink.names import enum_name
 
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
-WORDS_S = 0.3
-"""How long is waited for the words of a refusal: STATUSTEXT comes after it."""
+STATUSTEXT_WAIT_S = 0.3
+"""How long to wait for the STATUSTEXT that explains a refusal: it comes after it."""
 _PARAM_TOLERANCE = 1e-4
 _PLACE_TOLERANCE = 1
 """PX4 keeps degrees as doubles: what comes back may be one unit (1e-7 degrees) off."""
 
 
 class MissionError(VehicleError):
-    """A mission, fence or rally list that was refused, or came back changed."""
+    """A mission, fence or rally list was refused, or came back changed."""
 
 
 class UnsureError(MissionError):
-    """A list whose items were all taken, and whose acceptance is unknown."""
+    """All items of a list were sent, and whether it was accepted is unknown."""
 
 
 class ItemList(IntEnum):
@@ -55,7 +55,7 @@ class MissionItem:
     autocontinue: bool = True
 
     def agrees(self, other: "MissionItem") -> bool:
-        """Return whether an autopilot may give back one mission item for the other."""
+        """Return whether an autopilot may return one mission item for the other."""
         return (
             self.command == other.command
             and abs(self.x - other.x) <= _PLACE_TOLERANCE
@@ -68,8 +68,8 @@ class MissionItem:
 class MissionProtocol:
     """Uploads and downloads the vehicle's mission lists, one operation at a time.
 
-    An unanswered message goes out again every `timeout_s`, `tries` times. circumstances: words
-    that are added to errors (the last STATUSTEXTs).
+    An unanswered message is sent again every `timeout_s`, `tries` times. circumstances: returns
+    text that is added to errors (the last STATUSTEXTs).
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class MissionProtocol:
     async def upload(self, which: ItemList, items: Sequence[MissionItem]) -> None:
         """Upload a whole mission list, and read it back.
 
-        Raises MissionError when it is refused or comes back otherwise, with the vehicle's words.
+        Raises MissionError, with the last STATUSTEXTs, when it is refused or comes back different.
         """
         sent = list(items)
         doubt: MissionError | None = None
@@ -132,12 +132,12 @@ class MissionProtocol:
         async with self._turn:
             message = self._message(mavlink.MAVLink_mission_clear_all_message, mission_type=which)
 
-            def taken(answer: Any) -> bool:
+            def is_ack(answer: Any) -> bool:
                 return bool(answer.get_type() == "MISSION_ACK")
 
             self._inbox = asyncio.Queue()
             try:
-                await self._check(which, await self._ask(which, message, taken))
+                await self._check(which, await self._exchange(which, message, is_ack))
             finally:
                 self._inbox = None
 
@@ -145,23 +145,27 @@ class MissionProtocol:
         last = self._message(
             mavlink.MAVLink_mission_count_message, count=len(items), mission_type=which
         )
-        reached = 0
+        reached = early = 0
         self._inbox = asyncio.Queue()
         try:
             while True:
                 try:
-                    answer = await self._ask(which, last, lambda _: True)
+                    answer = await self._exchange(which, last, lambda _: True)
                     if answer.get_type() == "MISSION_ACK":
-                        # An acknowledgement of something earlier may still be under way.
+                        # An acknowledgement of an earlier operation may still be in flight.
                         if answer.type == _ACCEPTED and reached < len(items):
-                            continue
+                            early += 1
+                            if early < self._tries:
+                                continue
+                            what = f"it was accepted after {reached} of {len(items)} items"
+                            raise self._error(which, what)
                         await self._check(which, answer)
                         return
                 except MissionError as error:
                     if reached < len(items):
                         raise
-                    # Its last word comes only once: when that is lost, it is silent or refuses
-                    # the last item, which is sent again.
+                    # The final MISSION_ACK comes once: when it is lost, the autopilot is silent or
+                    # refuses the last item, which is sent again.
                     raise UnsureError(str(error)) from error
                 if "REQUEST" in answer.get_type() and answer.seq < len(items):
                     reached = max(reached, answer.seq + 1)
@@ -171,7 +175,9 @@ class MissionProtocol:
 
     async def _read_list(self, which: ItemList) -> tuple[MissionItem, ...]:
         question = self._message(mavlink.MAVLink_mission_request_list_message, mission_type=which)
-        answer = await self._ask(which, question, lambda each: each.get_type() == "MISSION_COUNT")
+        answer = await self._exchange(
+            which, question, lambda each: each.get_type() == "MISSION_COUNT"
+        )
         items: list[MissionItem] = []
         for number in range(answer.count):
             question = self._message(
@@ -181,17 +187,17 @@ class MissionProtocol:
             def is_it(each: Any, number: int = number) -> bool:
                 return bool(each.get_type() == "MISSION_ITEM_INT" and each.seq == number)
 
-            items.append(_read_item(await self._ask(which, question, is_it)))
+            items.append(_read_item(await self._exchange(which, question, is_it)))
         done = self._message(
             mavlink.MAVLink_mission_ack_message, type=_ACCEPTED, mission_type=which
         )
         self._session.send(done)
         return tuple(items)
 
-    async def _ask(self, which: ItemList, message: Any, fits: Callable[[Any], bool]) -> Any:
+    async def _exchange(self, which: ItemList, message: Any, fits: Callable[[Any], bool]) -> Any:
         """Send a mission message until a fitting reply of this list arrives."""
         if self._inbox is None:
-            raise RuntimeError("an operation reads its answers from an inbox")
+            raise RuntimeError("no operation has opened the inbox")
         loop = asyncio.get_running_loop()
         for _ in range(self._tries):
             self._session.send(message)
@@ -210,7 +216,7 @@ class MissionProtocol:
 
     async def _check(self, which: ItemList, ack: Any) -> None:
         if ack.mission_type == which and ack.type != _ACCEPTED:
-            await asyncio.sleep(WORDS_S)
+            await asyncio.sleep(STATUSTEXT_WAIT_S)
             name = enum_name("MAV_MISSION_RESULT", ack.type)
             raise self._error(which, f"it was refused with {name}")
 
@@ -221,7 +227,7 @@ class MissionProtocol:
     def _message(self, kind: Any, **fields: Any) -> Any:
         target = self._session.target
         if target is None:
-            raise MissionError(f"{self._session.link.name}: no vehicle was identified yet")
+            raise MissionError(f"{self._session.link.name}: no vehicle is identified yet")
         return kind(target_system=target.system, target_component=target.component, **fields)
 
     def _item(self, which: ItemList, number: int, item: MissionItem) -> Any:
@@ -267,16 +273,16 @@ def _read_item(message: Any) -> MissionItem:
 def _difference(sent: Sequence[MissionItem], back: Sequence[MissionItem]) -> str:
     """Return in words how a mission list that came back differs; empty when equal."""
     if len(back) != len(sent):
-        return f"{len(sent)} items were sent, and it holds {len(back)}"
+        return f"{len(sent)} items were sent, and the vehicle returns {len(back)}"
     for number, (mine, its) in enumerate(zip(sent, back, strict=True)):
         if not mine.agrees(its):
-            return f"item {number} came back as {its}, sent was {mine}"
+            return f"item {number} came back as {its}, but {mine} was sent"
     return ""
 
 
 def _near(mine: float, its: float) -> bool:
     """Return whether two parameters of a mission item are equal within tolerance, or NaN."""
     # NaN means "not given", and comes back as itself or as 0.
-    if mine != mine:  # noqa: PLR0124 - so is NaN told
+    if mine != mine:  # noqa: PLR0124 - a test for NaN
         return its != its or its == 0.0  # noqa: PLR0124 - as above
     return abs(mine - its) <= _PARAM_TOLERANCE * max(1.0, abs(mine))

@@ -1,4 +1,4 @@
-"""What is on board of the vehicle: its parameters, missions, fences, logs, GPS receiver."""
+"""Access to the vehicle's onboard data: parameters, missions, fences, logs, GPS receiver."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ _LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
 class Onboard:
     """The onboard data of one identified vehicle: parameters, missions, fences, logs, GPS.
 
-    missions, logs: None for those that speak by the session.
+    missions, logs: None for those that use the session.
     """
 
     def __init__(
@@ -32,10 +32,10 @@ class Onboard:
         self.missions = missions or MissionProtocol(session=session, circumstances=circumstances)
         self.fences = FenceProtocol(missions=self.missions)
         self.logs = logs or VehicleLogs(session=session)
-        self.satellites = GpsReceiver(session=session)
+        self.gps_receiver = GpsReceiver(session=session)
 
     def identified(self, autopilot: Autopilot, identity: Identity) -> None:
-        """Set the vehicle's identity, and how its autopilot keeps onboard data."""
+        """Set the vehicle's identity, and how its autopilot stores onboard data."""
         self.parameters.use_bytewise(autopilot.parameters_bytewise)
         self.parameters.use_identity(f"{autopilot.name} {identity.system_id} {identity.uid}")
         self.missions.use_home_first(autopilot.name == "ardupilot")

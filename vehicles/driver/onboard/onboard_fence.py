@@ -1,8 +1,8 @@
-"""A fence that an autopilot keeps for us: put aboard, exchanged in flight, and its own given back.
+"""A fence that the autopilot enforces: uploaded, replaced in flight, and the original restored.
 
-ArduCopter writes a list of items once its last one has come and checks it against the place at
-once; PX4 keeps two lists and exchanges them when the new one is whole, and refuses one that leaves
-its home out. In neither half a list ever counts, so either the old areas hold or the new ones.
+ArduCopter stores a list of items once the last one has arrived and checks it against the position
+at once; PX4 keeps two lists, swaps them when the new one is complete, and refuses one that excludes
+home. Neither ever enforces half a list: either the old areas apply or the new ones.
 """
 
 from collections.abc import Mapping
@@ -28,9 +28,9 @@ from vehicles.errors import VehicleError
 class OnboardFence:
     """Uploads an onboard fence; an async context manager that restores the old one.
 
-    A fence is put aboard by `offer`, and counts once it is confirmed; until then `put_back` has
-    the autopilot keep what it kept before. journal: folder for what is to be put back after a crash
-    (`Parameters.changed`, `note_fence`). Without entering it the fence stays for good.
+    `offer` uploads a fence, which is final once it is confirmed; until then `put_back` restores the
+    previous one. backup_folder: for backups to restore after a crash (`Parameters.changed`,
+    `back_up_fence`). Without entering the context manager the fence stays for good.
     """
 
     def __init__(
@@ -39,18 +39,18 @@ class OnboardFence:
         fences: FenceProtocol,
         parameters: Parameters,
         autopilot: AutopilotName,
-        journal: Path | None = None,
+        backup_folder: Path | None = None,
     ) -> None:
         self._fences = fences
         self._parameters = parameters
         self._autopilot = autopilot
-        self._journal = journal
-        self._own: tuple[MissionItem, ...] | None = None
-        self._notes: list[CrashSafeFile] = []
+        self._backup_folder = backup_folder
+        self._original_items: tuple[MissionItem, ...] | None = None
+        self._fence_backups: list[CrashSafeFile] = []
         self._stack = AsyncExitStack()
         self._offered: tuple[AutopilotFence, ParameterBackup] | None = None
         self.fence: AutopilotFence | None = None
-        """What it was last confirmed to keep; None for what it had of its own."""
+        """The last confirmed fence; None for the vehicle's original one."""
 
     @property
     def unsettled(self) -> bool:
@@ -58,7 +58,7 @@ class OnboardFence:
         return self._offered is not None
 
     async def __aenter__(self) -> Self:
-        """Do nothing yet: `keep` uploads the onboard fence."""
+        """Do nothing: `keep` or `offer` uploads the onboard fence."""
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -85,51 +85,53 @@ class OnboardFence:
     ) -> None:
         """Upload an onboard fence in place of the present one, and read it back.
 
-        also: other parameters that go with it. Raises MissionError, ParameterError; then `put_back`
-        is to be called, as it is when the offer is cancelled.
+        also: other parameters to set with it. Raises MissionError, ParameterError; then, and when
+        the offer is cancelled, the caller calls `put_back`.
         """
-        if self._own is None:
-            self._own = await self._fences.items()
-            self._stack.push_async_callback(self._restore_fence, self._own)
+        if self._original_items is None:
+            self._original_items = await self._fences.items()
+            self._stack.push_async_callback(self._restore_fence, self._original_items)
         present = {} if self.fence is None else fence_parameters(self._autopilot, self.fence)
         wanted = {**fence_parameters(self._autopilot, fence), **(also or {})}
         changes = {name: value for name, value in wanted.items() if present.get(name) != value}
-        context = self._parameters.changed(changes, journal=self._journal)
+        context = self._parameters.changed(changes, backup_folder=self._backup_folder)
         self._offered = (fence, context)
-        if self._journal is not None:
+        if self._backup_folder is not None:
             ours, vehicle = fence_items(fence.areas), self._parameters.vehicle
-            self._notes.append(back_up_fence(self._journal, vehicle, own=self._own, ours=ours))
+            self._fence_backups.append(
+                back_up_fence(self._backup_folder, vehicle, own=self._original_items, ours=ours)
+            )
         await self._fences.upload(fence.areas)
         await context.__aenter__()
 
     async def confirm(self) -> None:
         """Confirm the offered fence: `put_back` restores this one from now on."""
         if self._offered is None:
-            raise RuntimeError("no fence was sent")
+            raise RuntimeError("no fence is offered")
         self.fence, context = self._offered
         self._offered = None
         self._stack.push_async_exit(context)
 
     async def put_back(self) -> None:
-        """Restore the onboard fence before the offer, read back. Raises VehicleError.
+        """Restore the fence from before the offer, and read it back. Raises VehicleError.
 
-        After an error it may be called again; without an offer there is nothing to do.
+        After an error it may be called again; without an offer it does nothing.
         """
         if self._offered is None:
             return
         await self._offered[1].__aexit__(None, None, None)
         if self.fence is not None:
             await self._fences.upload(self.fence.areas)
-        elif self._own is not None:
-            await self._fences.restore(self._own)
+        elif self._original_items is not None:
+            await self._fences.restore(self._original_items)
         self._offered = None
 
     async def _restore_fence(self, own: tuple[MissionItem, ...]) -> None:
         """Restore the autopilot's fence; on failure the backup stays for the next start."""
         try:
             await self._fences.restore(own)
-            for note in self._notes:
-                note.remove()
+            for backup in self._fence_backups:
+                backup.remove()
         finally:
-            for note in self._notes:
-                note.close()
+            for backup in self._fence_backups:
+                backup.close()

@@ -1,7 +1,7 @@
-"""Parameters changed for a time: set, verified, set back in reverse; after a crash as well.
+"""Changes parameters for a run and restores them in reverse order, after a crash as well.
 
-Before the first change a journal is written, whole, with what each parameter was. It stays locked
-while its writer lives, so that the next start knows which journals nobody will come back for.
+Before the first change a backup file with the original values is written. It stays locked while its
+writer lives, so that the next start restores only backups of processes that are gone.
 """
 
 import contextlib
@@ -44,8 +44,8 @@ class ParameterChange:
 class Restored:
     """The outcome of restoring a vehicle's parameter backups.
 
-    restored: set back, or already as before. foreign: neither what we set nor what it was:
-    somebody has changed it since, and it is left alone.
+    restored: set back, or already at its original value. foreign: has neither our value nor the
+    original one: it has been changed since, and is left alone.
     """
 
     restored: tuple[ParameterChange, ...] = ()
@@ -55,8 +55,8 @@ class Restored:
 class ParameterBackup:
     """An async context manager that changes parameters, with a backup, and restores them.
 
-    vehicle: whose parameters they are, as a name that stays the same. journal: the folder for the
-    journal; None for none. Raises ParameterError; then all is set back as far as it can be.
+    vehicle: a name of the vehicle that stays the same. folder: for the backup file; None for no
+    file. Raises ParameterError; then all parameters are restored as far as possible.
     """
 
     def __init__(
@@ -65,13 +65,13 @@ class ParameterBackup:
         access: ParameterAccess,
         vehicle: str,
         changes: Mapping[str, ParameterValue],
-        journal: Path | None,
+        folder: Path | None,
     ) -> None:
         self._access = access
         self._vehicle = vehicle
         self._wanted = dict(changes)
-        self._folder = journal
-        self._journal: _BackupFile | None = None
+        self._folder = folder
+        self._backup: _BackupFile | None = None
         self._changes: tuple[ParameterChange, ...] = ()
 
     @property
@@ -86,7 +86,7 @@ class ParameterBackup:
             ParameterChange(name, value, self._wanted[name]) for name, value in before
         )
         if self._folder is not None and self._changes:
-            self._journal = _BackupFile.write(self._folder, self._vehicle, self._changes)
+            self._backup = _BackupFile.write(self._folder, self._vehicle, self._changes)
         done: list[ParameterChange] = []
         try:
             for change in self._changes:
@@ -95,7 +95,7 @@ class ParameterBackup:
         except BaseException as error:
             self._changes = tuple(done)
             try:
-                await self._set_back()
+                await self._restore()
             except ParameterError as second:
                 error.add_note(str(second))
             raise
@@ -107,15 +107,15 @@ class ParameterBackup:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Restore the parameters, last first. Raises ParameterError after all others."""
+        """Restore the parameters, last first. Raises ParameterError, once all were tried."""
         try:
-            await self._set_back()
+            await self._restore()
         except ParameterError as second:
             if error is None:
                 raise
             error.add_note(str(second))
 
-    async def _set_back(self) -> None:
+    async def _restore(self) -> None:
         failed: list[str] = []
         try:
             for change in reversed(self._changes):
@@ -123,37 +123,37 @@ class ParameterBackup:
                     await self._access.set(change.name, change.before)
                 except ParameterError as error:
                     failed.append(f"{change.name} to {change.before} ({error})")
-            if not failed and self._journal is not None:
-                self._journal.remove()
+            if not failed and self._backup is not None:
+                self._backup.remove()
         finally:
-            if self._journal is not None:
-                self._journal.close()
+            if self._backup is not None:
+                self._backup.close()
         if failed:
-            kept = self._journal.path if self._journal is not None else None
-            later = f"; {kept} has the original values for the next start" if kept else ""
-            raise ParameterError(f"could not set back {'; '.join(failed)}{later}")
+            path = self._backup.path if self._backup is not None else None
+            later = f"; the next start restores them from {path}" if path else ""
+            raise ParameterError(f"could not restore {'; '.join(failed)}{later}")
 
 
 async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:
     """Restore a vehicle's parameters from backups of killed runs, newest first.
 
-    Journals of runs that live, and of other vehicles, are left alone. Raises ParameterError when
-    the vehicle does not take a value; the journal is kept then.
+    Backups of running runs, and of other vehicles, are left alone. Raises ParameterError when the
+    vehicle does not accept a value; the backup is kept then.
     """
     restored: list[ParameterChange] = []
     foreign: list[ParameterChange] = []
     for path in crash_safe_files(folder, PARAMETERS_SUFFIX):
-        journal = _BackupFile.take(path, vehicle)
-        if journal is None:
+        backup = _BackupFile.take(path, vehicle)
+        if backup is None:
             continue
-        with contextlib.closing(journal):
-            for change in reversed(journal.changes):
+        with contextlib.closing(backup):
+            for change in reversed(backup.changes):
                 now = await access.get(change.name)
                 ours = _same(now, change.wanted)
                 if ours and not _same(now, change.before):
                     await access.set(change.name, change.before)
                 (restored if ours or _same(now, change.before) else foreign).append(change)
-            journal.remove()
+            backup.remove()
     return Restored(tuple(restored), tuple(foreign))
 
 
@@ -161,21 +161,21 @@ def _same(one: ParameterValue, other: ParameterValue) -> bool:
     """Return whether two parameter values are equal in single precision."""
     if isinstance(one, int) and isinstance(other, int):
         return one == other
-    # On the wire and in the autopilot a value has single precision.
+    # In MAVLink and in the autopilot a value has single precision.
     return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-12)
 
 
 class _BackupFile:
     """A parameter backup's file, locked while open."""
 
-    def __init__(self, note: CrashSafeFile, changes: tuple[ParameterChange, ...]) -> None:
-        self.path = note.path
+    def __init__(self, file: CrashSafeFile, changes: tuple[ParameterChange, ...]) -> None:
+        self.path = file.path
         self.changes = changes
-        self.remove, self.close = note.remove, note.close
+        self.remove, self.close = file.remove, file.close
 
     @classmethod
     def write(cls, folder: Path, vehicle: str, changes: tuple[ParameterChange, ...]) -> Self:
-        """Write a parameter backup, on the disk on return. Raises ParameterError."""
+        """Write a parameter backup, synced to the disk. Raises ParameterError."""
         document = {
             "schema": _SCHEMA,
             "vehicle": vehicle,
@@ -185,26 +185,26 @@ class _BackupFile:
             return cls(CrashSafeFile.write(folder, PARAMETERS_SUFFIX, document), changes)
         except OSError as error:
             raise ParameterError(
-                f"the journal of parameters in {folder} cannot be written ({error.strerror}); "
-                "without it they would stay changed after a crash"
+                f"the parameter backup in {folder} cannot be written ({error.strerror}); "
+                "without it the parameters would stay changed after a crash"
             ) from error
 
     @classmethod
     def take(cls, path: Path, vehicle: str) -> Self | None:
         """Return a vehicle's unlocked parameter backup; None for others. Raises ParameterError."""
-        note: CrashSafeFile | None = None
+        file: CrashSafeFile | None = None
         try:
-            note = CrashSafeFile.take(path)
-            if note is None:
+            file = CrashSafeFile.take(path)
+            if file is None:
                 return None
-            if note.document["vehicle"] == vehicle:
-                changes = tuple(ParameterChange(*entry) for entry in note.document["changes"])
-                return cls(note, changes)
+            if file.document["vehicle"] == vehicle:
+                changes = tuple(ParameterChange(*entry) for entry in file.document["changes"])
+                return cls(file, changes)
         except (ValueError, KeyError, TypeError) as error:
-            if note is not None:
-                note.close()
+            if file is not None:
+                file.close()
             raise ParameterError(
                 f"{path} is not a parameter backup; inspect it and remove it"
             ) from error
-        note.close()
+        file.close()
         return None

@@ -1,4 +1,4 @@
-"""Parameters of the autopilot, with care for their types."""
+"""Reads and writes the autopilot's parameters, whose integers PX4 and ArduPilot encode apart."""
 
 import asyncio
 import struct
@@ -19,8 +19,8 @@ from vehicles.driver.session.session import Session
 from vehicles.errors import ParameterError
 from vehicles.mavlink.names import enum_name
 
-_DOUBTS = 2
-"""How often an answer with another value is doubted before it is believed."""
+_RECHECKS = 2
+"""How often a reply with another value is checked again before it counts."""
 _FORMATS: dict[int, str] = {
     mavlink.MAV_PARAM_TYPE_UINT8: "B",
     mavlink.MAV_PARAM_TYPE_INT8: "b",
@@ -34,7 +34,7 @@ _FORMATS: dict[int, str] = {
 def decode_parameter(wire: float, kind: int, *, bytewise: bool) -> ParameterValue:
     """Return the value of a PARAM_VALUE: kind is its MAV_PARAM_TYPE.
 
-    bytewise: integers stand there as their bytes (PX4); otherwise as a float (ArduPilot).
+    bytewise: integers are sent as their bytes (PX4); otherwise as a float (ArduPilot).
     """
     code = _FORMATS.get(kind)
     if code is None:
@@ -54,7 +54,7 @@ def encode_parameter(value: ParameterValue, kind: int, *, bytewise: bool) -> flo
     if code is None:
         return float(value)
     if value != int(value):
-        raise ParameterError(f"{value} is not whole, and the parameter is an integer")
+        raise ParameterError(f"{value} is not a whole number, and the parameter is an integer")
     try:
         packed = struct.pack("<" + code, int(value))
     except struct.error as error:
@@ -85,8 +85,8 @@ class Parameters:
         self._turn = asyncio.Lock()
         self._waiting: tuple[str, asyncio.Future[_Answer]] | None = None
         self._answered = False
-        session.on(mavlink.MAVLINK_MSG_ID_PARAM_VALUE, self._value_came)
-        session.on(mavlink.MAVLINK_MSG_ID_PARAM_ERROR, self._error_came)
+        session.on(mavlink.MAVLINK_MSG_ID_PARAM_VALUE, self._on_value)
+        session.on(mavlink.MAVLINK_MSG_ID_PARAM_ERROR, self._on_error)
 
     def use_bytewise(self, bytewise: bool) -> None:
         """Set how the autopilot encodes integer parameters."""
@@ -94,22 +94,24 @@ class Parameters:
 
     @property
     def vehicle(self) -> str:
-        """Return the vehicle whose parameters these are, as `use_identity` said."""
+        """Return the name of the vehicle that `use_identity` set."""
         return self._vehicle
 
     def use_identity(self, vehicle: str) -> None:
-        """Set whose parameters these are, by a name that is the same at the next start."""
+        """Set the name of the vehicle, which is the same at the next start."""
         self._vehicle = vehicle
 
     def changed(
-        self, changes: Mapping[str, ParameterValue], *, journal: Path | None = None
+        self, changes: Mapping[str, ParameterValue], *, backup_folder: Path | None = None
     ) -> ParameterBackup:
         """Return an async context manager in which parameters are changed, in this order.
 
-        journal: a folder that keeps what they were until they are set back, so that
-        `restore_leftovers` can do so at the next start after a crash.
+        backup_folder: a folder for their original values until they are restored, so that
+        `restore_backups` can restore them at the next start after a crash.
         """
-        return ParameterBackup(access=self, vehicle=self._vehicle, changes=changes, journal=journal)
+        return ParameterBackup(
+            access=self, vehicle=self._vehicle, changes=changes, folder=backup_folder
+        )
 
     async def restore_backups(self, folder: Path) -> Restored:
         """Restore this vehicle's parameters from killed runs' backups."""
@@ -140,17 +142,17 @@ class Parameters:
                 mavlink.MAVLink_param_set_message, name.encode(), wire, before.kind
             )
             answer = await self._exchange(name, message)
-            for _ in range(_DOUBTS):
+            for _ in range(_RECHECKS):
                 if answer.value == wanted:
                     break
-                # It may answer what was asked before (a late or doubled frame), and the request
-                # itself be lost: read what it is, and if it still differs set it once more.
+                # This may be a reply to an earlier request (a late or doubled frame), and this
+                # request may be lost: read the value, and if it still differs set it once more.
                 answer = await self._read_value(name)
                 if answer.value != wanted:
                     answer = await self._exchange(name, message)
             if answer.value != wanted:
                 raise ParameterError(
-                    f"{self._session.link.name}: {name} did not take {value}, it is "
+                    f"{self._session.link.name}: {name} was set to {value}, but is still "
                     f"{answer.value}; the autopilot limits it, or it is read-only"
                 )
 
@@ -161,12 +163,12 @@ class Parameters:
     def _message(self, kind: Any, *fields: Any) -> Any:
         target = self._session.target
         if target is None:
-            raise ParameterError(f"{self._session.link.name}: no vehicle was identified yet")
+            raise ParameterError(f"{self._session.link.name}: no vehicle is identified yet")
         return kind(target.system, target.component, *fields)
 
     async def _exchange(self, name: str, message: Any) -> _Answer:
-        # What was on its way when it was asked says nothing of the time since.
-        asked_s = asyncio.get_running_loop().time() + (self._timeout_s if self._tries > 1 else 0.0)
+        # Frames that were already in flight do not show that the link still works.
+        since_s = asyncio.get_running_loop().time() + (self._timeout_s if self._tries > 1 else 0.0)
         for _ in range(self._tries):
             future: asyncio.Future[_Answer] = asyncio.get_running_loop().create_future()
             self._waiting = (name, future)
@@ -179,26 +181,26 @@ class Parameters:
             finally:
                 self._waiting = None
         raise ParameterError(
-            f"{self._session.link.name}: no answer about parameter {name}, asked "
-            f"{self._tries} times; {self._likely_cause(asked_s)}"
+            f"{self._session.link.name}: no reply for parameter {name}, requested "
+            f"{self._tries} times; {self._likely_cause(since_s)}"
         )
 
     def _likely_cause(self, since_s: float) -> str:
-        """Return why there was most likely no answer, by what came since a time and before."""
-        heard_s = self._session.last_heard_s
-        if heard_s is None or heard_s < since_s:
-            return "nothing else of the vehicle was received meanwhile: the link is down"
+        """Return the most likely cause of a missing reply, by what was received since a time."""
+        last_received_s = self._session.last_received_s
+        if last_received_s is None or last_received_s < since_s:
+            return "nothing else was received from the vehicle meanwhile: the link is down"
         if self._answered:
             return (
-                "the vehicle is received and has answered about other parameters: most likely this "
+                "the vehicle is received and has answered for other parameters: most likely this "
                 "one does not exist in its firmware"
             )
         return (
-            "the vehicle is received and has answered about no parameter yet: this one does not "
-            "exist in its firmware, or what we send does not arrive"
+            "the vehicle is received but has answered for no parameter yet: this one does not "
+            "exist in its firmware, or our messages do not arrive"
         )
 
-    def _value_came(self, message: Any, _t_s: float) -> None:
+    def _on_value(self, message: Any, _t_s: float) -> None:
         if self._waiting is None or self._waiting[1].done():
             return
         name, future = self._waiting
@@ -209,7 +211,7 @@ class Parameters:
             )
             future.set_result(_Answer(value, message.param_type))
 
-    def _error_came(self, message: Any, _t_s: float) -> None:
+    def _on_error(self, message: Any, _t_s: float) -> None:
         if self._waiting is None or self._waiting[1].done():
             return
         name, future = self._waiting

@@ -1,7 +1,7 @@
-"""The vehicle's own logs, fetched over MAVLink once it has landed.
+"""Lists and downloads the vehicle's own logs over MAVLink, once it has landed.
 
 LOG_REQUEST_LIST, LOG_REQUEST_DATA: https://mavlink.io/en/messages/common.html#LOG_REQUEST_DATA;
-ArduPilot's .bin and PX4's .ulg come the same way.
+ArduPilot's .bin and PX4's .ulg are transferred the same way.
 """
 
 import asyncio
@@ -18,18 +18,18 @@ from vehicles.driver.session.session import Session
 from vehicles.errors import VehicleError
 
 _PIECE = 90
-"""LOG_DATA carries so many bytes; a shorter one is the log's last."""
+"""Bytes in a LOG_DATA; a shorter one is the log's last."""
 _WINDOW = 512 * _PIECE
-"""How much is asked for at once: 46 kB, a second of a fast link."""
+"""Bytes in one request: 46 kB, a second of a fast link."""
 
 
 class LogError(VehicleError):
-    """A vehicle log that could not be fetched; says how far it came."""
+    """A vehicle log could not be fetched; the message says how much of it was received."""
 
 
 @dataclass(frozen=True, slots=True)
 class LogEntry:
-    """One log on the vehicle; utc_s: its begin (seconds since 1970), None when unknown."""
+    """One log on the vehicle; utc_s: its start (seconds since 1970), None when unknown."""
 
     number: int
     size_bytes: int
@@ -39,7 +39,7 @@ class LogEntry:
 class VehicleLogs:
     """Lists and fetches the vehicle's logs, one operation at a time.
 
-    An answer that does not come within `timeout_s` is asked for again, `tries` times in a row.
+    A reply that does not come within `timeout_s` is requested again, `tries` times in a row.
     """
 
     def __init__(self, *, session: Session, timeout_s: float = 0.7, tries: int = 8) -> None:
@@ -71,7 +71,8 @@ class VehicleLogs:
     ) -> Path:
         """Fetch a vehicle log into `folder` as `<name>-<number><suffix>`; return the file.
 
-        The file is whole or not there. progress: told the bytes that are there. Raises LogError.
+        The file is complete or absent. progress: called with the number of bytes received. Raises
+        LogError.
         """
         path = folder / f"{name}-{entry.number}{self._suffix}"
         half = path.with_suffix(f"{self._suffix}.part")
@@ -82,8 +83,8 @@ class VehicleLogs:
             except OSError as error:
                 raise LogError(f"log {entry.number} to {path}: {error.strerror}") from error
             finally:
-                self._send(mavlink.MAVLink_log_request_end_message)
                 half.unlink(missing_ok=True)
+                self._send(mavlink.MAVLink_log_request_end_message)
         return path
 
     async def _entries(self) -> tuple[LogEntry, ...]:
@@ -118,8 +119,8 @@ class VehicleLogs:
                 entries[message.id] = _entry(message)
                 if len(entries) >= total:
                     return tuple(entries[number] for number in sorted(entries))
-        have = "nothing came" if total is None else f"{len(entries)} of {total} came"
-        raise LogError(f"{self._session.link.name}: the list of logs is incomplete: {have}")
+        arrived = "nothing arrived" if total is None else f"{len(entries)} of {total} arrived"
+        raise LogError(f"{self._session.link.name}: the list of logs is incomplete: {arrived}")
 
     async def _fetch(
         self,
@@ -146,7 +147,7 @@ class VehicleLogs:
             if failures >= self._tries:
                 raise LogError(
                     f"{self._session.link.name}: log {entry.number} stopped at {pieces.received} "
-                    f"of {entry.size_bytes} bytes, asked {failures} times more"
+                    f"of {entry.size_bytes} bytes, requested {failures} more times"
                 )
             if progress is not None:
                 progress(pieces.received)
@@ -166,7 +167,7 @@ class VehicleLogs:
     def _send(self, kind: Any, **fields: int) -> None:
         target = self._session.target
         if target is None:
-            raise LogError(f"{self._session.link.name}: no vehicle was identified yet")
+            raise LogError(f"{self._session.link.name}: no vehicle is identified yet")
         message = kind(target_system=target.system, target_component=target.component, **fields)
         self._session.send(message)
 
@@ -184,9 +185,9 @@ class _Pieces:
         self._missing = bytearray(b"\1") * (-(-size // _PIECE))
 
     def take(self, offset: int, count: int) -> bool:
-        """Note a log's piece; return whether it is new and in its place."""
+        """Note a log's piece; return whether it is new and aligned."""
         if count < _PIECE and offset + count < self.size and offset % _PIECE == 0:
-            # The log is shorter than its entry said.
+            # The log is shorter than its entry states.
             self._end(offset + count)
         number, odd = divmod(offset, _PIECE)
         if odd or count == 0 or number >= len(self._missing) or not self._missing[number]:
@@ -196,7 +197,7 @@ class _Pieces:
         return True
 
     def gap(self, most: int) -> tuple[int, int] | None:
-        """Return (offset, count) of a log's first gap, at most so long; None when complete."""
+        """Return (offset, count) of a log's first gap, at most `most` bytes; None when complete."""
         first = self._missing.find(1)
         if first < 0:
             return None

@@ -1,26 +1,26 @@
-"""When something of the vehicle arrived, for whoever looks at it seldom, or late; pure."""
+"""Thinned times of arrival of the vehicle's messages, for readers that poll seldom; pure."""
 
 from collections import deque
 
 _NEVER_S = -1.0
 STEP_S = 0.2
-"""Arrivals nearer to each other than this are not told apart."""
-_MOST = 1024
+"""Arrivals nearer to each other than this count as one."""
+_MAX_PENDING = 1024
 
 
 class Arrivals:
-    """The times at which a vehicle was heard, thinned so that no silence comes out longer.
+    """The times at which a vehicle was received, thinned so that no silence seems longer.
 
-    Two times that follow each other in what `take` returns are less than `STEP_S` apart, or
-    nothing arrived between them. So a reader that itself was late sees no silence of the vehicle.
+    Two consecutive times from `take` are less than `STEP_S` apart, or nothing arrived between
+    them. So a reader that is late itself does not see a silence of the vehicle.
     """
 
     def __init__(self) -> None:
-        self._pending: deque[float] = deque(maxlen=_MOST)
+        self._pending: deque[float] = deque(maxlen=_MAX_PENDING)
         self._last_s = self._noted_s = _NEVER_S
 
     def note(self, t_s: float) -> None:
-        """Note that something arrived at a time, which is not before that of the last."""
+        """Record an arrival; times do not decrease."""
         if t_s - self._noted_s >= STEP_S:
             if self._last_s > self._noted_s:
                 self._pending.append(self._last_s)

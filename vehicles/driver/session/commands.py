@@ -1,4 +1,4 @@
-"""Commands with their acknowledgements: sent again when lost, refused with words."""
+"""Sends commands and awaits their acknowledgements: repeats lost ones, explains refusals."""
 
 import asyncio
 from collections.abc import Callable
@@ -12,15 +12,15 @@ from vehicles.errors import CommandError, CommandTimeoutError
 from vehicles.mavlink.names import command_name, result_name
 
 _PROGRESS_TIMEOUT_S = 10.0
-"""How long a command that said IN_PROGRESS may then say nothing."""
+"""How long after IN_PROGRESS the next acknowledgement of a command may take."""
 _LAST_WAIT = 3.0
-"""So many times longer is the wait after the last try: a radio's round trip may be a second."""
+"""The wait after the last try is so many times longer: a radio's round trip may be a second."""
 
-_LOOK_S, _LOOKS = 0.1, 12
-"""How long what a refused repetition was for is looked out for: a state is told 5 times a second,
-and a takeoff begins a second after its command."""
+_CHECK_EVERY_S, _CHECKS = 0.1, 12
+"""How long after a refused repetition the effect of the command is looked for: states come 5 times
+a second, and a takeoff begins a second after its command."""
 _URGENT = 2
-"""So many times more often goes an urgent command: still above a bad radio's round trip."""
+"""An urgent command is repeated so many times more often: still above a bad radio's round trip."""
 
 
 @dataclass(slots=True)
@@ -40,9 +40,9 @@ class _Pending:
 class Commander:
     """Sends COMMAND_LONG commands and waits for their COMMAND_ACKs.
 
-    An unanswered command goes out again every `ack_timeout_s` with its confirmation counted up,
-    `tries` times in all, with a longer wait after the last; so does one that was rejected
-    temporarily. circumstances: gives words that are added to errors (the last STATUSTEXTs).
+    An unanswered command is sent again every `ack_timeout_s` with its confirmation counted up,
+    `tries` times in all, with a longer wait after the last; so is one that was rejected
+    temporarily. circumstances: returns text that is added to errors (the last STATUSTEXTs).
     """
 
     def __init__(
@@ -65,9 +65,9 @@ class Commander:
     async def run(self, message: Any, *, done_anyway: Callable[[], bool] | None = None) -> None:
         """Send a command and return once it is accepted.
 
-        done_anyway: whether what the command is for has happened; asked when a repetition is
+        done_anyway: returns whether the command has taken effect; called when a repetition is
         refused, because the acknowledgement of the first may have been lost. Raises CommandError
-        when refused, CommandTimeoutError when never answered.
+        when refused, CommandTimeoutError when not answered.
         """
         async with self._turns.setdefault(message.command, asyncio.Lock()):
             await self.begin(message, done_anyway=done_anyway)
@@ -75,18 +75,18 @@ class Commander:
     def begin(
         self, message: Any, *, done_anyway: Callable[[], bool] | None = None, urgent: bool = False
     ) -> asyncio.Future[None]:
-        """Send a command now, before returning; the future is its acceptance (as in `run`).
+        """Send a command before returning; the future is done once it is accepted (see `run`).
 
-        urgent: sent again twice as often, and as long: another vehicle does the same now. Raises
-        CommandError when the same command is still waiting for its answer, and what `fail` was
-        given.
+        urgent: repeated twice as often, for as long: another vehicle gets the same command now.
+        Raises CommandError when the same command still awaits its acknowledgement, and the error
+        that was passed to `fail`.
         """
         if self._failure is not None:
             raise self._failure
         if message.command in self._pending:
             name = command_name(message.command)
             raise CommandError(
-                f"{name} is still waiting for its answer", command=name, result="none"
+                f"the previous {name} is not acknowledged yet", command=name, result="none"
             )
         future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         hurry = _URGENT if urgent else 1
@@ -95,7 +95,7 @@ class Commander:
         self._pending[message.command] = pending
         future.add_done_callback(lambda _: self._remove_pending(pending))
         self._session.send(message)
-        self._await_answer(pending, every_s)
+        self._start_timer(pending, every_s)
         return future
 
     def fail(self, error: Exception) -> None:
@@ -116,13 +116,13 @@ class Commander:
         if self._pending.get(pending.message.command) is pending:
             del self._pending[pending.message.command]
 
-    def _await_answer(self, pending: _Pending, timeout_s: float) -> None:
+    def _start_timer(self, pending: _Pending, timeout_s: float) -> None:
         if pending.timer is not None:
             pending.timer.cancel()
         loop = asyncio.get_running_loop()
-        pending.timer = loop.call_later(timeout_s, self._fail_unanswered, pending)
+        pending.timer = loop.call_later(timeout_s, self._on_timeout, pending)
 
-    def _fail_unanswered(self, pending: _Pending) -> None:
+    def _on_timeout(self, pending: _Pending) -> None:
         if pending.future.done():
             return
         if pending.sent >= pending.tries:
@@ -132,37 +132,37 @@ class Commander:
         pending.sent += 1
         self._session.send(pending.message)
         last = pending.sent >= pending.tries
-        self._await_answer(pending, self._ack_timeout_s * _LAST_WAIT if last else pending.every_s)
+        self._start_timer(pending, self._ack_timeout_s * _LAST_WAIT if last else pending.every_s)
 
     def _on_ack(self, ack: Any, _t_s: float) -> None:
         """Handle a COMMAND_ACK to one of the pending commands."""
         pending = self._pending.get(ack.command)
-        # 0: an autopilot that speaks MAVLink 1, or answers everybody.
+        # 0: an autopilot with MAVLink 1, or one that answers to all systems.
         if pending is None or ack.target_system not in {0, self._session.own.system}:
             return
         pending.last_result = ack.result
         if ack.result == mavlink.MAV_RESULT_ACCEPTED:
             self._accept(pending)
         elif ack.result == mavlink.MAV_RESULT_IN_PROGRESS:
-            self._await_answer(pending, _PROGRESS_TIMEOUT_S)
+            self._start_timer(pending, _PROGRESS_TIMEOUT_S)
         elif ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED and pending.sent < pending.tries:
-            self._await_answer(pending, self._ack_timeout_s)
+            self._start_timer(pending, self._ack_timeout_s)
         else:
-            self._refuse(pending, _LOOKS if pending.sent > 1 else 0)
+            self._refuse(pending, _CHECKS if pending.sent > 1 else 0)
 
-    def _refuse(self, pending: _Pending, looks: int) -> None:
-        """Take a command's refusal; that of a repetition may mean the first is under way."""
+    def _refuse(self, pending: _Pending, checks: int) -> None:
+        """Handle a command's refusal; of a repetition it may mean that the first is executed."""
         if pending.future.done():
             return
         if pending.sent > 1 and pending.done_anyway is not None and pending.done_anyway():
             self._accept(pending)
-        elif looks == 0 or pending.done_anyway is None:
+        elif checks == 0 or pending.done_anyway is None:
             self._fail(pending)
         else:
             if pending.timer is not None:
                 pending.timer.cancel()
             loop = asyncio.get_running_loop()
-            pending.timer = loop.call_later(_LOOK_S, self._refuse, pending, looks - 1)
+            pending.timer = loop.call_later(_CHECK_EVERY_S, self._refuse, pending, checks - 1)
 
     def _accept(self, pending: _Pending) -> None:
         if not pending.future.done():
@@ -174,7 +174,7 @@ class Commander:
         name = command_name(pending.message.command)
         where = f"{self._session.link.name}: "
         if pending.last_result is None:
-            text = f"{where}{name} was not answered, sent {pending.sent} times"
+            text = f"{where}{name} was not acknowledged, sent {pending.sent} times"
             error: CommandError = CommandTimeoutError(
                 text + self._circumstances(), command=name, result="none"
             )

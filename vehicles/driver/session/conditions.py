@@ -1,4 +1,4 @@
-"""Waiting for something to become true."""
+"""Waits for conditions on the vehicle's state to become true."""
 
 import asyncio
 from collections.abc import Callable
@@ -18,7 +18,7 @@ class ConditionWaiter:
                 future.set_result(None)
 
     def fail(self, error: Exception) -> None:
-        """Raise an error in all that wait for a condition, and that will."""
+        """Raise an error in all present and later waits."""
         self._failure = error
         for _, future in self._waiting:
             if not future.done():
@@ -27,7 +27,7 @@ class ConditionWaiter:
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for the condition; return whether it came true within `timeout_s`.
 
-        Raises what `fail` was given.
+        Raises the error that was passed to `fail`.
         """
         if self._failure is not None:
             raise self._failure

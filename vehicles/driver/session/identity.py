@@ -1,4 +1,4 @@
-"""Who is at the other end: from AUTOPILOT_VERSION and heartbeats; pure."""
+"""A vehicle's identity, from its AUTOPILOT_VERSION and heartbeat; pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
 from vehicles.autopilots.registry import MULTICOPTERS, autopilot_of
-from vehicles.driver.session.session import ReceivedMessage
+from vehicles.driver.session.session import ReceivedHeartbeat
 from vehicles.mavlink.names import enum_name
 
 _OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
-"""PX4 1.14 and ArduCopter 4.3 send and take what the strategies use; flown is with 1.18 and 4.7."""
+"""PX4 1.14 and ArduCopter 4.3 support what the strategies use; tested are 1.18 and 4.7."""
 _PX4_SITL_UID = 0x4954414C44494E4F
 _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE, the lowest byte of flight_sw_version."""
@@ -24,7 +24,7 @@ class Identity:
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
     uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
-    board; then its uid is not its own (PX4's is a constant and the system id, ArduPilot's that of
+    board; then its uid is not unique (PX4's is a constant plus the system id, ArduPilot's that of
     the machine).
     """
 
@@ -41,7 +41,7 @@ class Identity:
 
 
 def identity_of(
-    autopilot: Autopilot, target: Target, heard: ReceivedMessage, version: Any
+    autopilot: Autopilot, target: Target, received: ReceivedHeartbeat, version: Any
 ) -> Identity:
     """Return the identity in a heartbeat and an AUTOPILOT_VERSION."""
     packed = version.flight_sw_version
@@ -53,7 +53,7 @@ def identity_of(
         autopilot=autopilot.name,
         system_id=target.system,
         component_id=target.component,
-        vehicle_type=_type_name(heard.vehicle_type),
+        vehicle_type=_type_name(received.vehicle_type),
         version=numbers,
         version_text=text,
         git_hash=_git_hash(bytes(version.flight_custom_version)),
@@ -65,7 +65,7 @@ def identity_of(
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """The vehicle identity that is wanted on a link; None for any."""
+    """The vehicle that is wanted on a link; None for any."""
 
     autopilot: AutopilotName | None = None
     system_id: int | None = None
@@ -76,11 +76,11 @@ class Wanted:
         return which if self.system_id is None else f"{which} with system id {self.system_id}"
 
 
-def fitting(
-    heard: Mapping[Target, ReceivedMessage], wanted: Wanted
+def matching_vehicle(
+    heartbeats: Mapping[Target, ReceivedHeartbeat], wanted: Wanted
 ) -> tuple[Target, Autopilot] | None:
     """Return the first received vehicle of the wanted identity that we can fly."""
-    for target, each in heard.items():
+    for target, each in heartbeats.items():
         strategy = autopilot_of(each.autopilot)
         if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
             continue
@@ -89,8 +89,8 @@ def fitting(
     return None
 
 
-def age_fault(identity: Identity) -> str:
-    """Return in words that an autopilot is older than we know how to fly; empty otherwise."""
+def unsupported_version(identity: Identity) -> str:
+    """Return in words that an autopilot's version is too old; empty when it is supported."""
     oldest = _OLDEST[identity.autopilot]
     if identity.version[:2] >= oldest or identity.version == (0, 0, 0):
         return ""
@@ -101,45 +101,45 @@ def age_fault(identity: Identity) -> str:
 
 
 def same_vehicle(one: Identity, other: Identity) -> bool:
-    """Return whether two identities are of one vehicle, by its board's unique id."""
+    """Return whether two identities are of the same vehicle, by its board's unique id."""
     shared = one.simulation or other.simulation or not one.uid.strip("0")
     return one.uid == other.uid and not shared
 
 
-def describe_misfits(heard: Mapping[Target, ReceivedMessage], wanted: Wanted) -> str:
-    """Return in words why none of the received identities fits."""
-    lines = [_misfit(target, each, wanted) for target, each in heard.items()]
-    if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heard.values()):
-        systems = ", ".join(str(target.system) for target in heard)
+def describe_mismatches(heartbeats: Mapping[Target, ReceivedHeartbeat], wanted: Wanted) -> str:
+    """Return in words why none of the received vehicles is the wanted one."""
+    lines = [_describe_mismatch(target, each, wanted) for target, each in heartbeats.items()]
+    if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heartbeats.values()):
+        systems = ", ".join(str(target.system) for target in heartbeats)
         return f"heartbeats of system {systems} only: this is a ground station's port"
     return "; ".join(lines)
 
 
-def _misfit(target: Target, heard: ReceivedMessage, wanted: Wanted) -> str:
-    """Return in words why a received identity does not fit."""
-    who = f"system {target.system} component {target.component}"
-    kind = _type_name(heard.vehicle_type)
-    strategy = autopilot_of(heard.autopilot)
-    if heard.vehicle_type == mavlink.MAV_TYPE_GCS:
-        return f"{who} is a ground station"
+def _describe_mismatch(target: Target, received: ReceivedHeartbeat, wanted: Wanted) -> str:
+    """Return in words why a received vehicle is not the wanted one."""
+    sender = f"system {target.system} component {target.component}"
+    kind = _type_name(received.vehicle_type)
+    strategy = autopilot_of(received.autopilot)
+    if received.vehicle_type == mavlink.MAV_TYPE_GCS:
+        return f"{sender} is a ground station"
     if strategy is None:
-        autopilot = enum_name("MAV_AUTOPILOT", heard.autopilot)
-        return f"{who} is a {kind} with {autopilot}, which is neither PX4 nor ArduPilot"
-    if heard.vehicle_type not in MULTICOPTERS:
-        return f"{who} is a {kind} of {strategy.name}, and only multicopters are flown"
-    if heard.mavlink_version < 2:
-        return f"{who} speaks MAVLink 1 only; set its port to MAVLink 2"
+        autopilot = enum_name("MAV_AUTOPILOT", received.autopilot)
+        return f"{sender} is a {kind} with {autopilot}, which is neither PX4 nor ArduPilot"
+    if received.vehicle_type not in MULTICOPTERS:
+        return f"{sender} is a {kind} of {strategy.name}, and only multicopters are supported"
+    if received.mavlink_version < 2:
+        return f"{sender} sends MAVLink 1 only; set its port to MAVLink 2"
     if wanted.autopilot not in {None, strategy.name}:
-        return f"{who} is {strategy.name}, and {wanted.autopilot} was asked for"
-    return f"{who} is a {kind} of {strategy.name}"
+        return f"{sender} is {strategy.name}, and {wanted.autopilot} was requested"
+    return f"{sender} is a {kind} of {strategy.name}"
 
 
 def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:
     """Return whether a vehicle's identity is that of a simulation."""
-    # Boards of ArduPilot say which they are; its simulation has none.
+    # ArduPilot's boards report their ids; its simulation reports none.
     if autopilot == "ardupilot":
         return bool(version.board_version == 0 and version.vendor_id == 0)
-    # PX4 adds the system id less one (mavlink_main.cpp).
+    # PX4 adds the system id minus one (mavlink_main.cpp).
     return bool(version.uid in {_PX4_SITL_UID, _PX4_SITL_UID + system_id - 1})
 
 

@@ -1,4 +1,4 @@
-"""Our heartbeats to the vehicle, and the watch over its silence."""
+"""Sends our heartbeats to the vehicle, and detects the loss and return of the link."""
 
 import asyncio
 from collections.abc import Callable
@@ -12,10 +12,10 @@ _WATCH_PERIOD_S = 0.1
 
 
 class LinkMonitor:
-    """Monitors the link: sends a heartbeat each second, and notices the vehicle's silence.
+    """Monitors the link: sends a heartbeat each second, and detects the vehicle's silence.
 
     on_lost, on_back: called once each time, with the run clock's time and for how long nothing
-    was heard. silence_s: how long nothing must come to count as lost.
+    was received. silence_s: how long nothing is received until the link counts as lost.
     """
 
     def __init__(
@@ -30,9 +30,9 @@ class LinkMonitor:
         self._silence_s = silence_s
         self._on_lost = on_lost
         self._on_back = on_back
-        self._lost = False
-        self._heartbeat = Repeater(period_s=_HEARTBEAT_PERIOD_S, action=self._send)
-        self._watch = Repeater(period_s=_WATCH_PERIOD_S, action=self._look)
+        self._is_lost = False
+        self._heartbeat = Repeater(period_s=_HEARTBEAT_PERIOD_S, action=self._send_heartbeat)
+        self._watch = Repeater(period_s=_WATCH_PERIOD_S, action=self._check_silence)
         session.on_arrival = self._on_frame
 
     def start(self) -> None:
@@ -40,7 +40,7 @@ class LinkMonitor:
         self._heartbeat.start()
 
     def watch(self) -> None:
-        """Start to monitor the link: from now on the vehicle is expected to be received."""
+        """Start to monitor the link: from now on the vehicle should be received."""
         self._watch.start()
 
     def stop(self) -> None:
@@ -50,24 +50,24 @@ class LinkMonitor:
 
     def silence(self) -> str:
         """Return in words how long the link has been silent; empty when short."""
-        silent_s = self._silent_s()
-        return f"nothing heard for {silent_s:.1f} s" if silent_s > self._silence_s else ""
+        silent_s = self._silent_for_s()
+        return f"nothing received for {silent_s:.1f} s" if silent_s > self._silence_s else ""
 
-    def _silent_s(self) -> float:
-        last_s = self._session.last_heard_s
+    def _silent_for_s(self) -> float:
+        last_s = self._session.last_received_s
         return 0.0 if last_s is None else asyncio.get_running_loop().time() - last_s
 
-    def _send(self) -> None:
+    def _send_heartbeat(self) -> None:
         self._session.send(own_heartbeat())
 
-    def _look(self) -> None:
-        silent_s = self._silent_s()
-        if not self._lost and silent_s > self._silence_s:
-            self._lost = True
+    def _check_silence(self) -> None:
+        silent_s = self._silent_for_s()
+        if not self._is_lost and silent_s > self._silence_s:
+            self._is_lost = True
             self._on_lost(asyncio.get_running_loop().time(), silent_s)
 
     def _on_frame(self, t_s: float) -> None:
-        if self._lost:
-            self._lost = False
-            last_s = self._session.last_heard_s
+        if self._is_lost:
+            self._is_lost = False
+            last_s = self._session.last_received_s
             self._on_back(t_s, 0.0 if last_s is None else t_s - last_s)

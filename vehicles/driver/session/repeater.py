@@ -1,4 +1,4 @@
-"""Things done at a fixed rate on the run clock, without a task."""
+"""Repeats an action at a fixed rate on the run clock, without a task."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The MAVLink conversation with one vehicle over one link."""
+"""The MAVLink session with one vehicle over one link: packs, parses and dispatches messages."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ PayloadHandler = Callable[[bytes, float], None]
 
 
 @dataclass(frozen=True, slots=True)
-class ReceivedMessage:
-    """A sender's last heartbeat in the session: when it came, and in which MAVLink."""
+class ReceivedHeartbeat:
+    """A sender's last heartbeat in the session, its time of arrival and MAVLink version."""
 
     heartbeat: Any
     t_s: float
@@ -41,20 +41,20 @@ class ReceivedMessage:
 class Session:
     """The MAVLink session with a vehicle: packs what we send, dispatches what it sends.
 
-    Messages that nobody asked for are not decoded. Until `target` is set, heartbeats of all
-    systems are noted in `heard` and handed on; afterwards only the target's messages are. speak:
-    says a message for us; None to write its frame to the link.
+    Messages without a handler are not decoded. Until `target` is set, heartbeats of all systems
+    are kept in `heartbeats` and dispatched; afterwards only the target's messages are. sender:
+    sends our messages; None to write their frames to the link.
     """
 
     def __init__(
-        self, *, link: Link, own: Target, speak: Callable[[Any], None] | None = None
+        self, *, link: Link, own: Target, sender: Callable[[Any], None] | None = None
     ) -> None:
         self.link = link
-        self._speak = speak
+        self._sender = sender
         self.own = own
         self.target: Target | None = None
-        self.heard: dict[Target, ReceivedMessage] = {}
-        self.last_heard_s: float | None = None
+        self.heartbeats: dict[Target, ReceivedHeartbeat] = {}
+        self.last_received_s: float | None = None
         self.arrivals = Arrivals()
         self.codec = Codec(system_id=own.system, component_id=own.component)
         self.on_arrival: Callable[[float], None] | None = None
@@ -65,9 +65,9 @@ class Session:
         if isinstance(link, TellsUnread):
             link.on_unread(self.received_unread)
 
-    def speak_plainly(self) -> None:
-        """Write frames in the session from now on: the command backend is gone."""
-        self._speak = None
+    def write_frames(self) -> None:
+        """Write frames to the link from now on: the command backend is gone."""
+        self._sender = None
 
     def on(self, message_id: int, handler: Handler) -> None:
         """Register a handler of one of the vehicle's messages in the session."""
@@ -87,55 +87,55 @@ class Session:
 
     def send(self, message: Any) -> None:
         """Send a message in the session."""
-        if self._speak is None:
+        if self._sender is None:
             self.link.write(self.codec.pack(message))
         else:
-            self._speak(message)
+            self._sender(message)
 
     def send_together(self, messages: Iterable[Any]) -> None:
-        """Send messages in the session, as one packet where it writes frames."""
-        if self._speak is None:
+        """Send messages in the session, as one packet when it writes frames."""
+        if self._sender is None:
             self.link.write(b"".join([self.codec.pack(message) for message in messages]))
         else:
             for message in messages:
-                self._speak(message)
+                self._sender(message)
 
     def received(self, data: bytes, t_s: float) -> None:
-        """Take the link's bytes into the session."""
+        """Dispatch the messages in the link's bytes."""
         target = self.target
         for frame in self.codec.split(data):
             if target is None:
-                self._note(frame, t_s)
+                self._note_heartbeat(frame, t_s)
             elif frame.system == target.system and frame.component == target.component:
-                if t_s != self.last_heard_s:
+                if t_s != self.last_received_s:
                     self._note_arrival(t_s)
-                self._hand_on(frame, t_s)
+                self._dispatch(frame, t_s)
 
     def received_unread(self, arrived_s: Sequence[float]) -> None:
-        """Take when the vehicle was heard by frames that were lost: it was not silent then."""
+        """Note the arrival times of frames that were dropped: the vehicle was not silent then."""
         for t_s in arrived_s if self.target is not None else ():
-            if self.last_heard_s is None or t_s > self.last_heard_s:
+            if self.last_received_s is None or t_s > self.last_received_s:
                 self._note_arrival(t_s)
 
     def _note_arrival(self, t_s: float) -> None:
         if self.on_arrival is not None:
             self.on_arrival(t_s)
-        self.last_heard_s = t_s
+        self.last_received_s = t_s
         self.arrivals.note(t_s)
 
-    def _note(self, frame: Frame, t_s: float) -> None:
+    def _note_heartbeat(self, frame: Frame, t_s: float) -> None:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return
         message = self.codec.decode(frame)
         if message is None:
             return
-        self.heard[Target(frame.system, frame.component)] = ReceivedMessage(
+        self.heartbeats[Target(frame.system, frame.component)] = ReceivedHeartbeat(
             message, t_s, frame.version
         )
         for handler in self._handlers.get(frame.message_id, ()):
             handler(message, t_s)
 
-    def _hand_on(self, frame: Frame, t_s: float) -> None:
+    def _dispatch(self, frame: Frame, t_s: float) -> None:
         for payload_handler in self._payload_handlers.get(frame.message_id, ()):
             payload_handler(frame.payload, t_s)
         handlers = self._handlers.get(frame.message_id)

@@ -1,4 +1,4 @@
-"""STATUSTEXTs that come in several pieces put together; pure."""
+"""Joins STATUSTEXTs that arrive in several pieces; pure."""
 
 _PIECE_CHARACTERS = 50
 
@@ -14,7 +14,7 @@ class StatustextPieces:
     def add(self, text: str, text_id: int, chunk_seq: int) -> str | None:
         """Add a piece; return the whole STATUSTEXT once its last, short one has come.
 
-        A text of which a piece was lost is given from there on.
+        When a piece was lost, "... " takes its place, or the text starts after it.
         """
         if text_id == 0:
             return text.strip()

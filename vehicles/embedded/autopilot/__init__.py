@@ -1,4 +1,4 @@
-"""Autopilots that behave to the outside as PX4 1.18 and ArduCopter 4.7 do.
+"""Emulated autopilots that behave over MAVLink as PX4 1.18 and ArduCopter 4.7 do.
 
 Pure: MAVLink messages and estimates in, messages and thrusts out; no sockets, no clock.
 """

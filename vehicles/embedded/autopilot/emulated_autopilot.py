@@ -1,4 +1,4 @@
-"""What both autopilots have in common: MAVLink in and out, commands, and the parts they use."""
+"""The base of both emulated autopilots: MAVLink in and out, common commands and services."""
 
 import math
 from abc import ABC, abstractmethod
@@ -43,25 +43,27 @@ from worlds.jit import F64
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
-"""Of 2009 on: what is earlier is a clock that was never set."""
+"""From 2009 on: an earlier time means a clock that was never set."""
 _HIGHEST_INTERVAL_ID = 65535
-"""MESSAGE_INTERVAL carries ids of 16 bits."""
+"""Message ids in MESSAGE_INTERVAL have 16 bits."""
 _LONGEST_INTERVAL_US = 2**31 - 1
-"""MESSAGE_INTERVAL carries intervals of 32 bits with sign."""
+"""Intervals in MESSAGE_INTERVAL are signed 32-bit integers."""
 
 
 class EmulatedAutopilot(ABC):
     """An emulated autopilot between MAVLink messages and motor thrusts.
 
-    Pure: `handle` takes messages, `step` takes the estimate and gives thrusts; what is to be sent
-    stands in `outbox`. Times are the vehicle's own clock, s since start.
+    Pure: `handle` takes messages, `step` takes the estimate and returns thrusts; messages to send
+    are in `outbox`. Times are the vehicle's own clock, s since start.
     """
 
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
     item_rules: ClassVar[ItemRules]
+    mode_entries: ClassVar[tuple[discovery.ModeEntry, ...]]
+    """The modes in AVAILABLE_MODES."""
     is_px4: ClassVar[bool]
-    """PX4's conventions of the wire rather than ArduPilot's: parameters, texts, missions."""
+    """PX4's MAVLink conventions rather than ArduPilot's: parameters, texts, missions."""
     gps_time_s: ClassVar[float]
     """When the GPS receiver has the time of day, s since boot."""
 
@@ -100,18 +102,18 @@ class EmulatedAutopilot(ABC):
         )
         self.never_ready = False
         self.refusal: str | None = None
-        """Faults for tests: it never becomes ready, it refuses to arm for this reason."""
-        self.reboot_asked = False
+        """Injected faults: it never becomes ready; it refuses to arm for this reason."""
+        self.reboot_requested = False
         self._configured = parameters.changes
         self._arrived_s = 0.0
         self._parameter_server = ParameterService(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
         self._requests = marked(type(self), "mav_requests")
-        self.gcs_heard_s = -math.inf
-        """When a ground station's heartbeat last came."""
+        self.gcs_last_received_s = -math.inf
+        """When a ground station's heartbeat was last received."""
 
-    # What each autopilot does in its own way.
+    # What differs between the autopilots.
 
     @abstractmethod
     def supervise(self) -> None:
@@ -131,17 +133,13 @@ class EmulatedAutopilot(ABC):
 
     @abstractmethod
     def strike(self, thing: str) -> None:
-        """Take that the airframe has hit something: its motors stop."""
+        """Handle a collision of the airframe with an object: the motors stop."""
 
     @abstractmethod
     def _is_forced(self, command: Command) -> bool:
         """Return whether an arm or disarm command skips the checks."""
 
-    @abstractmethod
-    def _mode_entries(self) -> tuple[discovery.ModeEntry, ...]:
-        """Return the emulated autopilot's modes for AVAILABLE_MODES."""
-
-    def _hears_texts(self) -> bool:
+    def _sends_texts(self) -> bool:
         """Return whether the emulated autopilot sends its peer STATUSTEXT."""
         return True
 
@@ -154,15 +152,15 @@ class EmulatedAutopilot(ABC):
         return mission_service.ACCEPTED
 
     def _go_to_item(self, item: Item) -> int:  # noqa: ARG002 - ArduCopter looks at it
-        """Fly a MISSION_ITEM that is to be flown now; return a MAV_MISSION_RESULT."""
+        """Fly to a MISSION_ITEM at once ("guided" item); return a MAV_MISSION_RESULT."""
         return int(mavlink.MAV_MISSION_ERROR)
 
     # The loop.
 
     def handle(self, message: Any, arrived_s: float) -> None:
-        """Handle one MAVLink message; those for others are ignored.
+        """Handle one MAVLink message; messages to other systems are ignored.
 
-        arrived_s: when it came, which is after the last step and before the next.
+        arrived_s: its time of arrival, after the last step and before the next.
         """
         system = getattr(message, "target_system", 0)
         component = getattr(message, "target_component", 0)
@@ -193,7 +191,7 @@ class EmulatedAutopilot(ABC):
             self.logs.turn(clock_s, armed=self.flight.armed, now=state.now)
             for message in self._parameter_server.due():
                 self.outbox.send(message)
-            self.outbox.turn(texts_heard=self._hears_texts())
+            self.outbox.turn(send_texts=self._sends_texts())
         thrusts = state.thrusts = self.flight.step(state, touching=touching)
         state.target = self.flight.target
         if clock_s >= self.streams.next_due_s:
@@ -221,12 +219,12 @@ class EmulatedAutopilot(ABC):
         if state.gps_unix_offset_us is not None and state.clock_s >= self.gps_time_s:
             state.unix_offset_us = state.gps_unix_offset_us
 
-    # Messages that both take alike.
+    # Messages that both handle alike.
 
     @on_message("HEARTBEAT")
     def _on_heartbeat(self, message: Any) -> None:
         if message.type == mavlink.MAV_TYPE_GCS:
-            self.gcs_heard_s = self.t_s
+            self.gcs_last_received_s = self.t_s
 
     @on_message("TIMESYNC")
     def _on_timesync(self, message: Any) -> None:
@@ -242,7 +240,7 @@ class EmulatedAutopilot(ABC):
 
     @on_message("SYSTEM_TIME")
     def _on_system_time(self, message: Any) -> None:
-        """Take the time of day from a companion computer or a GCS; that of GPS goes before."""
+        """Set the time of day from a companion computer or a GCS; GPS time has priority."""
         if _EARLIEST_UNIX_US < message.time_unix_usec < _LATEST_UNIX_US:
             self.state.unix_offset_us = message.time_unix_usec - self.state.boot_us
 
@@ -294,7 +292,7 @@ class EmulatedAutopilot(ABC):
         """Handle SET_MODE, which old ground stations send."""
         custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
-        # PX4 makes the command of it; ArduPilot acknowledges the message by its own number.
+        # PX4 converts it to the command; ArduPilot acknowledges the message id.
         number = mavlink.MAV_CMD_DO_SET_MODE if self.is_px4 else mavlink.MAVLINK_MSG_ID_SET_MODE
         self.outbox.send(
             mavlink.MAVLink_command_ack_message(
@@ -311,7 +309,7 @@ class EmulatedAutopilot(ABC):
             )
         )
 
-    # Commands that both do alike.
+    # Commands that both handle alike.
 
     @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
     def _set_interval(self, command: Command) -> int:
@@ -341,7 +339,7 @@ class EmulatedAutopilot(ABC):
     def _request_message(self, command: Command) -> int:
         message_id = command.whole(0)
         if message_id == discovery.AVAILABLE_MODES:
-            modes = discovery.available_modes(self._mode_entries(), command.whole(1))
+            modes = discovery.available_modes(self.mode_entries, command.whole(1))
             for message in modes:
                 self.outbox.send_later(message)
             return ACCEPTED if modes else FAILED
@@ -388,7 +386,7 @@ class EmulatedAutopilot(ABC):
             return TEMPORARILY_REJECTED
         if command.params[0] != 1.0:
             return UNSUPPORTED
-        self.reboot_asked = True
+        self.reboot_requested = True
         return ACCEPTED
 
     # Missions and fences.

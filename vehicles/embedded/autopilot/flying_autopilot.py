@@ -1,10 +1,10 @@
-"""Modes, arming, setpoints and missions, as far as both firmwares have them alike."""
+"""Modes, arming, sticks and setpoints, as far as both firmwares handle them alike."""
 
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -36,7 +36,16 @@ from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
 from worlds.frames import Vec3
 
-Mode = TypeVar("Mode")
+
+class FlownMode(Protocol):
+    """A firmware's flight mode (protocol)."""
+
+    @property
+    def is_manual(self) -> bool:
+        """Return whether a pilot's sticks fly the mode."""
+
+
+Mode = TypeVar("Mode", bound=FlownMode)
 
 
 class StandardModes(NamedTuple, Generic[Mode]):
@@ -83,7 +92,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         self.failsafe = False
         self.sticks: Sticks | None = None
 
-    # What each firmware does in its own way.
+    # What differs between the firmwares.
 
     @abstractmethod
     def choose(self, mode: Mode) -> int:
@@ -99,11 +108,11 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     @abstractmethod
     def _arming_fault(self, *, force: bool) -> str | None:
-        """Return why the autopilot does not arm, in its words; None when it does."""
+        """Return the autopilot's STATUSTEXT for why it does not arm; None when it does."""
 
     @abstractmethod
     def _begin_flight(self) -> None:
-        """Do what follows arming, before the mode is flown: home, texts, failsafes."""
+        """Set home, send texts and reset failsafes after arming, before the mode is flown."""
 
     @abstractmethod
     def _take_setpoint(self, wanted: Wanted | None) -> None:
@@ -119,25 +128,21 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     @abstractmethod
     def _disarm_delay_s(self, *, after_flight: bool) -> float:
-        """Return how long it stays armed on the ground; 0 for ever."""
+        """Return how long it stays armed on the ground; 0 means forever."""
 
     @abstractmethod
     def _stick_limits(self) -> StickLimits:
-        """Return what the sticks demand at their ends."""
+        """Return the demand of fully deflected sticks."""
 
     @abstractmethod
     def _sticks_last_s(self) -> float:
-        """Return how long received sticks count."""
+        """Return how long received sticks are valid."""
 
-    @abstractmethod
-    def _is_flown_by_hand(self, mode: Mode) -> bool:
-        """Return whether a mode is flown by the sticks."""
-
-    # What it says of itself.
+    # Reported state.
 
     @on_request(discovery.CURRENT_MODE)
     def _current_mode(self) -> Any:
-        return discovery.current_mode(self._mode_entries(), self._custom_mode())
+        return discovery.current_mode(self.mode_entries, self._custom_mode())
 
     @on_request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     def _heartbeat(self) -> Any:
@@ -180,12 +185,12 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     # Arming.
 
     def arm(self, *, force: bool) -> int:
-        """Arm if the checks pass; how far force goes is each firmware's."""
+        """Arm if the checks pass; the firmware decides which checks `force` skips."""
         if self.flight.armed:
             return ACCEPTED
         fault = self._arming_fault(force=force)
         if fault is not None:
-            self.outbox.say(CRITICAL, fault)
+            self.outbox.send_text(CRITICAL, fault)
             return self.refused
         self.flight.arm(self.t_s)
         self.failsafe = False
@@ -198,17 +203,17 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         if not self.flight.armed:
             return ACCEPTED
         if not (self.flight.landed or force):
-            self._say_not_landed()
+            self._report_not_landed()
             return self.refused
         self.stop_motors("external command")
         return ACCEPTED
 
-    def _say_not_landed(self) -> None:
-        """Report why it is not disarmed; ArduCopter reports nothing."""
+    def _report_not_landed(self) -> None:
+        """Send a text that it is not disarmed in flight; ArduCopter sends none."""
 
     def _stays_armed(self) -> bool:
         """Return whether the vehicle is about to leave the ground."""
-        return self.flight.lifting
+        return self.flight.takeoff_detected
 
     def _disarm_when_due(self) -> None:
         flight = self.flight
@@ -222,7 +227,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     # Sticks.
 
     def fresh_sticks(self) -> Sticks | None:
-        """Return the pilot's sticks; None when there are none, or stale ones."""
+        """Return the pilot's sticks; None when there are none, or they are stale."""
         sticks = self.sticks
         if sticks is None or self.t_s - sticks.at_s > self._sticks_last_s():
             return None
@@ -238,7 +243,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     def _take_sticks(self, sticks: Sticks | None) -> None:
         self.sticks = sticks
         flown = isinstance(self.flight.behaviour, FlyBySticks)
-        if self.flight.armed and self._is_flown_by_hand(self.mode) and not flown:
+        if self.flight.armed and self.mode.is_manual and not flown:
             self.flight.fly(self._by_sticks())
 
     def _by_sticks(self) -> Behaviour:
@@ -260,9 +265,9 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
             self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _place_of(self, command: Command) -> Vec3:
-        """Return a command's place, local; what is not finite is the present.
+        """Return a command's position, local; values that are not finite mean the present ones.
 
-        PX4 takes the height above mean sea level, whatever the frame says.
+        PX4 reads the height as above mean sea level, whatever the frame is.
         """
         state = self.state
         here = state.frame.to_geodetic(state.now.position_ned_m)

@@ -1,4 +1,4 @@
-"""Which parameters the embedded autopilots have, without building one."""
+"""The names and defaults of the embedded autopilots' parameters, without building an autopilot."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -17,7 +17,7 @@ _FILES: dict[AutopilotName, str] = {
 
 @cache
 def parameter_rows(file: Path) -> Mapping[str, tuple[str, float]]:
-    """Return the rows of a parameter file (`NAME: [kind, value]`), which is read once."""
+    """Return the rows of a parameter file (`NAME: [kind, value]`); cached."""
     rows = yaml.safe_load(file.read_text(encoding="utf-8"))
     return MappingProxyType({name: (kind, float(value)) for name, (kind, value) in rows.items()})
 

@@ -1,4 +1,4 @@
-"""Missions as an autopilot flies them: begin, jump, speeds, landing, and what is reported."""
+"""How both emulated autopilots fly and report missions: start, jump, speeds, landing."""
 
 import math
 from abc import abstractmethod
@@ -27,7 +27,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
     """An emulated autopilot that flies uploaded missions."""
 
     first_mission_item: ClassVar[int]
-    """Of the user's: ArduPilot's item 0 is home."""
+    """Index of the user's first item: ArduPilot's item 0 is home."""
     other_mode: ClassVar[int]
     """MISSION_CURRENT.mission_mode when no mission is flown."""
 
@@ -66,25 +66,25 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         return behaviour if isinstance(behaviour, FlyMission) and self.flight.armed else None
 
     def _watch_mission(self) -> None:
-        """Count a landing that the mission asked for as reached."""
+        """Mark the current item as reached when the mission has landed."""
         mission, flight = self._flown_mission, self.flight
         if mission is not None and flight.landed and flight.landed_at_s is not None:
             mission.take_landing()
 
     def begin_item(self, seq: int) -> None:
-        """Take that a mission item is being flown from now on."""
+        """Note that the autopilot now flies this mission item."""
         self.state.mission_seq = seq
 
     def reach_item(self, seq: int) -> None:
-        """Take that a mission item was flown."""
+        """Report that a mission item is reached."""
         self.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
 
     def finish_mission(self) -> None:
-        """Take that the mission's last item was flown."""
+        """Note that the mission's last item is reached."""
         self.mission_complete = True
 
     def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
-        """Take a region of interest: without a gimbal only ArduCopter's heading follows it."""
+        """Set a region of interest: without a gimbal only ArduCopter's heading follows it."""
 
     @on_command(*LOOKS)
     def _look(self, command: Command) -> int:
@@ -115,7 +115,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         )
 
     def _mission_total(self) -> int:
-        """Return how many mission items are the user's, as MISSION_CURRENT has it."""
+        """Return the number of the user's mission items, for MISSION_CURRENT."""
         return max(0, self.state.mission_total - self.first_mission_item)
 
     def _mission_state(self, *, in_mode: bool) -> int:

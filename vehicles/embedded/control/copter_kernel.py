@@ -91,8 +91,8 @@ def step(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, outer: int, out: 
 def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     """Advance the trajectory and set the acceleration setpoint from its errors.
 
-    The speeds bound the way to a place alone; a velocity that is asked for is flown, whatever
-    WPNAV_SPEED is (seen with ArduCopter 4.7: 1.2 m/s there, 2.5 m/s asked for and flown).
+    The speed limits apply to position targets only; a velocity target is flown whatever
+    WPNAV_SPEED is (seen with ArduCopter 4.7: WPNAV_SPEED 1.2 m/s, 2.5 m/s commanded and flown).
     """
     across, up, down = t[8], t[9], t[10]
     if t[0] != t[0]:
@@ -141,7 +141,7 @@ def _shape_angle(error: Float, rate: Float, g: F64, most: Float, dt: Float) -> F
 @compiled
 def _attitude(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, out: F64) -> Int:
     """Set the motors' thrusts from the acceleration setpoint and the heading."""
-    # Heading: an angle is approached, no faster than ATC_SLEW_YAW; a rate moves the target.
+    # Heading: an angle is approached no faster than ATC_SLEW_YAW; a rate moves the target.
     turn = t[7] * dt
     if t[6] == t[6]:
         turn = wrap(t[6] - s[9])
@@ -157,18 +157,18 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, out: F64) ->
     s[25] = _shape_angle(pitch - s[22], s[25], g, g[21], dt)
     s[21] += s[24] * dt
     s[22] += s[25] * dt
-    # Vertical acceleration, measured by what the body feels.
+    # Vertical acceleration, from the measured specific force.
     q = from_euler(m[6], m[7], m[8])
     w, x, y, z = q
     zx, zy, zz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-    felt = zx * m[12] + zy * m[13] + zz * m[14] + GRAVITY_M_S2
-    error = s[18] - felt
+    measured = zx * m[12] + zy * m[13] + zz * m[14] + GRAVITY_M_S2
+    error = s[18] - measured
     s[20] += filter_share(g[10], dt) * (error - s[20])
     hover = g[35] / GRAVITY_M_S2
     s[19] = clamp(s[19] + g[9] * s[20] * dt, 1.0)
     up = GRAVITY_M_S2 - (g[8] * s[20] + s[19]) / hover
     thrust = body[0] * max(up, 0.0) / max(zz, 0.5)
-    # Attitude error to rates, with the target's own rates ahead of it.
+    # Attitude error to rates, with the target's rates as feed-forward.
     e = multiply((w, -x, -y, -z), from_euler(s[21], s[22], s[23]))
     sign = 2.0 if e[0] >= 0.0 else -2.0
     ep = sign * e[1] * root_gain(abs(sign * e[1]), g[16], 0.5 * g[20]) + s[24] - m[9]

@@ -1,7 +1,7 @@
-"""What the control laws share, compiled into each of them: shaping, quaternions, allocation.
+"""Functions that are compiled into both control laws: shaping, quaternions, allocation.
 
 All angles rad, NED, body x forward, y right, z down. Arrays: `body` is the airframe (see
-`law.body_array`), `shape` holds a trajectory's position, velocity, acceleration (NED, 9 values).
+`ControlLaw`), `shape` holds a trajectory's position, velocity, acceleration (NED, 9 values).
 """
 
 import math
@@ -25,7 +25,7 @@ def wrap(angle_rad: Float) -> Float:
 
 @inlined
 def root_gain(error: Float, gain: Float, second_limit: Float) -> Float:
-    """Return the factor from an error's size to its rate: proportional near, a root farther.
+    """Return the factor from an error to its rate: linear when small, square root when large.
 
     Beyond second_limit / gain**2 the rate is the one from which the error can be stopped with
     `second_limit`: the square-root controller of ArduPilot's documentation.
@@ -44,9 +44,9 @@ def shape_horizontal(
 ) -> None:  # fmt: skip
     """Advance the horizontal trajectory by dt: speed, acceleration and jerk bounded.
 
-    place_gain, speed_gain (1/s): from the distance left to speed, from the speed lacking to
-    acceleration, where both are small. It brakes with half of the acceleration, as ArduCopter does
-    (identified: the return over 9 m), so that the jerk suffices to stop at the place.
+    place_gain, speed_gain (1/s): from distance to speed, from speed error to acceleration, where
+    both are small. It brakes with half of the acceleration, as ArduCopter does (identified: the
+    return over 9 m), so that the jerk suffices to stop at the target.
     """
     vn, ve = target[3], target[4]
     if target[0] == target[0]:
@@ -93,7 +93,7 @@ def shape_vertical(
 
 @inlined
 def filter_share(cutoff_hz: Float, dt: Float) -> Float:
-    """Return what a first-order low pass takes of a new sample; all of it without a cutoff."""
+    """Return a new sample's weight in a first-order low pass; 1 without a cutoff."""
     share = 1.0
     if cutoff_hz > 0.0:
         share = dt / (dt + 1.0 / (2.0 * math.pi * cutoff_hz))
@@ -133,8 +133,8 @@ def from_euler(roll: Float, pitch: Float, yaw: Float) -> tuple[Float, Float, Flo
 def allocate(body: F64, thrust: Float, roll: Float, pitch: Float, yaw: Float, out: F64) -> Int:
     """Set the motors' thrusts (N) for a thrust (N) and torques (N m), PX4's quad X order.
 
-    Yaw gives way first, then thrust: that all motors stay between nothing and their most. Return
-    the sign of the yaw torque that they do not give, 0 where they give all.
+    To keep all motors between zero and their maximum, yaw is reduced first, then thrust. Return the
+    sign of the missing yaw torque, 0 when nothing is missing.
     """
     most = body[6]
     a, b, c = 0.25 * thrust, roll / body[4], pitch / body[4]

@@ -17,11 +17,11 @@ from worlds.jit import F64, direct
 _OUTER_EVERY = 2
 """The position part runs every second step, 125 Hz."""
 _HEADING = 9
-_MOST_GAIN, _LEAST_DIVISOR = 1e4, 1e-3
+_MAX_GAIN, _MIN_DIVISOR = 1e4, 1e-3
 _DIVISORS = frozenset({"MPC_XY_VEL_P_ACC", "MOT_THST_HOVER", "WPNAV_ACCEL", "WPNAV_ACCEL_Z"})
 """Gains by which a law divides."""
-_MOST_TILT_DEG = {"ATC_ANGLE_MAX": 80.0, "MPC_TILTMAX_AIR": 89.0}
-"""The largest of the documented ranges; from a right angle on no tilt carries the weight."""
+_MAX_TILT_DEG = {"ATC_ANGLE_MAX": 80.0, "MPC_TILTMAX_AIR": 89.0}
+"""The largest documented values; at a right angle or more no thrust carries the weight."""
 _RATE_GAIN_TIMES_LAG = 0.85
 """Rate loop's gain (1/s) times motor lag in PX4's SIH at default gains: 0.15 * 113.1 * 0.05."""
 
@@ -34,11 +34,11 @@ class Gains(Protocol):
 
 
 class LawKind(NamedTuple):
-    """A firmware's law. authority_rad_s2: what one of normalised torque does, per axis.
+    """A firmware's law. authority_rad_s2: angular acceleration per normalised torque, per axis.
 
-    The rate gains count in normalised torque, and `authority_rad_s2` is that of the body in the
-    firmware's own simulator. Another airframe is taken to be tuned: it has the same authority,
-    in roll and pitch no more than its motors' lag allows at `rate_gain`, the default rate gain.
+    The rate gains act on normalised torque, and `authority_rad_s2` is that of the body in the
+    firmware's own simulator. Another airframe is assumed to be tuned: it has the same authority,
+    in roll and pitch limited to what its motors' lag allows at `rate_gain`, the default rate gain.
     """
 
     step: Callable[[F64, F64, F64, F64, F64, float, int, F64], int]
@@ -73,8 +73,8 @@ COPTER = LawKind(
     copter_kernel.DEGREES,
     copter_kernel.HUNDREDTHS,
     copter_kernel.STATE,
-    # Identified from the series of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in that of
-    # 60 degrees; the other segments are not fitted.
+    # Identified from step responses of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in the
+    # step of 60 degrees; the other segments are not fitted.
     (500.0, 500.0, 40.0),
     0.135,
 )
@@ -83,7 +83,7 @@ COPTER = LawKind(
 def load_kernels() -> None:
     """Load the kernels of both laws and of the body, or compile them: seconds, once per machine.
 
-    Before a flight: done at liftoff, it would hold the interpreter for as long.
+    Called before a flight: at liftoff it would block the interpreter for as long.
     """
     motion, thrusts = np.zeros(NUMBERS), np.zeros(4)
     for kind in (PX4, COPTER):
@@ -120,7 +120,7 @@ class ControlLaw:
         self._state = np.zeros(kind.state)
         self._target = np.zeros(12)
         self._thrusts = np.zeros(4)
-        self._taken: Target | None = None
+        self._last_target: Target | None = None
         self._calls = 0
         self.configure(parameters)
 
@@ -130,37 +130,37 @@ class ControlLaw:
         return float(self._state[_HEADING])
 
     def configure(self, parameters: Gains) -> None:
-        """Take the law's gains from parameters.
+        """Set the law's gains from parameters.
 
-        A negative one acts as 0, a huge one as the most the law can count with; one that is not
-        finite changes nothing. Thrusts stay numbers, whatever a client sets.
+        A negative one acts as 0, a huge one as the largest that the law can compute with; one that
+        is not finite changes nothing. So thrusts are finite, whatever a client sets.
         """
         kind = self._kind
         for place, name in enumerate(kind.gains):
             value = parameters[name]
             if math.isfinite(value):
-                value = min(value, _MOST_TILT_DEG.get(name, value))
+                value = min(value, _MAX_TILT_DEG.get(name, value))
                 value = value / 100.0 if name in kind.hundredths else value
                 value = math.radians(value) if name in kind.degrees else value
-                least = _LEAST_DIVISOR if name in _DIVISORS else 0.0
-                self._gains[place] = min(max(value, least), _MOST_GAIN)
+                least = _MIN_DIVISOR if name in _DIVISORS else 0.0
+                self._gains[place] = min(max(value, least), _MAX_GAIN)
 
     def reset(self, *, yaw_rad: float) -> None:
-        """Forget what was flown; hold this heading."""
+        """Reset the law's state; hold this heading."""
         self._state[:] = 0.0
         self._state[_HEADING] = yaw_rad
         self._calls = 0
 
     @property
     def takes_target(self) -> bool:
-        """Return whether the next step looks at the target."""
+        """Return whether the next step reads the target."""
         return self._calls % _OUTER_EVERY == 0
 
     def run(self, now: F64, target: Target) -> Thrusts:
         """Return the law's thrusts of this step; `now` is the estimate's motion array."""
         outer = _OUTER_EVERY if self._calls % _OUTER_EVERY == 0 else 0
         self._calls += 1
-        if outer and target is not self._taken:
+        if outer and target is not self._last_target:
             self._set_target(target)
         out = self._thrusts
         self._step(self._state, self._gains, self._body, now, self._target, self._dt_s, outer, out)
@@ -169,7 +169,7 @@ class ControlLaw:
 
     def _set_target(self, target: Target) -> None:
         (n, e, d), velocity, yaw_rad, rate_rad_s, speeds, direct = target
-        self._taken, nan = target, math.nan
+        self._last_target, nan = target, math.nan
         self._target[:] = (
             nan if n is None or e is None else n,
             nan if n is None or e is None else e,

@@ -62,11 +62,11 @@ DEGREES = ("MPC_TILTMAX_AIR", "MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE
            "MPC_YAWRAUTO_MAX", "MC_REF_FF_MAX")  # fmt: skip
 
 _SPEED_GAIN = 5.0
-"""1/s. PX4's trajectories change speed in the least time that the jerk allows; eases the end."""
+"""1/s. PX4's trajectories change speed as fast as the jerk allows; this smooths the end."""
 _MOST_INTEGRAL_M_S2 = 1e3
-"""No flight comes near it; gains that make the anti-windup diverge end there, not at infinity."""
+"""No flight comes near it; it bounds the integral when gains make the anti-windup diverge."""
 _LEAST_W_N_RAD_S = 1.0
-"""The least of the documented range of MC_REF_W_N; at 0 no attitude would be flown to."""
+"""The smallest documented value of MC_REF_W_N; at 0 the reference would not move."""
 
 STATE = 48
 """Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (3), 13 velocity (3),
@@ -102,7 +102,7 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
         s[32] = 0.0
         pn, pe, pd, vn, ve, vd = t[0], t[1], t[2], t[3], t[4], t[5]
         an = ae = ad = 0.0
-    # Position: what it asks for goes before the feed-forward when both are more than the limit.
+    # Position: its velocity has priority over the feed-forward when their sum exceeds the limit.
     if pn == pn:
         fn, fe = (pn - m[0]) * g[0], (pe - m[1]) * g[0]
         size = math.hypot(fn, fe)
@@ -127,8 +127,8 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     north = g[2] * en + s[10] - g[4] * s[16] + an
     east = g[2] * ee + s[11] - g[4] * s[17] + ae
     downwards = g[5] * ed + s[12] - g[7] * s[18] + ad
-    # Tilted as far as the limit, with the thrust that height asks for: that thrust's horizontal
-    # part is what is produced (thrust follows the tilt over gravity alone, MPC_ACC_DECOUPLE).
+    # At the tilt limit, the horizontal part of the thrust that height control demands is what is
+    # produced (tilt by horizontal acceleration against gravity alone, MPC_ACC_DECOUPLE).
     most = GRAVITY_M_S2 * math.tan(g[9])
     size = math.hypot(north, east)
     share = most / size if size > most else 1.0
@@ -136,12 +136,12 @@ def _position(s: F64, g: F64, m: F64, t: F64, dt: float) -> Int:
     missing = max(1.0 - produced, 0.0)
     wound_n, wound_e = north * missing, east * missing
     north, east = north * share, east * share
-    # Anti-windup: what was not produced is taken from the error that is integrated.
+    # Anti-windup: the part that was not produced is subtracted from the integrated error.
     s[10] = clamp(s[10] + g[3] * (en - 2.0 / g[2] * wound_n) * dt, _MOST_INTEGRAL_M_S2)
     s[11] = clamp(s[11] + g[3] * (ee - 2.0 / g[2] * wound_e) * dt, _MOST_INTEGRAL_M_S2)
     s[12] = clamp(s[12] + g[6] * ed * dt, GRAVITY_M_S2)
     s[19], s[20], s[21] = north, east, downwards
-    # Heading: a trajectory turns no faster than its limit, a setpoint is taken as it is.
+    # Heading: a trajectory turns no faster than its limit, a setpoint is used as it is.
     turn = t[7] * dt
     if t[6] == t[6]:
         turn = wrap(t[6] - s[9])
@@ -181,7 +181,7 @@ def _attitude(s: F64, g: F64, body: F64, m: F64, dt: float, out: F64) -> Int:
     s[23] = clamp(s[23] + g[21] * eq * dt, 0.3)
     s[31] += filter_share(g[26], dt) * (turn - s[31])
     lacking = allocate(body, thrust, body[1] * roll, body[2] * pitch, body[3] * s[31], out)
-    # What the motors do not give is not integrated.
+    # The yaw torque that the motors cannot produce is not integrated.
     if lacking * er <= 0.0:
         s[24] = clamp(s[24] + g[22] * er * dt, 0.3)
     return 0
@@ -247,7 +247,7 @@ def _rate_setpoint(
     )  # fmt: skip
     e = multiply((q[0], -q[1], -q[2], -q[3]), qd)
     sign = 2.0 if e[0] >= 0.0 else -2.0
-    # The heading's own rate, seen by the body, and the reference's.
+    # The heading rate in body axes, and the feed-forward of the reference's rates.
     turn, ahead, most = s[35], g[33], g[34]
     p_sp = sign * e[1] * g[10] + turn * qi_z(q, 0) + clamp(ahead * s[40], most)
     q_sp = sign * e[2] * g[11] + turn * qi_z(q, 1) + clamp(ahead * s[41], most)

@@ -1,4 +1,4 @@
-"""What a control law is to fly, and how its inputs and outputs lie in arrays."""
+"""The target of a control law: position, velocity, heading and speed limits."""
 
 from typing import NamedTuple
 
@@ -9,9 +9,9 @@ class Target(NamedTuple):
     """A control law's target, NED, the estimator's frame.
 
     position_ned_m: per axis, None where only the velocity counts. velocity_ned_m_s: the velocity,
-    or what is added to the one that position asks for. yaw_rad: None to turn at yaw_rate_rad_s.
-    speed_m_s: limits (horizontal, up, down) of the velocity that results. direct: PX4's law takes
-    the target as its setpoint, as OFFBOARD does, rather than a trajectory towards it.
+    or the feed-forward that is added to the position controller's. yaw_rad: None to turn at
+    yaw_rate_rad_s. speed_m_s: limits (horizontal, up, down) of the resulting velocity. direct:
+    PX4's law uses the target as its setpoint, as OFFBOARD does, not a trajectory towards it.
     """
 
     position_ned_m: tuple[float | None, float | None, float | None]

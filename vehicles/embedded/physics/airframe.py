@@ -1,4 +1,4 @@
-"""The quadrotor that JSBSim flies: its numbers, and the aircraft file made of them.
+"""The quadrotor that JSBSim flies: its masses and dimensions, and its JSBSim aircraft file.
 
 JSBSim frames: structural x aft, y right, z up; body x forward, y right, z down.
 """
@@ -42,7 +42,7 @@ class Airframe:
     min_drag_speed_m_s: float = 2.0
     """Drag grows linearly up to this speed (rotor drag), with its square above."""
     linear_drag_n_s_m: float = 0.0
-    """Beside it: drag per speed, in every direction and at every speed."""
+    """Additional drag per speed, in every direction and at every speed."""
     angular_damping_n_m_s: float = 0.0006
     leg_offset_m: float = 0.10
     leg_height_m: float = 0.06
@@ -54,7 +54,7 @@ class Airframe:
 
     @property
     def motor_offset_m(self) -> float:
-        """Return how far each motor of the airframe is from the hub along x, and y."""
+        """Return the distance of each motor from the hub along x, and along y."""
         return self.arm_m / math.sqrt(2.0)
 
     @property
@@ -103,8 +103,8 @@ def aircraft_xml(airframe: Airframe, *, motor_lag_s: float) -> str:
 def aircraft_root(airframe: Airframe, *, motor_lag_s: float) -> Path:
     """Return a JSBSim root folder that holds the airframe as aircraft `quadx`.
 
-    One folder per content, in this user's cache; written whole by a rename, so that several
-    processes may ask for it at once.
+    One folder per content, in this user's temporary folder; written by a rename, so that several
+    processes may do so at once.
     """
     text = aircraft_xml(airframe, motor_lag_s=motor_lag_s)
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -198,7 +198,7 @@ def _drags(a: Airframe) -> str:
 
 
 def _linear_drag(a: Airframe, axis: str, speed: str) -> str:
-    """Return the drag per speed in the airframe's JSBSim XML; nothing without."""
+    """Return the drag per speed in the airframe's JSBSim XML; empty when there is none."""
     if a.linear_drag_n_s_m == 0.0:
         return ""
     pounds_per_fps = a.linear_drag_n_s_m * _POUNDS_PER_NEWTON * _METRES_PER_FOOT

@@ -1,4 +1,4 @@
-"""The battery: charge out with the motors' current, voltage that sags, thrust that fades."""
+"""The battery: drained by the motors' current; its voltage sags and thrust decreases with it."""
 
 from typing import NamedTuple
 
@@ -27,17 +27,17 @@ class Battery:
         self._used_mah = 0.0
         self.charge = self._battery_reading(0.0)
         """The present reading."""
-        self.thrust_factor = self._thrust_left()
-        """What is left of thrust at equal throttle, 1 when full."""
+        self.thrust_factor = self._thrust_factor_now()
+        """The thrust at equal throttle, relative to a full battery."""
 
     def drain(self, thrust_n: float, dt_s: float) -> None:
-        """Drain the battery by what the motors use for this collective thrust."""
+        """Drain the battery by the motors' current at this collective thrust."""
         current_a = _IDLE_CURRENT_A + thrust_n * self._amperes_per_newton
         self._used_mah += current_a * dt_s / _SECONDS_PER_HOUR * 1000.0
         self.charge = self._battery_reading(current_a)
-        self.thrust_factor = self._thrust_left()
+        self.thrust_factor = self._thrust_factor_now()
 
-    def _thrust_left(self) -> float:
+    def _thrust_factor_now(self) -> float:
         return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
 
     def _battery_reading(self, current_a: float) -> Charge:

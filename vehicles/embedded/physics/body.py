@@ -1,4 +1,4 @@
-"""The vehicle's body: physics, air, battery, estimate, and the world around it; no MAVLink."""
+"""The vehicle's body: physics, wind, battery, estimator and contacts; no MAVLink."""
 
 import math
 
@@ -18,14 +18,14 @@ PHYSICS_HZ = 250
 _AIR_HZ = 25
 _CONTACT_HZ = 50
 _STILL = 2e-3
-"""m/s and rad/s below which a disarmed vehicle on its legs counts as resting."""
+"""m/s and rad/s below which a disarmed vehicle on its legs counts as at rest."""
 
 
 class Body:
-    """The flying body: stepped 250 times a second with thrusts, gives estimates and truth."""
+    """The flying body: takes thrusts 250 times a second, returns estimates and truth."""
 
     def __init__(
-        self, *, config: EmbeddedConfig, seed: int, surroundings: ContactWorld | None
+        self, *, config: EmbeddedConfig, seed: int, contact_world: ContactWorld | None
     ) -> None:
         profile, airframe = config.profile, config.airframe
         motors_rng, air_rng, estimator_rng = (
@@ -55,8 +55,8 @@ class Body:
         self._still_air = not any(profile.air.sigma_m_s)
         self._estimator = Estimator(noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng)
         self.battery = Battery(profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n)
-        self._surroundings = surroundings
-        self._checked: tuple[Pose, float] | None = None
+        self._contact_world = contact_world
+        self._last_pose: tuple[Pose, float] | None = None
         self._steps = 0
         self._resting_steps = 0
         self._wrecked = False
@@ -70,7 +70,7 @@ class Body:
 
     @property
     def truth(self) -> Motion:
-        """Return the true motion, relative to the start, in the earth's north."""
+        """Return the true motion, NED with true north, relative to the start."""
         truth = self._truth
         if truth is None:
             truth = self._truth = motion_of(self._motion)
@@ -103,7 +103,7 @@ class Body:
             if bits & WRECKED:
                 self._wreck()
         if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
-            self._look_around(t_s)
+            self._check_contact(t_s)
         return estimate
 
     def pose(self) -> Pose:
@@ -133,7 +133,7 @@ class Body:
         )
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Let one motor of the body give only this part of its thrust from now on."""
+        """Reduce the thrust of one motor of the body by this factor from now on."""
         self._plant.fail_motor(index, factor=factor)
 
     def _to_world(self, vector: Vec3) -> Vec3:
@@ -142,7 +142,7 @@ class Body:
     def _is_resting(self) -> bool:
         """Return whether the body rests: motors stopped, on its legs, still for a while.
 
-        The physics of a vehicle that stands and waits is skipped; readiness may take 40 s.
+        The physics of a vehicle at rest is skipped; getting ready may take 40 s.
         """
         if self._wrecked:
             return True
@@ -157,16 +157,16 @@ class Body:
         return True
 
     def _wreck(self) -> None:
-        """Leave the body where it lies; the ground is then what it has touched."""
+        """Leave the body where it lies, with the ground as its contact."""
         self._wrecked = self.touching = self.motors_stopped = True
         self.contact = self.contact or "ground"
 
-    def _look_around(self, t_s: float) -> None:
-        if self._surroundings is None or self.contact is not None:
+    def _check_contact(self, t_s: float) -> None:
+        if self._contact_world is None or self.contact is not None:
             return
         pose = self.pose()
         flies = not (self.motors_stopped and self.touching)
-        if self._checked is not None and flies:
-            before, t_before_s = self._checked
-            self.contact = self._surroundings.contact(before, t_before_s, pose, t_s)
-        self._checked = (pose, t_s)
+        if self._last_pose is not None and flies:
+            before, t_before_s = self._last_pose
+            self.contact = self._contact_world.contact(before, t_before_s, pose, t_s)
+        self._last_pose = (pose, t_s)

@@ -1,4 +1,4 @@
-"""How one embedded vehicle is set up."""
+"""The configuration of one embedded vehicle."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,28 +16,27 @@ class ContactWorld(Protocol):
     """The physical objects around an embedded vehicle (protocol)."""
 
     def contact(self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float) -> str | None:
-        """Return what the vehicle touches between two poses (world frame); or None."""
+        """Return the object that the vehicle touches between two poses (world frame); or None."""
 
 
 @runtime_checkable
 class EventListener(ContactWorld, Protocol):
-    """Surroundings that move: they start at events (protocol)."""
+    """A contact world with moving objects, which start at events (protocol)."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Notify the surroundings of an event at t_s (run clock)."""
+        """Notify the contact world of an event at t_s (run clock)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmbeddedConfig:
-    """The config of an embedded vehicle: ids, profile, start, wind, surroundings.
+    """The config of an embedded vehicle: ids, profile, start pose, origin, parameters.
 
-    start: where it stands in the world's local frame (position, heading). heading_rad: what its
-    compass shows there, when the world's north is not the earth's; None for the same.
-    latitude_deg, longitude_deg, altitude_m: of the world's origin, WGS-84 and above sea level.
-    parameters: values that replace the autopilot's defaults. full_streams: send what a real one
-    sends by itself, rather than what a run needs. uid, uid2: None for the SITL constants.
-    boot_unix_us: the time of day when its autopilot was switched on, which its GPS has; None for a
-    GPS without.
+    start: position and heading in the world's local frame. heading_rad: its compass heading there,
+    when the world's north is not true north; None for the same. latitude_deg, longitude_deg,
+    altitude_m: of the world's origin, WGS-84 and above sea level. parameters: values that replace
+    the autopilot's defaults. full_streams: send all streams of the real firmware, not only those
+    that a run needs. uid, uid2: None for the SITL constants. boot_unix_us: the time of day at boot,
+    for its GPS; None for a GPS without time.
     """
 
     autopilot: AutopilotKind

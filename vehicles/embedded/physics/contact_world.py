@@ -1,4 +1,4 @@
-"""The physical things round an embedded vehicle: those of its world's scene."""
+"""The physical objects around an embedded vehicle: those of its world's scene."""
 
 import json
 from collections.abc import Collection, Mapping
@@ -14,7 +14,7 @@ from worlds.scene.track import RunHistory, Track
 from worlds.world_file.world import Mode, Which, World
 
 _NEAR_M = 0.05
-"""Only contact matters here: what is farther away than a step's way is not measured exactly."""
+"""Only contact matters here: objects farther away than one step's travel are not measured."""
 
 
 def body_of(airframe: Airframe) -> BoxShape:
@@ -24,13 +24,13 @@ def body_of(airframe: Airframe) -> BoxShape:
 
 
 BODY: BoxShape = body_of(Airframe())
-"""What judging and physical contact take the embedded vehicle for."""
+"""The embedded vehicle's shape for oracles and for physical contact."""
 
 
 class SceneContactWorld:
-    """The contact world of a scene; the ground it stands on is no contact.
+    """The contact world of a scene; touching the ground is not a contact.
 
-    tracks: where its objects are that other vehicles fly; they grow as those fly.
+    tracks: of objects that are other vehicles; they grow as those fly.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class SceneContactWorld:
 def as_argument(world: Document, mode: Mode, which: Which, *, without: Collection[str] = ()) -> str:
     """Return the contact world as text for `from_argument` in another process.
 
-    without: names of objects of which that process cannot know where they are.
+    without: names of objects whose positions that process does not know.
     """
     document = {"path": str(world.path), "mode": mode, "which": which, "world": world.data}
     return json.dumps({**document, "without": sorted(without)})
@@ -62,12 +62,12 @@ def as_argument(world: Document, mode: Mode, which: Which, *, without: Collectio
 
 def from_argument(argument: str) -> SceneContactWorld:
     """Return the contact world of a text. Raises BadInput, ValueError."""
-    given: Mapping[str, object] = json.loads(argument)
-    path = Path(str(given["path"]))
-    document = parse(json.dumps(given["world"]).encode(), name=path.name, path=path)
-    mode: Mode = given["mode"]  # type: ignore[assignment]  # written by as_argument
-    which: Which = given["which"]  # type: ignore[assignment]  # written by as_argument
-    without: list[str] = given["without"]  # type: ignore[assignment]  # written by as_argument
+    fields: Mapping[str, object] = json.loads(argument)
+    path = Path(str(fields["path"]))
+    document = parse(json.dumps(fields["world"]).encode(), name=path.name, path=path)
+    mode: Mode = fields["mode"]  # type: ignore[assignment]  # written by as_argument
+    which: Which = fields["which"]  # type: ignore[assignment]  # written by as_argument
+    without: list[str] = fields["without"]  # type: ignore[assignment]  # written by as_argument
     whole = World.parse(document).scene(mode, which)
-    scene = Scene(tuple(thing for thing in whole.objects if thing.name not in without))
+    scene = Scene(tuple(each for each in whole.objects if each.name not in without))
     return SceneContactWorld(scene=scene, body=body_of(Airframe()))

@@ -1,4 +1,4 @@
-"""The vehicle's own estimate: the truth, late and with errors that walk, as the profile says."""
+"""The emulated estimator: the truth with the profile's delay and Gauss-Markov errors."""
 
 import numpy as np
 
@@ -8,19 +8,19 @@ from vehicles.embedded.profile import EstimatorNoise
 from worlds.jit import F64, direct
 
 _RADIANS_PER_DEGREE = 0.017453292519943295
-_WALKS_HZ = 25
-"""How often the errors walk; between two steps they stand."""
+_ERRORS_HZ = 25
+"""How often the errors change; in between they are constant."""
 
 
 class Estimator:
     """The emulated estimator: estimates from true motion, one per physics step.
 
-    Position starts at zero, wherever the errors stand: the estimator's origin is where it began.
-    Body rates come from gyroscopes and carry no delay.
+    Position starts at zero, whatever the initial errors are: the estimator's origin is its start.
+    Body rates come from gyroscopes and have no delay.
     """
 
     def __init__(self, *, noise: EstimatorNoise, rate_hz: int, rng: np.random.Generator) -> None:
-        dt_s = 1.0 / _WALKS_HZ
+        dt_s = 1.0 / _ERRORS_HZ
         across, down = noise.position_sigma_m
         self._position = GaussMarkov(
             sigma=(across, across, down),
@@ -48,7 +48,7 @@ class Estimator:
         )
         self._origin = self._position.value
         self._late = np.zeros((1 + round(noise.delay_s * rate_hz), 6))
-        self._every = rate_hz // _WALKS_HZ
+        self._every = rate_hz // _ERRORS_HZ
         self._steps = 0
         self._read = direct(read_and_estimate)
         self._errors, self.present = np.zeros(9), np.zeros(NUMBERS)
@@ -56,7 +56,7 @@ class Estimator:
 
     def estimate(self, truth: F64) -> F64:
         """Return the estimate after one more step of true motion: motion arrays both."""
-        self._walk()
+        self._advance_errors()
         estimate(truth, self._errors, self._late, self._steps, self.present)
         self._steps += 1
         return self.present
@@ -64,17 +64,17 @@ class Estimator:
     def read(self, raw: F64, zero: F64, truth: F64) -> int:
         """Set the true motion from JSBSim's numbers, and `present` to its estimate, one step on.
 
-        Returns the bits of what holds (see motion_kernel); 0 where a number is not finite.
+        Returns the bits of `motion_kernel.read`; 0 when a number is not finite.
         """
-        self._walk()
+        self._advance_errors()
         bits: int = self._read(
             raw, zero, truth, self._errors, self._late, self._steps, self.present
         )
         self._steps += 1
         return bits
 
-    def _walk(self) -> None:
-        """Let the estimator's errors walk when they are due."""
+    def _advance_errors(self) -> None:
+        """Advance the estimator's errors when they are due."""
         if self._steps % self._every == 0:
             (n, e, d), (on, oe, od) = self._position.advance(), self._origin
             self._errors[:] = (

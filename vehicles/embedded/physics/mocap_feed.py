@@ -1,4 +1,4 @@
-"""A motion-capture feed: the true pose with white noise, at its rate, some time later."""
+"""The emulated motion capture: the true pose with white noise, sampled at its rate and delayed."""
 
 import math
 from collections import deque
@@ -14,11 +14,11 @@ from worlds.frames import Pose, quat_from_euler, quat_multiply
 
 _LISTENER = Contained("a listener to motion capture")
 _BLOCK = 128
-"""How many samples' noise is drawn at once: drawing is dear, one by one."""
+"""Number of samples whose noise is drawn at once: drawing single samples is slow."""
 
 
 class MotionCaptureFeed:
-    """The emulated motion capture: from truth to readings; `t_s`: when it was true."""
+    """The emulated motion capture: from truth to readings; their `t_s` is the time of the pose."""
 
     def __init__(
         self, *, noise: MotionCapture, source: Source, physics_hz: int, rng: np.random.Generator
@@ -28,7 +28,7 @@ class MotionCaptureFeed:
         self._physics_hz = physics_hz
         self._rng = rng
         self._normals: list[list[float]] = []
-        self._under_way: deque[tuple[float, TruthSample, Pose]] = deque()
+        self._in_transit: deque[tuple[float, TruthSample, Pose]] = deque()
         self._callbacks: list[Callable[[PoseReading], None]] = []
         across, down = noise.position_sigma_m
         angle_rad = math.radians(noise.attitude_sigma_deg)
@@ -43,7 +43,7 @@ class MotionCaptureFeed:
         """Return whether motion capture samples this physics step."""
         if not self._callbacks:
             return False
-        # Whole numbers: the k-th picture is taken at the first step not before k / rate.
+        # Integers: the k-th sample is taken at the first step not before k / rate.
         rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
         return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
 
@@ -59,17 +59,17 @@ class MotionCaptureFeed:
                 (north + x, east + y, down + z),
                 quat_multiply(pose.q_wxyz, quat_from_euler(roll, pitch, yaw)),
             )
-        self._under_way.append((truth.t_s + self._noise.latency_s, truth, pose))
+        self._in_transit.append((truth.t_s + self._noise.latency_s, truth, pose))
 
     @property
     def next_due_s(self) -> float | None:
-        """Return when the next motion capture reading arrives; None without."""
-        return self._under_way[0][0] if self._under_way else None
+        """Return when the next motion capture reading arrives; None when there is none."""
+        return self._in_transit[0][0] if self._in_transit else None
 
     def deliver(self, now_s: float) -> None:
         """Deliver the motion capture readings that have arrived by now."""
-        while self._under_way and self._under_way[0][0] <= now_s + 1e-9:
-            _, truth, pose = self._under_way.popleft()
+        while self._in_transit and self._in_transit[0][0] <= now_s + 1e-9:
+            _, truth, pose = self._in_transit.popleft()
             reading = PoseReading(truth.t_s, now_s, self._source, pose, truth.velocity_ned_m_s)
             for callback in self._callbacks:
                 with _LISTENER:

@@ -1,4 +1,4 @@
-"""The body's motion from JSBSim's numbers, and the estimate of it, compiled.
+"""Compiled kernels: the body's motion from JSBSim's numbers, and its estimate.
 
 A motion array holds position (NED, m), velocity (m/s), Euler angles (rad), body rates (rad/s) and
 specific force (body, m/s2), three values each, as `Motion` does.
@@ -10,7 +10,7 @@ from worlds.jit import F64, Float, Int, compiled, inlined
 
 NUMBERS = 15
 FINITE, NEAR_GROUND, WRECKED = 1, 2, 4
-"""Bits of what `read` returns."""
+"""Bits of the result of `read`."""
 
 _METRES_PER_FOOT = 0.3048
 _NEAR_M = 0.5
@@ -28,9 +28,9 @@ def _wrap(angle_rad: Float) -> Float:
 
 @compiled
 def read(raw: F64, zero: F64, out: F64) -> Int:
-    """Set a motion array from JSBSim's numbers (feet, up); return the bits of what holds, or 0.
+    """Set a motion array from JSBSim's numbers (feet, up); return its bits, 0 if not finite.
 
-    WRECKED: it lies on the ground, tilted far over, and rests there: legs do not carry it.
+    WRECKED: it lies on the ground, tilted far over, and is set to rest: its legs do not carry it.
     """
     for i in range(NUMBERS):
         if not math.isfinite(raw[i]):
@@ -56,10 +56,10 @@ def read(raw: F64, zero: F64, out: F64) -> Int:
 
 @compiled
 def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
-    """Set the estimate's motion array: position and velocity late, all but rates with errors.
+    """Set the estimate's motion array: position and velocity delayed, errors on all but rates.
 
-    errors: of position, velocity, angles. late: a ring of positions and velocities (n, 6), as long
-    as the delay; step: how many were taken before this one.
+    errors: of position, velocity, angles. late: a ring buffer of positions and velocities (n, 6),
+    as long as the delay; step: the number of earlier calls.
     """
     slots = late.shape[0]
     here = step % slots
@@ -80,7 +80,7 @@ def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
 def read_and_estimate(
     raw: F64, zero: F64, truth: F64, errors: F64, late: F64, step: int, out: F64
 ) -> Int:
-    """Do what `read` does, then `estimate`: a call for each costs as much as both."""
+    """Call `read`, then `estimate`: one call from Python costs half of two."""
     bits = read(raw, zero, truth)
     if bits != 0:
         estimate(truth, errors, late, step, out)

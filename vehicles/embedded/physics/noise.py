@@ -1,4 +1,4 @@
-"""First-order Gauss-Markov noise: what walks, and comes back."""
+"""First-order Gauss-Markov noise along three axes."""
 
 import math
 
@@ -8,7 +8,7 @@ from worlds.frames import Vec3
 
 
 class GaussMarkov:
-    """Gauss-Markov noise of zero mean along three axes, stationary from the begin.
+    """Gauss-Markov noise of zero mean along three axes, stationary from the start.
 
     x[k+1] = a x[k] + sigma sqrt(1 - a^2) n, a = exp(-dt / time constant): exact for any step
     (Gelb, "Applied Optimal Estimation", 1974, section 3.8).

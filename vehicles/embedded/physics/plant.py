@@ -1,4 +1,4 @@
-"""The physics of one quadrotor: JSBSim, stepped; thrust commands in, true motion out."""
+"""The physics of one quadrotor in JSBSim: thrust commands in, true motion out."""
 
 import math
 import os
@@ -25,7 +25,7 @@ _NUMBERS = struct.Struct(f"{NUMBERS}d")
 
 
 class PlantError(Exception):
-    """The simulated plant diverged; says in which quantity."""
+    """The simulated plant cannot start, or diverged."""
 
 
 class _Silent(jsbsim.FGLogger):
@@ -48,10 +48,10 @@ class _Silent(jsbsim.FGLogger):
 
 
 class Plant:
-    """The simulated plant: one JSBSim quadrotor on flat ground, heading and place given.
+    """The simulated plant: one JSBSim quadrotor on flat ground.
 
     `motor_factors` multiply the commanded thrusts: the spread between motors. Positions are NED
-    metres from where it stands after settling, which is at `zero`.
+    metres from its position after settling, which is `zero` in JSBSim's metres.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Plant:
         fdm = self._fdm = jsbsim.FGFDMExec(str(root))
         fdm.set_debug_level(0)
         if not fdm.load_model("quadx"):
-            raise PlantError(f"JSBSim does not take the aircraft below {root}")
+            raise PlantError(f"JSBSim cannot load the aircraft in {root}")
         self._factors = list(motor_factors)
         self._dt_s = 1.0 / rate_hz
         self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
@@ -99,34 +99,34 @@ class Plant:
 
     def numbers(self) -> F64:
         """Return JSBSim's numbers of the motion, for the kernels; the same array at each call."""
-        _NUMBERS.pack_into(self._bytes, 0, *[get() for get in self._moves])
+        _NUMBERS.pack_into(self._bytes, 0, *[get() for get in self._motion_getters])
         return self._raw
 
     def divergence(self) -> PlantError:
-        """Return what to raise when a number of the plant's motion is not finite."""
+        """Return the error of a plant whose motion is not finite."""
         n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, *_ = self._raw.tolist()
         return PlantError(
-            f"the physics left the finite numbers: position {(n, e, u)} ft, "
+            f"the simulation diverged: position {(n, e, u)} ft, "
             f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
         )
 
     def thrusts(self) -> Thrusts:
         """Return each motor's thrust in the plant, newtons: lagging its command."""
-        a, b, c, d = self._given
+        a, b, c, d = self._thrust_getters
         return (a(), b(), c(), d())
 
     def on_ground(self) -> bool:
         """Return whether a leg of the plant touches the ground."""
-        a, b, c, d = self._wheels
+        a, b, c, d = self._ground_contact_getters
         return bool(a() > 0.0 or b() > 0.0 or c() > 0.0 or d() > 0.0)
 
     def set_wind(self, wind_ned_m_s: Vec3) -> None:
         """Set the plant's wind, towards north, east and down."""
-        for blow, speed in zip(self._wind, wind_ned_m_s, strict=True):
-            blow(speed / _METRES_PER_FOOT)
+        for set_speed, speed in zip(self._wind_setters, wind_ned_m_s, strict=True):
+            set_speed(speed / _METRES_PER_FOOT)
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Let one motor of the plant give only this part of its commanded thrust."""
+        """Reduce the thrust of one motor of the plant by this factor."""
         self._factors[index] = factor
 
     def _start(
@@ -150,10 +150,10 @@ class Plant:
         manager = self._fdm.get_property_manager()
 
         def nodes(*names: str) -> list[Any]:
-            found = [manager.get_node(name) for name in names]
-            if any(node is None for node in found):
-                raise PlantError(f"JSBSim lacks a property of {names}")
-            return found
+            properties = [manager.get_node(name) for name in names]
+            if any(node is None for node in properties):
+                raise PlantError(f"JSBSim has not all of the properties {names}")
+            return properties
 
         def getters(*names: str) -> list[Callable[[], float]]:
             return [node.get_double_value for node in nodes(*names)]
@@ -163,19 +163,21 @@ class Plant:
 
         self._run = self._fdm.run
         self._commands = setters(*(f"fcs/motor{i}-cmd-n" for i in range(MOTORS)))
-        self._given = getters(*(f"fcs/motor{i}-n" for i in range(MOTORS)))
-        self._moves = getters(
+        self._thrust_getters = getters(*(f"fcs/motor{i}-n" for i in range(MOTORS)))
+        self._motion_getters = getters(
             *(f"position/from-start-neu-{axis}-ft" for axis in "neu"),
             *(f"velocities/v-{axis}-fps" for axis in ("north", "east", "down")),
             *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
             *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
             *(f"accelerations/a-pilot-{axis}-ft_sec2" for axis in "xyz"),
         )
-        self._wheels = getters(*(f"gear/unit[{i}]/WOW" for i in range(4)))
-        self._wind = setters(*(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down")))
+        self._ground_contact_getters = getters(*(f"gear/unit[{i}]/WOW" for i in range(4)))
+        self._wind_setters = setters(
+            *(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down"))
+        )
 
     def _settle(self) -> None:
-        """Let the plant's legs settle, then count positions from there."""
+        """Let the plant's legs settle, then set the origin of positions there."""
         for _ in range(round(0.5 / self._dt_s)):
             self.step((0.0, 0.0, 0.0, 0.0))
         self.zero[:] = self.motion().position_ned_m

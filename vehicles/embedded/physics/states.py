@@ -1,7 +1,7 @@
-"""What the parts of the embedded vehicle hand to each other, many hundred times a second.
+"""The states that parts of the embedded vehicle exchange: motion, truth, thrusts.
 
-Named tuples, not dataclasses: they are made 250 times per simulated second, where a frozen
-dataclass costs three times as much to build.
+Named tuples, not dataclasses: they are created 250 times per simulated second, where a frozen
+dataclass costs three times as much.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ STOPPED: Thrusts = (0.0, 0.0, 0.0, 0.0)
 class Motion(NamedTuple):
     """A body's motion state: NED metres and m/s from its place at boot; Euler angles; body rates.
 
-    `specific_force_m_s2` is what an accelerometer feels, body axes.
+    `specific_force_m_s2` is what an accelerometer measures, body axes.
     """
 
     position_ned_m: Vec3
@@ -42,10 +42,10 @@ AT_REST = Motion(
 class TruthSample(NamedTuple):
     """The vehicle's true state in the world's local frame.
 
-    t_s: run clock. motors_stopped: no motor gives thrust by command. contact: the physical thing
-    that it has touched, for good; None while it has touched nothing. rates_frd_rad_s: of the body.
-    specific_force_frd_m_s2: what an accelerometer feels. thrusts_n: what each motor gives; STOPPED
-    and at rest where nobody said.
+    t_s: run clock. motors_stopped: all commanded thrusts are zero. contact: the first object that
+    it has touched, kept from then on; None while it has touched nothing. rates_frd_rad_s: of the
+    body. specific_force_frd_m_s2: what an accelerometer measures. thrusts_n: of each motor. The
+    last three default to rest.
     """
 
     t_s: float

@@ -1,1 +1,1 @@
-"""An embedded vehicle in a process of its own: both ends, and the feed between them."""
+"""An embedded vehicle as a separate process: its settings, its main, and the feed to its parent."""

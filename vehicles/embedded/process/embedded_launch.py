@@ -1,4 +1,4 @@
-"""The parent's side of a vehicle process: its truth and motion capture, and faults for it."""
+"""The parent's end of an embedded vehicle's feed: receives truth, sends events and faults."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from vehicles.readings import PoseReading, Source
 
 
 class FeedClient(asyncio.DatagramProtocol):
-    """The client of one launched embedded vehicle's feed; the interface of one in process.
+    """The client of one launched embedded vehicle's feed; same interface as `EmbeddedVehicle`.
 
     An async context manager that binds `port` (0: any) on loopback.
     """
@@ -38,8 +38,8 @@ class FeedClient(asyncio.DatagramProtocol):
         self._seq_in = -1
         self._seq_out = 0
         self.garbage = 0
-        """Datagrams that were none of the feed's."""
-        self.heard = asyncio.Event()
+        """Number of datagrams that are not messages of the feed."""
+        self.connected = asyncio.Event()
         """Set with the first datagram."""
 
     @property
@@ -54,7 +54,7 @@ class FeedClient(asyncio.DatagramProtocol):
         return self._truth
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
-        """Call `callback` with the embedded vehicle's truth, at most so often."""
+        """Call `callback` with the embedded vehicle's truth, at most at this rate."""
         self._truths.append((1.0 / rate_hz, callback, [-1.0]))
 
     def on_mocap(self, callback: Callable[[PoseReading], None]) -> None:
@@ -62,7 +62,7 @@ class FeedClient(asyncio.DatagramProtocol):
         self._mocaps.append(callback)
 
     def notify(self, event: str, t_s: float) -> None:
-        """Pass an event of the world to the embedded vehicle's surroundings."""
+        """Pass an event of the world to the embedded vehicle's contact world."""
         self._send(WorldEvent(self._next_seq(), event, t_s))
 
     def fault(self, fault: Fault) -> None:
@@ -70,7 +70,7 @@ class FeedClient(asyncio.DatagramProtocol):
         self._send(MakeFault(self._next_seq(), str(fault)))
 
     async def __aenter__(self) -> Self:
-        """Bind the feed client's port. Raises LinkError when it is taken."""
+        """Bind the feed client's port. Raises LinkError when it is in use."""
         loop = asyncio.get_running_loop()
         try:
             await loop.create_datagram_endpoint(lambda: self, local_addr=self._where)
@@ -89,7 +89,7 @@ class FeedClient(asyncio.DatagramProtocol):
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Take a datagram of the embedded vehicle's feed."""
+        """Handle a datagram of the embedded vehicle's feed."""
         try:
             message = from_vehicle.decode(data)
         except MessageError:
@@ -101,16 +101,16 @@ class FeedClient(asyncio.DatagramProtocol):
         if message.seq <= self._seq_in:
             return
         self._peer, self._seq_in = addr, message.seq
-        self.heard.set()
+        self.connected.set()
         if isinstance(message, Truth):
-            self._give_truth(message.sample)
+            self._pass_truth(message.sample)
             return
         now_s = asyncio.get_running_loop().time()
         reading = replace(message.reading, arrived_s=now_s, source=self._source)
         for callback in self._mocaps:
             callback(reading)
 
-    def _give_truth(self, sample: TruthSample) -> None:
+    def _pass_truth(self, sample: TruthSample) -> None:
         """Pass a truth sample of the feed to the callbacks that are due."""
         self._truth = sample
         for interval_s, callback, due_s in self._truths:

@@ -1,4 +1,4 @@
-"""One embedded vehicle in its own process, under the wall clock; see `launch` for its parent."""
+"""The process of one embedded vehicle, on the wall clock; `embedded_launch` is for its parent."""
 
 import asyncio
 import gc
@@ -45,7 +45,7 @@ BAD_SETTINGS, FAILED = 2, 1
 
 
 Companion = Callable[[EmbeddedVehicle, VehicleFaults], AbstractAsyncContextManager[None]]
-"""What is beside the vehicle in its process while it flies, as a camera."""
+"""Opens a further part of the process while the vehicle flies, such as a camera."""
 
 
 class FeedEnd(asyncio.DatagramProtocol):
@@ -62,14 +62,14 @@ class FeedEnd(asyncio.DatagramProtocol):
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
-        """Take an event or a fault; anything else is reported on stderr and dropped."""
+        """Handle an event or a fault; anything else is reported on stderr and dropped."""
         try:
             self._take(to_vehicle.decode(data))
         except (MessageError, FaultError) as error:
             sys.stderr.write(f"feed: {error}\n")
 
     def error_received(self, exc: Exception) -> None:
-        """Continue: an absent parent does not end the embedded process."""
+        """Ignore the error: an absent parent does not end the embedded process."""
 
     def send_truth(self, sample: TruthSample) -> None:
         """Send a truth sample from the embedded process."""
@@ -102,7 +102,7 @@ async def fly(
         config=settings.config(),
         link=open_link(parse_link(settings.link)),
         seed=settings.seed,
-        surroundings=_contact_world(settings.surroundings),
+        contact_world=_contact_world(settings.contact_world),
     )
     vehicle.on_fault(stop.set)
     if settings.print_texts:
@@ -122,7 +122,7 @@ async def fly(
             await stack.enter_async_context(vehicle)
             if companion is not None:
                 await stack.enter_async_context(companion(vehicle, faults))
-            # What is loaded by now lives as long as the process: the collector need not look.
+            # All objects that exist now live as long as the process: the collector skips them.
             gc.freeze()
             for text in settings.faults:
                 faults.inject(parse_fault(text))
@@ -172,7 +172,7 @@ async def _await_stop(settings: ProcessSettings, companion: Companion | None) ->
     errors: list[BaseException] = []
 
     def failed(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take what a callback raised: a vehicle of which nothing more is known must not fly on."""
+        """Stop on a callback's error: a vehicle in an unknown state must not continue to fly."""
         error = context.get("exception")
         errors.append(error or RuntimeError(str(context.get("message"))))
         stop.set()
@@ -199,7 +199,7 @@ def _restamp_truth(last: TruthSample, new: TruthSample) -> TruthSample:
 
 
 def _print_text(boot_s: float, message: Any) -> None:
-    """Print what an embedded vehicle reports in words, and its answers to commands."""
+    """Print an embedded vehicle's STATUSTEXTs, and its acknowledgements of commands."""
     match message.get_type():
         case "STATUSTEXT":
             sys.stderr.write(f"{boot_s:9.3f} s STATUSTEXT {message.severity} {message.text}\n")
@@ -215,13 +215,13 @@ def _on_stdin(stop: Callable[[], None]) -> None:
         stop()
 
 
-def _contact_world(surround: ContactWorldSettings | None) -> ContactWorld | None:
+def _contact_world(settings: ContactWorldSettings | None) -> ContactWorld | None:
     """Return the embedded process's contact world. Raises ValueError when it is unavailable."""
-    if surround is None:
+    if settings is None:
         return None
-    module, _, name = surround.use.partition(":")
+    module, _, name = settings.use.partition(":")
     try:
         factory = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise ValueError(f"surroundings {surround.use} cannot be loaded: {error}") from error
-    return cast("ContactWorld", factory(surround.argument))
+        raise ValueError(f"contact world {settings.use} cannot be loaded: {error}") from error
+    return cast("ContactWorld", factory(settings.argument))

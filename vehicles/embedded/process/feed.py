@@ -1,7 +1,7 @@
-"""The side channel of a vehicle in another process: truth and motion capture out, events in.
+"""Messages between an embedded vehicle's process and its parent: truth and motion capture, events.
 
-One message is one UDP datagram on loopback. Times are CLOCK_MONOTONIC, which all
-processes of a machine share. seq counts up by one per datagram of a sender.
+One message is one UDP datagram on loopback. Times are CLOCK_MONOTONIC, which all processes of a
+machine share. seq counts up by one per datagram of a sender.
 """
 
 import math
@@ -50,8 +50,8 @@ def is_finite(message: FromVehicle) -> bool:
     """Return whether all numbers of a feed message's pose, and its time, are finite."""
     match message:
         case Truth(_, sample):
-            felt = (*sample.rates_frd_rad_s, *sample.specific_force_frd_m_s2, *sample.thrusts_n)
-            pose, more = sample.pose, sum((*sample.velocity_ned_m_s, sample.t_s, *felt))
+            forces = (*sample.rates_frd_rad_s, *sample.specific_force_frd_m_s2, *sample.thrusts_n)
+            pose, more = sample.pose, sum((*sample.velocity_ned_m_s, sample.t_s, *forces))
         case Mocap(_, reading):
             pose, more = reading.pose, sum((*(reading.velocity_ned_m_s or ()), reading.t_s))
     return math.isfinite(sum((*pose.position_ned_m, *pose.q_wxyz, more)))

@@ -1,4 +1,4 @@
-"""What a vehicle in a process of its own is told: one JSON argument."""
+"""The settings of an embedded vehicle's process, which it gets as one JSON argument."""
 
 import math
 from typing import Literal
@@ -38,11 +38,11 @@ class ProcessSettings(_Part):
     link: a link string, seen from the vehicle (udpout://127.0.0.1:14540). feed_host, feed_port:
     where truth and motion capture are sent; 0 for no feed. speed: how many times real time its
     clock runs, if the machine can. end_with_stdin: end when the pipe on stdin closes.
-    end_with_parent: end when the process that started it ends; not where others hold the pipe as
-    well, so that its failsafes can act. running_s: for how long its autopilot has been on when its
-    link opens; ArduCopter's needs 42 s to be ready. boot_unix_us: the time of day, which its GPS
-    has, when it was switched on. print_texts: its STATUSTEXTs and acknowledgements go to stderr.
-    faults: texts of `parse_fault`, counted from when its link is open.
+    end_with_parent: end when the process that started it ends; false where other processes hold
+    the pipe as well, so that the failsafes can act. running_s: for how long the autopilot has been
+    on when its link opens; ArduCopter needs 42 s to be ready. boot_unix_us: the time of day at
+    boot, for its GPS. print_texts: print STATUSTEXTs and acknowledgements to stderr. faults: texts
+    of `parse_fault`; their times count from the opening of the link.
     """
 
     autopilot: AutopilotKind
@@ -62,7 +62,7 @@ class ProcessSettings(_Part):
     feed_host: str = "127.0.0.1"
     feed_port: int = Field(default=0, ge=0, le=65535)
     truth_hz: float = Field(default=50.0, gt=0.0, le=250.0)
-    surroundings: ContactWorldSettings | None = None
+    contact_world: ContactWorldSettings | None = None
     speed: float = Field(default=1.0, gt=0.0, le=100.0)
     running_s: float = Field(default=0.0, ge=0.0, le=86_400.0)
     end_with_stdin: bool = False

@@ -1,4 +1,4 @@
-"""The settings of an embedded vehicle that flies alone, for other programs."""
+"""The settings of a standalone embedded vehicle, for use by other programs."""
 
 import time
 from collections.abc import Iterable, Mapping
@@ -73,7 +73,7 @@ def _in_world(settings: ProcessSettings, file: Path) -> ProcessSettings:
             "latitude_deg": frame.latitude_deg,
             "longitude_deg": frame.longitude_deg,
             "altitude_m": frame.altitude_m,
-            "surroundings": ContactWorldSettings(
+            "contact_world": ContactWorldSettings(
                 use="vehicles.embedded.physics.contact_world:from_argument",
                 argument=as_argument(document, "real", "W"),
             ),

@@ -1,4 +1,4 @@
-"""The faults of one embedded vehicle in its process: each begun and ended at its time."""
+"""Injects faults into an embedded vehicle: begins and ends each at its time."""
 
 import asyncio
 import copy
@@ -17,14 +17,14 @@ _MESSAGES = {
         *("ATTITUDE_QUATERNION", "ALTITUDE", "VFR_HUD", "AHRS", "AHRS2"),
     ),
 }
-"""Which messages a signal is: the simulator's ground truth, and where the autopilot says it is."""
+"""The messages of each signal: the simulator's ground truth, and the autopilot's estimate."""
 _TIMES = ("time_boot_ms", "time_usec")
 
 
 class VehicleFaults:
-    """Injects faults into an embedded vehicle and into what it sends.
+    """Injects faults into an embedded vehicle and into the messages that it sends.
 
-    kill: called when the process has to end. report: is told of each begin and end, in words.
+    kill: called to end the process. report: called with a text at each begin and end.
     """
 
     def __init__(
@@ -33,6 +33,7 @@ class VehicleFaults:
         self._vehicle = vehicle
         self._kill = kill
         self._report = report
+        self._active: dict[tuple[str, int], list[Fault]] = {}
         self._signals: dict[str, list[FaultySignal[Any]]] = {}
         self._messages: dict[str, FaultySignal[Any]] = {
             message: self._add(name, FaultySignal(_restamp_message))
@@ -42,7 +43,7 @@ class VehicleFaults:
         vehicle.filter_sent(self._pass_message)
 
     def inject(self, fault: Fault) -> None:
-        """Inject a fault, at its moment from now on. Raises FaultError for an absent signal."""
+        """Inject a fault after its delay. Raises FaultError for an absent signal."""
         if fault.kind is not None and fault.name not in self._signals:
             raise FaultError(f"{str(fault)!r}: this vehicle has no {fault.name}")
         if fault.after_s == 0.0:
@@ -53,7 +54,7 @@ class VehicleFaults:
     def through(
         self, name: str, restamp: Restamp[T], callback: Callable[[T], None]
     ) -> Callable[[T], None]:
-        """Return a callback that gets of a signal what its faults let through."""
+        """Return a callback that passes a signal on as its faults change it."""
         signal: FaultySignal[T] = self._add(name, FaultySignal(restamp))
 
         def pass_on(value: T) -> None:
@@ -69,13 +70,26 @@ class VehicleFaults:
 
     def _begin(self, fault: Fault) -> None:
         self._report(f"fault begun: {fault}")
+        active = self._active.setdefault(_target(fault), [])
+        if fault.name == "unmute":
+            active.clear()
+        else:
+            active.append(fault)
         self._set(fault, fault.kind, begun=True)
         if fault.for_s is not None:
             asyncio.get_running_loop().call_later(fault.for_s, self._end, fault)
 
     def _end(self, fault: Fault) -> None:
         self._report(f"fault ended: {fault}")
-        self._set(fault, None, begun=False)
+        active = self._active[_target(fault)]
+        others = [each for each in active if each is not fault]
+        if len(others) == len(active):
+            return  # An unmute has ended it.
+        active[:] = others
+        if others:
+            self._set(others[-1], others[-1].kind, begun=True)
+        else:
+            self._set(fault, None, begun=False)
 
     def _set(self, fault: Fault, kind: FaultKind | None, *, begun: bool) -> None:
         match fault.name:
@@ -94,10 +108,15 @@ class VehicleFaults:
         return message if signal is None else signal.passed(message)
 
 
+def _target(fault: Fault) -> tuple[str, int]:
+    """Return what a fault acts on: a signal, a motor, or the link."""
+    return ("mute" if fault.name == "unmute" else fault.name, fault.motor)
+
+
 def _restamp_message(last: Any, new: Any) -> Any:
     """Return a MAVLink message with the times of another."""
-    again = copy.copy(last)
+    restamped = copy.copy(last)
     for name in _TIMES:
         if hasattr(new, name):
-            setattr(again, name, getattr(new, name))
-    return again
+            setattr(restamped, name, getattr(new, name))
+    return restamped

@@ -82,5 +82,5 @@ def test_what_the_vehicle_is_given(flown: list[ProcessSettings], tmp_path: Path)
     assert copter.faults == ("motor 0 0.0@12", "pose_source freeze@3+2")
     assert (copter.link, copter.system_id) == ("tcpin://127.0.0.1:5760", 7)
     assert (copter.latitude_deg, copter.altitude_m) == (46.5, 500.0)
-    assert copter.surroundings is not None
-    assert "box" in copter.surroundings.argument
+    assert copter.contact_world is not None
+    assert "box" in copter.contact_world.argument

@@ -38,7 +38,7 @@ async def test_mavsdk_dies_in_flight_and_the_guard_lands_both(tmp_path: Path) ->
     assert landed.code == 3, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "ERROR"
-    assert "mavsdk's process was ended by SIGKILL; nothing more is sent to it" in run["reason"]
+    assert "the mavsdk process was ended by SIGKILL; nothing more is sent to it" in run["reason"]
     assert stages(program.run_folder())[-3:] == ["land", "landed", "end"]
     told = [line for line in lines(program.run_folder() / "guard.jsonl") if "kind" in line]
     down = {line["vehicle"] for line in told if line["text"].endswith("down: it is disarmed")}

@@ -23,7 +23,7 @@ class Vehicle:
 
     def __init__(self) -> None:
         self.state = VehicleState(
-            armed=True, mode=Mode.GUIDED, mode_name="GUIDED", last_heard_s=0.0
+            armed=True, mode=Mode.GUIDED, mode_name="GUIDED", last_received_s=0.0
         )
         self.reported_s: dict[str, float] = {}
         self._event: Callable[[VehicleEvent], None] = lambda _: None
@@ -43,7 +43,7 @@ class Vehicle:
         return ()
 
     def reports(self, t_s: float, mode: Mode) -> None:
-        self.state = self.state._replace(mode=mode, mode_name=mode.name, last_heard_s=t_s)
+        self.state = self.state._replace(mode=mode, mode_name=mode.name, last_received_s=t_s)
         self._event(VehicleEvent(t_s, "mode", mode.name, mode=mode))
 
 

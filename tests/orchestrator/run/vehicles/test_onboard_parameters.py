@@ -180,7 +180,7 @@ from vehicles.driver.onboard.parameter_backup import ParameterBackup
 async def main():
     access = Access(AVOID_MARGIN=2.0)
     async with ParameterBackup(
-        access=access, vehicle=sys.argv[2], changes={"AVOID_MARGIN": 9.0}, journal=Path(sys.argv[1])
+        access=access, vehicle=sys.argv[2], changes={"AVOID_MARGIN": 9.0}, folder=Path(sys.argv[1])
     ):
         os.kill(os.getpid(), signal.SIGKILL)
 asyncio.run(main())

@@ -72,7 +72,7 @@ async def test_frames_of_another_component_are_no_sign_of_the_vehicle() -> None:
     session, unread = await read_late(CAMERA, late_s=0.2)
     assert unread
     assert session.arrivals.take() == ()
-    assert session.last_heard_s is None
+    assert session.last_received_s is None
 
 
 @pytest.mark.parametrize("target", [None, Target(1)])
@@ -83,5 +83,5 @@ def test_what_came_before_the_last_frame_or_the_vehicle_was_found_is_passed_over
     session.target = target
     session.received(AUTOPILOT.pack(ATTITUDE), 5.0)
     session.received_unread((4.0, 4.9))
-    assert session.last_heard_s == (None if target is None else 5.0)
+    assert session.last_received_s == (None if target is None else 5.0)
     assert session.arrivals.take() == (() if target is None else (5.0,))

@@ -6,9 +6,9 @@ import pytest
 
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.autopilots.injection_support.injection_support import injection_faults
-from vehicles.autopilots.injection_support.rules import Setpoints, Thing
+from vehicles.autopilots.injection_support.rules import InjectionKind, Setpoints
 
-THINGS: tuple[Thing, ...] = typing.get_args(Thing)
+THINGS: tuple[InjectionKind, ...] = typing.get_args(InjectionKind)
 
 ARDUPILOT_READY = {
     "PRX1_TYPE": 2,
@@ -51,7 +51,7 @@ NEVER = {
 }
 
 
-def mode_for(autopilot: AutopilotName, thing: Thing) -> str:
+def mode_for(autopilot: AutopilotName, thing: InjectionKind) -> str:
     modes = {
         ("ardupilot", "landing_target"): "LAND",
         ("px4", "landing_target"): "PRECLAND",
@@ -66,7 +66,7 @@ def mode_for(autopilot: AutopilotName, thing: Thing) -> str:
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
 def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
-    autopilot: AutopilotName, parameters: dict[str, float], thing: Thing
+    autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
     mode = mode_for(autopilot, thing)
@@ -79,7 +79,7 @@ def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
 def test_setting_what_is_advised_makes_it_used(
-    autopilot: AutopilotName, parameters: dict[str, float], thing: Thing
+    autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
     mode = mode_for(autopilot, thing)
@@ -104,7 +104,7 @@ def test_obstacles_on_arducopter() -> None:
         "ardupilot", "obstacle_distance", {"PRX1_TYPE": 0, "AVOID_ENABLE": 1}, "GUIDED"
     )
     assert str(said[0]) == (
-        "PRX1_TYPE is 0: obstacles over MAVLink are not listened to; set PRX1_TYPE to 2 and "
+        "PRX1_TYPE is 0: obstacles over MAVLink are ignored; set PRX1_TYPE to 2 and "
         "reboot the autopilot"
     )
     assert str(said[1]) == (
@@ -171,7 +171,7 @@ def test_a_value_that_waits_for_a_boot_is_distinguished_from_one_that_counts() -
     )
     assert said.reboot
     assert str(said) == (
-        "PRX1_TYPE was set to 2 since the autopilot booted, and counts from the next boot on: "
-        "until then obstacles over MAVLink are not listened to; set PRX1_TYPE to 2 in the vehicle "
+        "PRX1_TYPE was set to 2 since the autopilot booted, and takes effect at the next boot: "
+        "until then obstacles over MAVLink are ignored; set PRX1_TYPE to 2 in the vehicle "
         "itself, reboot it, and then fly"
     )

@@ -16,12 +16,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pyulog import ULog  # type: ignore[import-untyped]  # ships no types
 
 from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import AutopilotName
+from vehicles.autopilots.autopilot import AutopilotName, Target
 from vehicles.driver import Driver
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
 from vehicles.driver.onboard.mission_protocol import ItemList, MissionError, MissionItem
 from vehicles.driver.onboard.onboard_fence import OnboardFence
-from vehicles.driver.onboard.vehicle_logs import LogError
+from vehicles.driver.onboard.vehicle_logs import LogEntry, LogError, VehicleLogs
+from vehicles.driver.session.session import Session
 from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.vehicle import EmbeddedVehicle
 from vehicles.errors import ParameterError
@@ -343,3 +344,14 @@ def test_errors_before_the_vehicle_is_known() -> None:
 def test_fences_that_are_none(make: Callable[[], Any]) -> None:
     with pytest.raises(ValueError, match="fence"):
         make()
+
+
+def test_a_log_of_an_unidentified_vehicle_leaves_no_file(tmp_path: Path) -> None:
+    async def fetch() -> None:
+        near, _ = memory_pair(latency_s=0.003)
+        logs = VehicleLogs(session=Session(link=near, own=Target(245, 190)))
+        await logs.fetch(LogEntry(1, 1000, None), tmp_path)
+
+    with pytest.raises(LogError, match="no vehicle is identified yet"):
+        run_virtual(fetch())
+    assert list(tmp_path.iterdir()) == []

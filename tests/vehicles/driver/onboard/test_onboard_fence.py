@@ -49,7 +49,7 @@ class Rig:
             fences=self.driver.onboard.fences,
             parameters=self.driver.parameters,
             autopilot=self.driver.identity.autopilot,
-            journal=journal,
+            backup_folder=journal,
         )
 
     @property

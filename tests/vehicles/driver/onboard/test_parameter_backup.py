@@ -43,7 +43,7 @@ class Access:
 def context(
     access: Access, changes: dict[str, ParameterValue], journal: Path | None = None
 ) -> ParameterBackup:
-    return ParameterBackup(access=access, vehicle="px4 1 7", changes=changes, journal=journal)
+    return ParameterBackup(access=access, vehicle="px4 1 7", changes=changes, folder=journal)
 
 
 def test_set_in_order_and_back_in_reverse(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_nothing_stays_changed_when_one_is_refused() -> None:
     with pytest.raises(ParameterError, match="B is stuck") as caught:
         run_virtual(scenario())
     assert access.values == {"A": 1, "B": 2}
-    assert "could not set back B" in caught.value.__notes__[0]
+    assert "could not restore B" in caught.value.__notes__[0]
 
 
 def test_one_that_is_unknown_changes_none() -> None:
@@ -97,7 +97,7 @@ def test_the_backup_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
             access.stuck = {"A"}
 
     with pytest.raises(
-        ParameterError, match=r"could not set back A to 1 .*has the original values"
+        ParameterError, match=r"could not restore A to 1 .*the next start restores them"
     ):
         run_virtual(scenario())
     assert access.values == {"A": 5, "B": 2}
@@ -118,7 +118,7 @@ def test_the_flight_s_own_error_is_what_is_raised(tmp_path: Path) -> None:
 
     with pytest.raises(RuntimeError, match="of the flight") as caught:
         run_virtual(scenario())
-    assert "could not set back A" in caught.value.__notes__[0]
+    assert "could not restore A" in caught.value.__notes__[0]
 
 
 _KILLED = """

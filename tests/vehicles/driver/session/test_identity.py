@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.autopilots.autopilot import Target
 from vehicles.autopilots.px4 import Px4
 from vehicles.driver.session.identity import Identity, identity_of, same_vehicle
-from vehicles.driver.session.session import ReceivedMessage
+from vehicles.driver.session.session import ReceivedHeartbeat
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity as Embedded
 from vehicles.embedded.autopilot.px4 import px4_telemetry
 
@@ -23,7 +23,7 @@ def version(uid: int, uid2: bytes) -> Any:
 
 def known(system: int, version: Any) -> Identity:
     heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3)
-    return identity_of(Px4(), Target(system), ReceivedMessage(heartbeat, 0.0, 2), version)
+    return identity_of(Px4(), Target(system), ReceivedHeartbeat(heartbeat, 0.0, 2), version)
 
 
 @pytest.mark.parametrize("system", [1, 2, 3, 250])

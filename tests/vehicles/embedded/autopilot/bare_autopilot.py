@@ -24,7 +24,7 @@ class BareAutopilot:
 
     def __init__(self, autopilot: str, **config: Any) -> None:
         settings = EmbeddedConfig(autopilot=autopilot, **config)  # type: ignore[arg-type]  # a literal
-        body = Body(config=settings, seed=1, surroundings=None)
+        body = Body(config=settings, seed=1, contact_world=None)
         self.altitude_m = settings.altitude_m
         self.charge = body.battery.charge
         self.autopilot = build_autopilot(settings, body)

@@ -129,20 +129,20 @@ def test_a_command_has_one_owner() -> None:
     class Child(Twice):
         pass
 
-    with pytest.raises(ValueError, match="takes 5 twice"):
+    with pytest.raises(ValueError, match="handles 5 twice"):
         marked(Child, "mav_commands")
 
 
 def test_long_texts_are_cut_into_chunks() -> None:
     px4, copter = Outbox(count_all=True), Outbox(count_all=False)
     for box in (px4, copter):
-        box.say(6, "short")
-        box.say(6, "x" * 120)
-        box.turn(texts_heard=False)
+        box.send_text(6, "short")
+        box.send_text(6, "x" * 120)
+        box.turn(send_texts=False)
         assert box.take() == []
-        box.say(6, "short")
-        box.say(6, "x" * 120)
-        box.turn(texts_heard=True)
+        box.send_text(6, "short")
+        box.send_text(6, "x" * 120)
+        box.turn(send_texts=True)
     assert [(m.id, m.chunk_seq) for m in px4.take()] == [(0, 0), (1, 0), (1, 1), (1, 2)]
     assert [(m.id, m.chunk_seq) for m in copter.take()] == [(0, 0), (1, 0), (1, 1), (1, 2)]
 

@@ -102,6 +102,24 @@ def test_lists_are_uploaded_read_back_and_cleared(
     virtually(scenario())
 
 
+def test_px4_clears_its_fence_outside_of_another_bound(rig: Any, virtually: Scenario) -> None:
+    """With GF_MAX_VER_DIST breached, clearing removes both the list and the enforced areas."""
+
+    async def scenario() -> None:
+        async with rig(autopilot="px4") as r:
+            await r.hover()
+            assert await upload(r, 1, square(r, 20.0)) == 0
+            r.vehicle.autopilot.parameters.set("GF_ACTION", 2.0)
+            r.vehicle.autopilot.parameters.set("GF_MAX_VER_DIST", 1.0)
+            r.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
+            await asyncio.sleep(0.05)
+            assert r.last["MISSION_ACK"].type == 0
+            assert await download(r, 1) == []
+            assert r.vehicle.autopilot.fence.areas == ()
+
+    virtually(scenario())
+
+
 @BOTH
 def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot: str) -> None:
     async def scenario() -> None:

@@ -56,6 +56,40 @@ def test_a_mute_begins_and_ends_at_its_moments(
     virtually(scenario())
 
 
+@pytest.mark.parametrize("faults", [("mute@3+3", "mute@5+4"), ("mute@3+6", "mute@4+2")])
+def test_the_end_of_one_of_two_faults_does_not_end_the_other(
+    rig: Any, virtually: Virtually, faults: tuple[str, str]
+) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot="px4") as r:
+            injected, _ = faults_of(r)
+            began_s = asyncio.get_running_loop().time()
+            for text in faults:
+                injected.inject(parse_fault(text))
+            await asyncio.sleep(12.0)
+            times = [t_s - began_s for t_s, m in r.heard if m.get_type() == "HEARTBEAT"]
+            assert not [t_s for t_s in times if 3.01 < t_s < 9.0]
+            assert [t_s for t_s in times if t_s > 9.0]
+
+    virtually(scenario())
+
+
+def test_an_unmute_ends_a_mute_that_would_last_longer(rig: Any, virtually: Virtually) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot="px4") as r:
+            faults, _ = faults_of(r)
+            began_s = asyncio.get_running_loop().time()
+            for text in ("mute@2+4", "unmute@4", "mute@5+4"):
+                faults.inject(parse_fault(text))
+            await asyncio.sleep(11.0)
+            times = [t_s - began_s for t_s, m in r.heard if m.get_type() == "HEARTBEAT"]
+            assert [t_s for t_s in times if 4.0 < t_s < 5.0]
+            assert not [t_s for t_s in times if 5.01 < t_s < 9.0]
+            assert [t_s for t_s in times if t_s > 9.0]
+
+    virtually(scenario())
+
+
 def test_a_motor_fails_at_its_moment_and_the_vehicle_falls(rig: Any, virtually: Virtually) -> None:
     async def scenario() -> None:
         async with rig(autopilot="px4") as r:

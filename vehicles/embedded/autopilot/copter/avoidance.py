@@ -1,8 +1,8 @@
-"""ArduCopter's simple avoidance: velocities stop before obstacles that a proximity sensor tells of.
+"""ArduCopter's simple avoidance: limits velocities before obstacles of a MAVLink proximity sensor.
 
-What it does as AC_Avoid.cpp (limit_velocity_2D), AP_Proximity_MAV.cpp: obstacles over MAVLink count
-for 500 ms; the part of the velocity towards each is limited so that it can stop at AVOID_MARGIN.
-What it does not: sliding along fences, backing away (AVOID_BACKUP_SPD), OBSTACLE_DISTANCE_3D.
+As in AC_Avoid.cpp (limit_velocity_2D) and AP_Proximity_MAV.cpp: obstacles over MAVLink are valid
+for 500 ms; the velocity towards each is limited so that the vehicle can stop at AVOID_MARGIN. Not
+emulated: sliding along fences, backing away (AVOID_BACKUP_SPD), OBSTACLE_DISTANCE_3D.
 """
 
 import math
@@ -30,37 +30,37 @@ Obstacle = tuple[float, float]
 
 
 class SimpleAvoidance:
-    """ArduCopter's simple avoidance: keeps reported obstacles, limits velocities by them."""
+    """ArduCopter's simple avoidance: stores reported obstacles, limits velocities by them."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
-        # It takes effect after a reboot only.
+        # PRX1_TYPE takes effect only after a reboot.
         self.listens = int(parameters["PRX1_TYPE"]) == _MAVLINK
         self._rings: dict[str, tuple[float, tuple[Obstacle, ...]]] = {}
 
     def obstacle_distance(self, message: Any, t_s: float) -> None:
-        """Take an OBSTACLE_DISTANCE for avoidance."""
+        """Store an OBSTACLE_DISTANCE for avoidance."""
         step_deg = message.increment_f or float(message.increment)
         if not math.isfinite(step_deg + message.angle_offset):
             return
-        found = tuple(
+        obstacles = tuple(
             (math.radians(message.angle_offset + k * step_deg), cm / 100.0)
             for k, cm in enumerate(message.distances)
             if message.min_distance <= cm <= message.max_distance
         )
-        self._rings["ring"] = (t_s, found)
+        self._rings["ring"] = (t_s, obstacles)
 
     def distance_sensor(self, message: Any, t_s: float) -> None:
-        """Take a sideways DISTANCE_SENSOR for avoidance."""
+        """Store a sideways DISTANCE_SENSOR for avoidance."""
         if message.orientation >= _SIDEWAYS:
             return
         seen = message.min_distance <= message.current_distance <= message.max_distance
         bearing_rad = message.orientation * _SECTOR_RAD
-        found = ((bearing_rad, message.current_distance / 100.0),) if seen else ()
-        self._rings[f"sector {message.orientation}"] = (t_s, found)
+        obstacles = ((bearing_rad, message.current_distance / 100.0),) if seen else ()
+        self._rings[f"sector {message.orientation}"] = (t_s, obstacles)
 
     def arming_fault(self, t_s: float) -> str | None:
-        """Return the obstacle too near for arming, in ArduPilot's words; or None."""
+        """Return ArduPilot's text for an obstacle that is too near for arming; or None."""
         nearest = min(self._known_distances(t_s), key=lambda each: each[1], default=None)
         if nearest is None or nearest[1] > _NEAR_AT_ARMING_M:
             return None
@@ -85,14 +85,14 @@ class SimpleAvoidance:
     def _known_distances(self, t_s: float) -> list[Obstacle]:
         if not self.listens:
             return []
-        rings = (found for since_s, found in self._rings.values() if t_s - since_s <= _TIMEOUT_S)
-        return [obstacle for found in rings for obstacle in found]
+        rings = (ring for since_s, ring in self._rings.values() if t_s - since_s <= _TIMEOUT_S)
+        return [obstacle for ring in rings for obstacle in ring]
 
 
 def stopping_speed(distance_m: float) -> float:
     """Return the speed from which avoidance stops within a distance (sqrt_controller).
 
-    Linear near by, by the square root beyond.
+    Linear for small distances, a square root beyond.
     """
     linear_m = _BRAKING_M_S2 / _POSITION_GAIN**2
     if distance_m <= linear_m:

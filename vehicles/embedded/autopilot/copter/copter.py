@@ -1,4 +1,4 @@
-"""An autopilot that behaves to the outside as ArduCopter 4.7 in SITL does."""
+"""The emulated ArduCopter, which behaves over MAVLink as ArduCopter 4.7 in SITL does."""
 
 import math
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ class ArduCopter(CopterGuided):
         )
         self._failsafes = Failsafes(self.parameters)
         self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
-        self._texts_said = 0
+        self._texts_sent = 0
         self._yaw_aligned = False
         self._on_ground = True
         self._sink_m_s = 0.0
@@ -115,7 +115,7 @@ class ArduCopter(CopterGuided):
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run; AUTO needs a mission."""
         if mode is CopterMode.AUTO and not self._can_begin_mission():
-            self.outbox.say(INFO, "Mode change to Auto failed: init failed")
+            self.outbox.send_text(INFO, "Mode change to Auto failed: init failed")
             return FAILED
         return super().choose(mode)
 
@@ -123,7 +123,7 @@ class ArduCopter(CopterGuided):
         """Return whether ArduCopter has a mission, with a takeoff on the ground."""
         items = self.missions.items(mission_service.MISSION)[1:]
         if self.flight.armed and self.flight.landed and not starts_with_takeoff(items):
-            self.outbox.say(CRITICAL, "Auto: Missing Takeoff Cmd")
+            self.outbox.send_text(CRITICAL, "Auto: Missing Takeoff Cmd")
             return False
         return bool(items)
 
@@ -132,7 +132,7 @@ class ArduCopter(CopterGuided):
 
     @on_command(mavlink.MAV_CMD_MISSION_START)
     def _start_mission(self, command: Command) -> int:
-        """Fly ArduCopter's mission; it takes no first and last item."""
+        """Fly ArduCopter's mission; a first or last item is refused."""
         if command.params[0] != 0.0 or command.params[1] != 0.0:
             return DENIED
         return self.choose(CopterMode.AUTO)
@@ -147,7 +147,7 @@ class ArduCopter(CopterGuided):
     def supervise(self) -> None:
         """Send ArduCopter's due texts; check modes and failsafes."""
         self._boot()
-        self._say_phases()
+        self._report_phases()
         flight, t_s = self.flight, self.t_s
         if not flight.armed:
             return
@@ -165,27 +165,27 @@ class ArduCopter(CopterGuided):
         self._disarm_when_due()
 
     def _boot(self) -> None:
-        while self._texts_said < len(boot.TEXTS):
-            due_s, text = boot.TEXTS[self._texts_said]
+        while self._texts_sent < len(boot.TEXTS):
+            due_s, text = boot.TEXTS[self._texts_sent]
             if due_s > self.t_s or (self.never_ready and due_s >= boot.POSITION_S):
                 break
             field_m = self.state.frame.altitude_m
-            self.outbox.say(INFO, text.format(field_m=field_m))
-            self._texts_said += 1
+            self.outbox.send_text(INFO, text.format(field_m=field_m))
+            self._texts_sent += 1
         if self.state.home_ned_m is None and self.t_s >= boot.HOME_SET_S:
             self.set_home()
 
-    def _say_phases(self) -> None:
+    def _report_phases(self) -> None:
         flight, now = self.flight, self.state.now
         height_m = self.state.home_down_m - now.position_ned_m[2]
         if not self._yaw_aligned and not flight.landed and height_m > _IN_FLIGHT_YAW_HEIGHT_M:
             self._yaw_aligned = True
             for imu in (0, 1):
-                self.outbox.say(INFO, f"EKF3 IMU{imu} MAG0 in-flight yaw alignment complete")
+                self.outbox.send_text(INFO, f"EKF3 IMU{imu} MAG0 in-flight yaw alignment complete")
         touching = self.state.touching
         if touching and not self._on_ground:
             sink_m_s = max(0.0, self._sink_m_s)
-            self.outbox.say(INFO, f"SIM Hit ground at {sink_m_s:f} m/s")
+            self.outbox.send_text(INFO, f"SIM Hit ground at {sink_m_s:f} m/s")
         if not touching:
             self._sink_m_s = now.velocity_ned_m_s[2]
         if touching or height_m > 0.3:
@@ -193,14 +193,14 @@ class ArduCopter(CopterGuided):
 
     def _check_failsafes(self) -> None:
         view = View(
-            gcs_age_s=self.t_s - self.gcs_heard_s,
+            gcs_age_s=self.t_s - self.gcs_last_received_s,
             charge=self.state.charge,
             broken_fences=self._broken_fences(),
         )
         decision = self._failsafes.check(view)
         if decision is None:
             return
-        self.outbox.say(decision.severity, decision.text)
+        self.outbox.send_text(decision.severity, decision.text)
         if decision.mode is None:
             return
         if self.flight.landed:

@@ -1,4 +1,4 @@
-"""How ArduCopter flies its modes: behaviours from its parameters and the state."""
+"""ArduCopter's automatic manoeuvres: behaviours built from its parameters and the state."""
 
 import math
 
@@ -13,13 +13,13 @@ from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from worlds.frames import Vec3
 
 _FACES_WAYPOINT = {1, 2}
-"""WP_YAW_BEHAVIOR: the nose turns to the next waypoint."""
+"""Values of WP_YAW_BEHAVIOR that turn the nose to the next waypoint."""
 _FACE_BEYOND_M = 2.0
 _TAKEOFF_RADIUS_M = 0.22
-_CLIMB_AT_LEAST_M = 2.5
+_MIN_CLIMB_M = 2.5
 """RTL_ABS_MIN_CLIMB."""
-_LEAST_SLOPE = 0.5
-"""RTL_MIN_CONE_SLOPE: shallower cones are none."""
+_MIN_SLOPE = 0.5
+"""RTL_MIN_CONE_SLOPE: shallower cones are ignored."""
 
 
 class CopterManoeuvres(Manoeuvres):
@@ -36,7 +36,7 @@ class CopterManoeuvres(Manoeuvres):
         return self._p[name] / 100.0
 
     def return_speeds(self) -> Speeds:
-        """Return the speed limits of ArduCopter's RTL, which may be its own."""
+        """Return the speed limits of ArduCopter's RTL, with RTL_SPEED if it is set."""
         limits = self.speeds()
         return limits._replace(across=max(0.0, self._metres("RTL_SPEED")) or limits.across)
 
@@ -46,8 +46,8 @@ class CopterManoeuvres(Manoeuvres):
         climb_m = max(0.0, self._metres("RTL_CLIMB_MIN"))
         target_m = max(height_m + climb_m, self._metres("RTL_ALT"))
         slope = self._p["RTL_CONE_SLOPE"]
-        if slope >= _LEAST_SLOPE:
-            target_m = min(target_m, max(distance_m * slope, height_m + _CLIMB_AT_LEAST_M))
+        if slope >= _MIN_SLOPE:
+            target_m = min(target_m, max(distance_m * slope, height_m + _MIN_CLIMB_M))
         return max(height_m, target_m)
 
     def return_wait_s(self) -> float:
@@ -76,7 +76,7 @@ class CopterManoeuvres(Manoeuvres):
         return self.go_to(position_ned_m, radius_m=self._metres("WPNAV_RADIUS"))
 
     def go_to(self, position_ned_m: Vec3, *, radius_m: float) -> GoTo:
-        """Return ArduCopter's flight to a place, facing it when it is some way off."""
+        """Return ArduCopter's flight to a place, facing it when it is farther than 2 m."""
         here, yaw_rad = self._state.now.position_ned_m, self._state.now.euler_rad[2]
         north, east = position_ned_m[0] - here[0], position_ned_m[1] - here[1]
         faces = int(self._p["WP_YAW_BEHAVIOR"]) in _FACES_WAYPOINT

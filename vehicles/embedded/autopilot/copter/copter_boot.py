@@ -1,6 +1,6 @@
-"""How ArduCopter 4.7 in SITL becomes ready: what it says and sets, by seconds since boot.
+"""The boot of ArduCopter 4.7 in SITL: its texts, sensor masks and flags by seconds since boot.
 
-All times and texts are those of the reference trace.
+All times and texts are from the reference trace.
 """
 
 from vehicles.embedded.autopilot.flight.telemetry import SensorMasks

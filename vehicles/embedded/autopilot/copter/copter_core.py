@@ -1,4 +1,4 @@
-"""ArduCopter's state machine: readiness, arming, modes, and what it says of itself."""
+"""ArduCopter's state machine: readiness, arming, modes, and its reported state."""
 
 import math
 from collections.abc import Mapping
@@ -37,10 +37,11 @@ from vehicles.embedded.physics.battery import Charge
 
 
 class CopterCore(MissionAutopilot[CopterMode]):
-    """ArduCopter's modes and arming; messages and time are the subclass's."""
+    """ArduCopter's modes and arming; subclasses handle setpoints, missions and failsafes."""
 
     is_px4: ClassVar[bool] = False
     item_rules: ClassVar[ItemRules] = RULES
+    mode_entries: ClassVar[tuple[ModeEntry, ...]] = ENTRIES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
     first_mission_item: ClassVar[int] = 1
@@ -77,7 +78,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
         self.avoidance = SimpleAvoidance(self.parameters)
         self.follow = self._new_follow()
         self.velocity_at_s: float | None = None
-        """When the velocity setpoint came that is being flown; None when none is."""
+        """Time of arrival of the velocity setpoint being flown; None without one."""
 
     # Readiness.
 
@@ -87,10 +88,10 @@ class CopterCore(MissionAutopilot[CopterMode]):
         return self.t_s >= boot.POSITION_S and not self.never_ready
 
     def _prearm_bit(self) -> bool:
-        """Return ArduCopter's pre-arm bit of SYS_STATUS: true long before GUIDED runs."""
+        """Return ArduCopter's pre-arm bit of SYS_STATUS: true long before GUIDED is possible."""
         return self.t_s >= boot.PREARM_BIT_S and not self.never_ready
 
-    # What it says of itself.
+    # Reported state.
 
     def _custom_mode(self) -> int:
         return self.mode.value
@@ -101,7 +102,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
             | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
             | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         )
-        # The flag shows that the horizontal position controller runs; at boot it seems to.
+        # The flag means that the horizontal position controller runs; it is set during boot.
         if self.t_s < boot.INITIALISED_S or self.mode.controls_position:
             base_mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
         return base_mode
@@ -147,14 +148,14 @@ class CopterCore(MissionAutopilot[CopterMode]):
     # Modes.
 
     def set_mode(self, mode: int, submode: int) -> int:  # noqa: ARG002 - PX4 alone has submodes
-        """Change ArduCopter to a mode that the user wants, if it can run."""
+        """Switch ArduCopter to the user's mode by number, if it can run."""
         wanted = copter_mode(mode)
         return self.choose(wanted) if wanted is not None else FAILED
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run."""
         if mode.needs_position and not self.position_valid:
-            self.outbox.say(WARNING, f"Mode change to {mode.words} failed: requires position")
+            self.outbox.send_text(WARNING, f"Mode change to {mode.words} failed: requires position")
             return FAILED
         self.failsafe = False
         self.enter(mode)
@@ -166,7 +167,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
         if mode is not self.mode:
             self.manoeuvres.forget_speeds()
             self.mode = mode
-            # ArduPilot tells a new mode at once, beside its heartbeat of every second.
+            # ArduPilot reports a new mode by an extra heartbeat at once.
             self.outbox.send_later(self._heartbeat())
         self.velocity_at_s = None
         super().enter(mode)
@@ -189,9 +190,6 @@ class CopterCore(MissionAutopilot[CopterMode]):
             return self._by_sticks()
         return self.manoeuvres.hold()
 
-    def _is_flown_by_hand(self, mode: CopterMode) -> bool:
-        return mode.is_manual
-
     def _stick_limits(self) -> StickLimits:
         p = self.parameters
         up_cm_s = p["PILOT_SPEED_UP"]
@@ -201,9 +199,6 @@ class CopterCore(MissionAutopilot[CopterMode]):
 
     def _sticks_last_s(self) -> float:
         return self.parameters["RC_OVERRIDE_TIME"]
-
-    def _mode_entries(self) -> tuple[ModeEntry, ...]:
-        return ENTRIES
 
     def _new_follow(self) -> Follow:
         speeds = self.manoeuvres.speeds()
@@ -218,7 +213,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
     def _begin_flight(self) -> None:
         if self.t_s >= boot.HOME_SET_S:
             self.set_home()
-        self.outbox.say(INFO, "Arming motors")
+        self.outbox.send_text(INFO, "Arming motors")
 
     def set_home(self) -> None:
         """Set ArduCopter's home here, and send it."""
@@ -249,10 +244,10 @@ class CopterCore(MissionAutopilot[CopterMode]):
         self.flight.disarm()
         self.taking_off = False
         self.failsafe = False
-        self.outbox.say(INFO, "Disarming motors")
+        self.outbox.send_text(INFO, "Disarming motors")
 
     def strike(self, thing: str) -> None:
         """Disarm: ArduCopter's crash check sees the attitude leave its target."""
         if self.flight.armed:
-            self.outbox.say(EMERGENCY, f"Crash: Disarming ({thing})")
+            self.outbox.send_text(EMERGENCY, f"Crash: Disarming ({thing})")
             self.stop_motors("crash check")

@@ -1,4 +1,4 @@
-"""ArduCopter's failsafes: what went wrong, and what its parameters say to do about it.
+"""ArduCopter's failsafes: their causes, and the actions that its parameters select.
 
 Sources: ArduCopter/events.cpp, ArduCopter/fence.cpp, AP_BattMonitor (4.7); parameters by name.
 """
@@ -21,7 +21,7 @@ _FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}
 
 
 class View(NamedTuple):
-    """What ArduCopter's failsafes look at; the age of the GCS heartbeat in s."""
+    """The inputs of ArduCopter's failsafes; the age of the GCS heartbeat in s."""
 
     gcs_age_s: float
     charge: Charge
@@ -29,7 +29,7 @@ class View(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """ArduCopter's failsafe decision: text, and the mode to enter; None to go on."""
+    """ArduCopter's failsafe decision: text, and the mode to enter; None to keep the mode."""
 
     severity: int
     text: str
@@ -48,7 +48,7 @@ class Failsafes:
         self._active.clear()
 
     def check(self, view: View) -> Decision | None:
-        """Return the ArduCopter failsafe to begin now; None when nothing new is wrong."""
+        """Return the ArduCopter failsafe to begin now; None when there is no new cause."""
         causes = self._causes(view)
         ended = self._active - causes.keys()
         self._active -= ended

@@ -1,4 +1,4 @@
-"""ArduCopter on a client's lead: setpoints, places, headings, regions of interest, pauses."""
+"""ArduCopter's GUIDED mode: setpoints, positions, headings, regions of interest, pauses."""
 
 import math
 from typing import Any
@@ -25,14 +25,14 @@ from vehicles.embedded.autopilot.services.command_registry import (
 from worlds.frames import Vec3
 
 _ROI_NEAR_M = 0.5
-"""Nearer than this a region of interest has no heading."""
+"""The heading ignores a region of interest that is nearer than this."""
 
 
 class CopterGuided(CopterCore):
-    """ArduCopter's GUIDED, and what a client changes in AUTO: pauses, what the nose points at."""
+    """ArduCopter's GUIDED, and what a client changes in AUTO: pauses and regions of interest."""
 
     paused: Behaviour | None = None
-    """What is flown again after a pause."""
+    """The behaviour to resume after a pause."""
     _roi: tuple[float, float] | None = None
     """A region of interest, m north and east."""
 
@@ -41,8 +41,8 @@ class CopterGuided(CopterCore):
         self.paused = self._roi = None
         super().enter(mode)
 
-    def _lead(self, behaviour: Behaviour) -> None:
-        """Fly a behaviour of GUIDED, in a pause only after it."""
+    def _fly_guided(self, behaviour: Behaviour) -> None:
+        """Fly a behaviour of GUIDED; during a pause, after it."""
         if self.paused is None:
             self.flight.fly(behaviour)
         else:
@@ -66,7 +66,7 @@ class CopterGuided(CopterCore):
         self.velocity_at_s = self.t_s if wanted.has_velocity else None
         self.follow.set(wanted, keep_yaw_rad=flight.law.yaw_setpoint_rad)
         if self.follow not in {flight.behaviour, self.paused}:
-            self._lead(self.follow)
+            self._fly_guided(self.follow)
 
     # Places.
 
@@ -114,7 +114,7 @@ class CopterGuided(CopterCore):
         if self.flight.armed and not self.flight.landed:
             self._roi = None
             self.velocity_at_s = None
-            self._lead(self.manoeuvres.go_to(position_ned_m, radius_m=0.3))
+            self._fly_guided(self.manoeuvres.go_to(position_ned_m, radius_m=0.3))
 
     # Headings.
 
@@ -134,7 +134,7 @@ class CopterGuided(CopterCore):
         return ACCEPTED
 
     def _face(self, yaw_rad: float) -> None:
-        """Turn what is flown to a heading; a takeoff keeps its own until its end."""
+        """Turn the flown behaviour to a heading; a takeoff keeps its own until its end."""
         behaviour = self.flight.behaviour
         if isinstance(behaviour, TakeOff) and behaviour.done:
             behaviour = self.manoeuvres.go_to(behaviour.goal_ned_m, radius_m=0.3)
@@ -164,7 +164,7 @@ class CopterGuided(CopterCore):
 
     @on_command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE)
     def _pause_continue(self, command: Command) -> int:
-        """Stop in AUTO on the way to a waypoint, or in GUIDED (param1 0); go on (1)."""
+        """Pause in AUTO on the way to a waypoint, or in GUIDED (param1 0); continue (1)."""
         if command.params[0] == 0.0:
             return self._pause()
         return self._resume() if command.params[0] == 1.0 else DENIED

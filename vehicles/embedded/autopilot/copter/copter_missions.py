@@ -1,4 +1,4 @@
-"""What ArduCopter takes of missions, fences and rally points (AP_Mission.cpp, 4.7)."""
+"""The items of missions, fences and rally points that ArduCopter accepts (AP_Mission.cpp, 4.7)."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 

@@ -1,4 +1,4 @@
-"""ArduCopter's modes: numbers, names, and what they need.
+"""ArduCopter's modes: numbers, names and requirements.
 
 Source: ArduCopter/mode.h (4.7).
 """
@@ -70,7 +70,7 @@ ENTRIES = tuple(
 
 
 def copter_mode(number: int) -> CopterMode | None:
-    """Return the ArduCopter mode of a number; None for one that is not flown here."""
+    """Return the ArduCopter mode of a number; None for one that is not emulated."""
     try:
         return CopterMode(number)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What ArduCopter 4.7 fills in its own way, and the streams of REQUEST_DATA_STREAM."""
+"""Telemetry messages that are specific to ArduCopter 4.7, and REQUEST_DATA_STREAM's groups."""
 
 from typing import Any
 
@@ -49,7 +49,7 @@ def ekf_status_report(s: State) -> Any:
 
 
 def gps_raw_int(s: State) -> Any:
-    """Return ArduCopter's GPS_RAW_INT: none for 10 s, then an RTK fix as in SITL."""
+    """Return ArduCopter's GPS_RAW_INT: no fix for 10 s, then an RTK fix as in SITL."""
     fix, satellites = boot.gps(s.clock_s)
     if fix == 0:
         return mavlink.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
@@ -115,7 +115,7 @@ RATES_HZ: dict[int, float] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: 0.1,
 }
-"""By itself ArduPilot in SITL sends nothing else: streams are asked for."""
+"""Without requests, ArduPilot in SITL sends nothing else."""
 
 STREAMS: dict[int, tuple[int, ...]] = {
     mavlink.MAV_DATA_STREAM_RAW_SENSORS: (
@@ -141,4 +141,4 @@ STREAMS: dict[int, tuple[int, ...]] = {
         mavlink.MAVLINK_MSG_ID_VIBRATION,
     ),
 }
-"""What MAV_DATA_STREAM groups hold (ArduCopter/GCS_MAVLink_Copter.cpp), as far as it is here."""
+"""The emulated messages of MAV_DATA_STREAM groups (ArduCopter/GCS_MAVLink_Copter.cpp)."""

@@ -1,1 +1,1 @@
-"""How an emulated autopilot flies: behaviours, missions, telemetry of its state."""
+"""How an emulated autopilot flies: behaviours, missions, state and telemetry."""

@@ -1,4 +1,4 @@
-"""What telemetry reports: one mutable record that an autopilot keeps of itself."""
+"""The mutable state of an emulated autopilot, which its telemetry reports."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -35,17 +35,17 @@ class State:
     charge: Charge
     clock_s: float = 0.0
     clock_offset_s: float = 0.0
-    """What the clock on the wire shows beyond the time since the autopilot's start."""
+    """The transmitted clock minus the time since the autopilot's start."""
     unix_offset_us: int | None = None
-    """What the time of day is beyond `boot_us`; None as long as nobody said."""
+    """The time of day minus `boot_us`; None while unknown."""
     gps_unix_offset_us: int | None = None
-    """The same by GPS, from when its receiver has the time on; None for a receiver without."""
+    """The same by GPS, once its receiver has the time; None for a receiver without time."""
     estimate: F64 = field(default_factory=lambda: np.zeros(NUMBERS))
     """The estimate's motion array (see motion_kernel)."""
     known: Motion | None = None
-    """The estimate as `now`; None until it is looked at."""
+    """The cached `now`; None until it is read."""
     simulator: Callable[[], Motion] | None = None
-    """Gives the motion in the autopilot's simulator; None without one."""
+    """Returns the motion in the autopilot's simulator; None without one."""
     touching: bool = True
     home_ned_m: Vec3 | None = None
     target: Target | None = None
@@ -68,7 +68,7 @@ class State:
 
     @property
     def truth(self) -> Motion | None:
-        """Return the motion in the simulator, which is reported and never flown by, if any."""
+        """Return the motion in the simulator, for reports only; None without a simulator."""
         return None if self.simulator is None else self.simulator()
 
     @property
@@ -82,7 +82,7 @@ class State:
         return self.stamp_us(self.clock_s)
 
     def stamp_us(self, clock_s: float) -> int:
-        """Return the stamp of a moment of the autopilot's clock, us."""
+        """Return the transmitted timestamp of a time on the autopilot's clock, us."""
         return int((clock_s + self.clock_offset_s) * 1e6 + 1e-3)
 
     @property

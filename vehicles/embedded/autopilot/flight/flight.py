@@ -1,4 +1,4 @@
-"""From arming to landing: motors, behaviours, and what the autopilot knows of the ground."""
+"""A flight from arming to landing: motors, the flown behaviour, takeoff and landing detection."""
 
 import math
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts
 
 _IDLE_SHARE = 0.08
 _LIFT_SHARE = 0.92
-"""Parts of hover thrust: armed on the ground, and just before the ground is left."""
+"""Shares of hover thrust: armed on the ground, and just before leaving the ground."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightStyle:
-    """The times of arming and liftoff in which autopilots' flight differs, s.
+    """The times of arming, liftoff and landing in which the autopilots differ, s.
 
-    spool: from arming until thrust may rise. lift: from then until the ground is left. noticed:
-    from the rise of thrust until the autopilot says that it takes off. touch: how long the ground
-    is felt until it counts as landed.
+    spool: from arming until thrust may rise. lift: from then until leaving the ground. noticed:
+    from the rise of thrust until the autopilot detects takeoff. touch: how long it touches the
+    ground until landing is detected.
     """
 
     law: LawKind
@@ -44,14 +44,14 @@ class Flight:
         self.behaviour: Behaviour | None = None
         self.armed = False
         self.landed = True
-        self.lifting = False
-        """Off the ground, or thrust has risen so far that the autopilot says so."""
+        self.takeoff_detected = False
+        """In the air, or thrust has risen enough for the autopilot to detect takeoff."""
         self.armed_at_s = 0.0
         self.landed_at_s: float | None = None
-        """When it last landed since arming; None before the first takeoff."""
+        """Time of the last landing since arming; None before it."""
         self.motors_cut = False
         self.target: Target | None = None
-        """What the controller flies; None on the ground."""
+        """The controller's target; None on the ground."""
         self._lift_began_s: float | None = None
         self._touch_began_s: float | None = None
         self._commanded: Thrusts = STOPPED
@@ -71,7 +71,7 @@ class Flight:
     def disarm(self) -> None:
         """Stop the motors."""
         self.armed = False
-        self.lifting = False
+        self.takeoff_detected = False
         self._commanded = STOPPED
 
     def fly(self, behaviour: Behaviour) -> None:
@@ -95,7 +95,7 @@ class Flight:
             if target is None or self.law.takes_target:
                 self.target = target = self.behaviour.update(state.now, t_s)
             thrusts = self.law.run(state.estimate, target)
-            self._feel_ground(self.behaviour, t_s, touching=touching)
+            self._detect_landing(self.behaviour, t_s, touching=touching)
         self._commanded = thrusts
         return thrusts
 
@@ -107,24 +107,24 @@ class Flight:
             if self._lift_began_s is None:
                 self._lift_began_s = t_s
             rising_s = t_s - self._lift_began_s
-            self.lifting = rising_s >= style.noticed_s
+            self.takeoff_detected = rising_s >= style.noticed_s
             if rising_s >= style.lift_s:
                 self._leave_ground(now)
             share = _IDLE_SHARE + (_LIFT_SHARE - _IDLE_SHARE) * min(1.0, rising_s / style.lift_s)
         else:
             self._lift_began_s = None
-            self.lifting = False
+            self.takeoff_detected = False
         thrust_n = share * self._hover_n
         return (thrust_n, thrust_n, thrust_n, thrust_n)
 
     def _leave_ground(self, now: Motion) -> None:
         self.landed = False
-        self.lifting = True
+        self.takeoff_detected = True
         self._lift_began_s = None
         self._touch_began_s = None
         self.law.reset(yaw_rad=now.euler_rad[2])
 
-    def _feel_ground(self, behaviour: Behaviour, t_s: float, *, touching: bool) -> None:
+    def _detect_landing(self, behaviour: Behaviour, t_s: float, *, touching: bool) -> None:
         if not (touching and behaviour.descends):
             self._touch_began_s = None
         elif self._touch_began_s is None:
@@ -134,7 +134,7 @@ class Flight:
 
     def _land(self, t_s: float) -> None:
         self.landed = True
-        self.lifting = False
+        self.takeoff_detected = False
         self.landed_at_s = t_s
 
 
@@ -147,7 +147,7 @@ class TiltWatch:
         self._since_s: float | None = None
 
     def tumbling(self, now: Motion, t_s: float) -> bool:
-        """Take the present attitude; return whether the vehicle tumbles in flight."""
+        """Return whether the vehicle tumbles, with this attitude as the next sample."""
         roll, pitch, _ = now.euler_rad
         if math.cos(roll) * math.cos(pitch) >= self._cosine:
             self._since_s = None

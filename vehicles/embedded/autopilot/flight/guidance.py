@@ -1,4 +1,4 @@
-"""What a flight mode flies: each behaviour turns the present motion into a controller target."""
+"""Behaviours: each turns the present motion into a controller target (hold, go to, land...)."""
 
 import math
 from abc import ABC, abstractmethod
@@ -12,7 +12,7 @@ from worlds.frames import Vec3
 
 
 class Wanted(NamedTuple):
-    """A guidance target in the local frame; None for axes without setpoint."""
+    """A received setpoint in the local frame; None for axes without one."""
 
     position_ned_m: tuple[float | None, float | None, float | None]
     velocity_ned_m_s: Vec3
@@ -30,12 +30,12 @@ class Speeds(NamedTuple):
 
 
 def speed_limits(across: float, up: float, down: float) -> Speeds:
-    """Return guidance speed limits from parameters; none is below zero."""
+    """Return guidance speed limits from parameters, at least zero."""
     return Speeds(max(0.0, across), max(0.0, up), max(0.0, down))
 
 
 Limit = Callable[[Vec3, float, float], Vec3]
-"""From velocity, heading and time to the velocity that may be flown."""
+"""Maps velocity, heading and time to the allowed velocity."""
 
 
 class Behaviour(ABC):
@@ -51,22 +51,22 @@ class Behaviour(ABC):
 
     @property
     def descends(self) -> bool:
-        """Return whether the behaviour means to touch the ground: then that is a landing."""
+        """Return whether the behaviour descends to the ground, so that touching it is a landing."""
         return False
 
     @abstractmethod
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the behaviour's guidance target of this moment."""
+        """Return the behaviour's present guidance target."""
 
-    def change_speeds(self, speeds: Speeds) -> None:  # noqa: B027 - most have speeds of their own
-        """Change the behaviour's speeds, where it flies at the automatic ones."""
+    def change_speeds(self, speeds: Speeds) -> None:  # noqa: B027 - most have their own speeds
+        """Change the behaviour's speeds, if it flies at the automatic ones."""
 
-    def face(self, yaw_rad: float) -> None:  # noqa: B027 - some have a heading of their own
-        """Turn to a heading, where the behaviour leaves that to the user."""
+    def face(self, yaw_rad: float) -> None:  # noqa: B027 - some have their own heading
+        """Turn to a heading, if the behaviour leaves that to the user."""
 
 
 class Hold(Behaviour):
-    """The guidance behaviour of a hold: brake, then stay there, or at a given place."""
+    """The guidance behaviour of a hold: brake, then stay there, or at a given position."""
 
     _SLOW_M_S = 0.15
 
@@ -79,8 +79,8 @@ class Hold(Behaviour):
         if position_ned_m is not None:
             self._target = self._target._replace(position_ned_m=position_ned_m)
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
-        """Return zero velocity while fast, then the hold's place."""
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
+        """Return zero velocity while fast, then the hold's position."""
         if self._place is None and _speed(now) <= self._SLOW_M_S:
             self._place = now.position_ned_m
             self._target = self._target._replace(position_ned_m=self._place)
@@ -103,7 +103,7 @@ class GoTo(Behaviour):
         self._target = Target(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
         self._radius_m = radius_m
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
         """Return the place to go to; done within the radius."""
         if math.dist(now.position_ned_m, self.position_ned_m) < self._radius_m:
             self.done = True
@@ -119,9 +119,9 @@ class GoTo(Behaviour):
 
 
 class Follow(Behaviour):
-    """The guidance behaviour that follows setpoints; without, or stale, it stands still.
+    """The guidance behaviour that follows setpoints; without fresh ones it stands still.
 
-    limit: what of a velocity may be flown, where something is to be avoided.
+    limit: limits velocities for obstacle avoidance; None for none.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Follow(Behaviour):
         return self._descends
 
     def set(self, wanted: Wanted, *, keep_yaw_rad: float) -> None:
-        """Set the followed setpoint; axes of None by velocity alone, no heading keeps this one."""
+        """Set the followed setpoint; axes of None fly by velocity, no heading keeps this one."""
         yaw_rad = wanted.yaw_rad
         if yaw_rad is None and wanted.yaw_rate_rad_s == 0.0:
             yaw_rad = keep_yaw_rad
@@ -216,11 +216,11 @@ class TakeOff(Behaviour):
 
     @property
     def goal_ned_m(self) -> Vec3:
-        """Return where the takeoff ends."""
+        """Return the position at which the takeoff ends."""
         return (*self._place, self.down_m)
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the takeoff's target above where it began, at the ramp's speed."""
+        """Return the takeoff's target above its start, at the ramp's speed."""
         if self._began_s is None:
             self._began_s = t_s
             self._place = now.position_ned_m[:2]
@@ -268,10 +268,10 @@ class Land(Behaviour):
         return True
 
     def aim(self, north_m: float, east_m: float) -> None:
-        """Land at this place, not where the vehicle comes to rest."""
+        """Land at this position, not where the vehicle comes to rest."""
         self._place = (north_m, east_m)
 
-    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the seam's signature
+    def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
         """Return the landing's target at the profile's speed."""
         if self._yaw_rad is None:
             self._yaw_rad = now.euler_rad[2]
@@ -315,7 +315,7 @@ class ReturnHome(Behaviour):
 
     @property
     def descends(self) -> bool:
-        """Return whether the return has come to its landing."""
+        """Return whether the return is in its landing stage."""
         return self.landing
 
     def update(self, now: Motion, t_s: float) -> Target:

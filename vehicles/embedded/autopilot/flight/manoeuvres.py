@@ -1,4 +1,4 @@
-"""What a firmware flies by itself: behaviours made from its parameters and the state."""
+"""A firmware's automatic manoeuvres: behaviours built from its parameters and the state."""
 
 import math
 from abc import ABC, abstractmethod
@@ -20,11 +20,11 @@ from worlds.frames import Vec3
 
 _CHANGED = {0.0: "across", 1.0: "across", 2.0: "up", 3.0: "down"}
 """SPEED_TYPE to the limit that it changes."""
-_TAKE_BACK = -2.0
+_RESET_SPEED = -2.0
 
 
 class Manoeuvres(ABC):
-    """Makes manoeuvres' behaviours; each firmware says by which of its parameters."""
+    """Builds the behaviours of manoeuvres; each firmware uses its own parameters."""
 
     def __init__(self, parameters: Parameters, state: State) -> None:
         self._p = parameters
@@ -43,14 +43,14 @@ class Manoeuvres(ABC):
     def change_speed(self, kind: float, speed_m_s: float) -> bool:
         """Execute DO_CHANGE_SPEED: 0, 1 across, 2 up, 3 down; False for others.
 
-        A speed of -1 leaves it, and -2 takes it back.
+        A speed of -1 keeps the present one, and -2 restores the default.
         """
         name = _CHANGED.get(kind)
         if name is None or not math.isfinite(speed_m_s):
             return False
         if speed_m_s > 0.0:
             self._changed[name] = min(speed_m_s, FASTEST_M_S)
-        elif speed_m_s == _TAKE_BACK:
+        elif speed_m_s == _RESET_SPEED:
             self._changed.pop(name, None)
         return True
 
@@ -115,7 +115,7 @@ class Manoeuvres(ABC):
         )
 
     def from_home_m(self) -> tuple[float, float]:
-        """Return the vehicle's distance from home, across and above."""
+        """Return the vehicle's horizontal distance from home, and its height above home."""
         north, east, down = self._state.home_ned_m or (0.0, 0.0, 0.0)
         here = self._state.now.position_ned_m
         return math.hypot(here[0] - north, here[1] - east), down - here[2]

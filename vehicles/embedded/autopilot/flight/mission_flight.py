@@ -1,4 +1,4 @@
-"""Flying an uploaded mission: its items one after the other, with jumps and changes of speed."""
+"""Flies an uploaded mission: its items in order, with jumps and changes of speed."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -30,7 +30,8 @@ FLOWN = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
     mavlink.MAV_CMD_NAV_DELAY,
 }
-"""Commands of a mission that are flown; of others, DO_JUMP, DO_CHANGE_SPEED and `LOOKS` act."""
+"""Commands of a mission that are flown; of the others, only DO_JUMP, DO_CHANGE_SPEED and `LOOKS`
+have an effect."""
 LOOKS = (
     mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
     mavlink.MAV_CMD_DO_SET_ROI,
@@ -43,29 +44,29 @@ _STAYS = {
     mavlink.MAV_CMD_NAV_DELAY: 1.0,
     mavlink.MAV_CMD_NAV_LOITER_TURNS: 18.0,
 }
-"""Seconds to stay for one of param1: a turn takes 18 s at CIRCLE_RATE of 20 degrees/s."""
-_MOST_STEPS = 2000
-"""So many items without one that is flown: the mission jumps in circles and ends."""
+"""Seconds to stay per unit of param1: a turn takes 18 s at CIRCLE_RATE of 20 degrees/s."""
+_MAX_STEPS = 2000
+"""After so many items without one that is flown, the mission jumps in circles: it ends."""
 
 
 class MissionEvents(Protocol):
-    """What a flown mission reports to its autopilot (protocol)."""
+    """The events that a flown mission reports to its autopilot (protocol)."""
 
     def begin_item(self, seq: int) -> None:
-        """Take that a mission item is being flown from now on."""
+        """Report that this mission item is now flown."""
 
     def reach_item(self, seq: int) -> None:
-        """Take that a mission item was flown."""
+        """Report that a mission item is reached."""
 
     def finish_mission(self) -> None:
-        """Take that the mission's last item was flown."""
+        """Report that the mission's last item is reached."""
 
     def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
         """Look at a region of interest from now on; at 0, 0 there is none."""
 
 
 class MissionMakers(NamedTuple):
-    """How a firmware flies mission items. lift: before the first from the ground, or None."""
+    """How a firmware flies mission items. lift: the climb before an item on the ground, or None."""
 
     manoeuvres: Manoeuvres
     go_home: Callable[[], Behaviour]
@@ -94,7 +95,7 @@ class FlyMission(Behaviour):
         self._arrived_s: float | None = None
         self._current: Behaviour = makers.manoeuvres.hold()
         self._after_lift: Behaviour | None = None
-        self._go_on(first)
+        self._advance_to(first)
 
     @property
     def seq(self) -> int:
@@ -112,7 +113,7 @@ class FlyMission(Behaviour):
         return self._current.descends
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the present mission item's target, going on when it is done."""
+        """Return the present mission item's target; begin the next item when it is done."""
         target = self._current.update(now, t_s)
         if not self._current.done or self.done:
             return target
@@ -126,14 +127,14 @@ class FlyMission(Behaviour):
         return target
 
     def take_landing(self) -> None:
-        """Continue the mission after a landing that the present item asked for."""
+        """Continue the mission after the landing of the present item."""
         if not self.done and isinstance(self._current, Land | ReturnHome):
             self._reach()
 
     def jump_to(self, seq: int) -> None:
         """Continue the mission with this item."""
         self.done = False
-        self._go_on(seq)
+        self._advance_to(seq)
 
     def change_speeds(self, speeds: Speeds) -> None:
         """Fly the present mission item at other speeds."""
@@ -145,23 +146,23 @@ class FlyMission(Behaviour):
 
     @property
     def is_under_way(self) -> bool:
-        """Return whether the mission flies to a place that is not reached."""
+        """Return whether the mission flies to a position that is not reached yet."""
         return not self.done and isinstance(self._current, GoTo) and not self._current.done
 
     def _reach(self) -> None:
         self._events.reach_item(self._seq)
-        self._go_on(self._seq + 1)
+        self._advance_to(self._seq + 1)
 
-    def _go_on(self, seq: int) -> None:
-        """Begin the mission's first flown item from `seq` on, doing what stands before it."""
+    def _advance_to(self, seq: int) -> None:
+        """Begin the mission's first flown item from `seq` on; execute the items before it."""
         self._arrived_s = None
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             if seq >= len(self._items):
                 break
             if self._items[seq].command in FLOWN:
                 self._begin(seq)
                 return
-            seq = self._do(seq)
+            seq = self._execute(seq)
         self.done = True
         self._events.finish_mission()
 
@@ -175,8 +176,8 @@ class FlyMission(Behaviour):
             if lift is not None:
                 self._current, self._after_lift = lift, self._current
 
-    def _do(self, seq: int) -> int:
-        """Do a mission item that is not flown; return the next one."""
+    def _execute(self, seq: int) -> int:
+        """Execute a mission item that is not flown; return the index of the next one."""
         item = self._items[seq]
         if item.command == mavlink.MAV_CMD_DO_JUMP:
             target, times = whole(item.params[0]), whole(item.params[1])
@@ -215,7 +216,7 @@ def starts_with_takeoff(items: tuple[Item, ...]) -> bool:
 
 
 def place_of(item: Item, state: State) -> Vec3:
-    """Return a mission item's place; latitude and longitude of zero: the present one."""
+    """Return a mission item's position; latitude and longitude of zero mean the present ones."""
     altitude_m = item.z
     if item.frame in RELATIVE_ALTITUDE_FRAMES:
         altitude_m += state.frame.altitude_m - state.home_down_m

@@ -1,4 +1,4 @@
-"""Items of a mission, a fence or a list of rally points, and what a firmware takes of them."""
+"""Items of a mission, a fence or a list of rally points, and which of them a firmware accepts."""
 
 import math
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ PLACED = frozenset(
         mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
     }
 )
-"""Commands whose x, y and z are a place on the globe."""
+"""Commands whose x, y and z are latitude, longitude and altitude."""
 
 
 class Item(NamedTuple):
@@ -47,7 +47,7 @@ class Item(NamedTuple):
 class ItemRules(NamedTuple):
     """A firmware's rules of mission items: commands by list, frames of placed items.
 
-    nan_is_unset: NaN stands for "not given" in every parameter (PX4), not in the fourth alone.
+    nan_is_unset: NaN means "not given" in every parameter (PX4), not only in the fourth.
     """
 
     commands: dict[int, frozenset[int]]
@@ -56,9 +56,9 @@ class ItemRules(NamedTuple):
 
 
 def item_of(message: Any) -> Item | int:
-    """Return the mission item of a MISSION_ITEM or MISSION_ITEM_INT, or why it is none.
+    """Return the mission item of a MISSION_ITEM or MISSION_ITEM_INT, or a MAV_MISSION_RESULT.
 
-    The degrees of a MISSION_ITEM are floats and may be no numbers: then a MAV_MISSION_RESULT.
+    The degrees of a MISSION_ITEM are floats and may be NaN: then the item is invalid.
     """
     x, y = message.x, message.y
     if message.get_type() == "MISSION_ITEM":

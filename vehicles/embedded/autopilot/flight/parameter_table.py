@@ -1,4 +1,4 @@
-"""The table of an autopilot's parameters, and their two encodings on the wire."""
+"""The table of an autopilot's parameters, and their encodings by PX4 and by ArduPilot."""
 
 import struct
 from collections.abc import Iterator, Mapping
@@ -44,7 +44,7 @@ class Parameters:
         self._names = tuple(self._entries)
         self._bytewise = bytewise
         self.changes = 0
-        """How often a parameter was set."""
+        """Number of times that a parameter was set."""
 
     def __getitem__(self, name: str) -> float:
         return self._entries[name].value

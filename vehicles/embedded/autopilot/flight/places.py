@@ -1,11 +1,11 @@
-"""What a place may be: the bounds by which a firmware refuses one."""
+"""The bounds of positions and parameters that a firmware accepts."""
 
 import math
 
 HIGHEST_M = 83_000.0
-"""LOCATION_ALT_MAX_M of ArduPilot: what its integer storage of altitudes carries."""
+"""LOCATION_ALT_MAX_M of ArduPilot: the largest altitude that its integers can store."""
 FARTHEST_M = 1e7
-"""Local setpoints farther off are taken as this far: half the way round the earth is 2e7."""
+"""Local setpoints are bounded to this distance: half the way round the earth is 2e7."""
 FASTEST_M_S = 1e4
 
 

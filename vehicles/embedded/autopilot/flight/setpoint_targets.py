@@ -1,4 +1,4 @@
-"""SET_POSITION_TARGET_* to what a vehicle flies: frames and masks, MAVLink's common.xml."""
+"""Converts SET_POSITION_TARGET_* to local setpoints: frames and masks of MAVLink's common.xml."""
 
 import math
 from typing import Any
@@ -24,7 +24,7 @@ _OFFSET_FRAMES = {*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
 
 
 def local_setpoint(message: Any, now: Motion) -> Wanted | None:
-    """Return the target in a SET_POSITION_TARGET_LOCAL_NED; None for nothing to fly.
+    """Return the target in a SET_POSITION_TARGET_LOCAL_NED; None when it has none.
 
     Offsets count from the present position; body frames turn with the heading alone (ArduPilot's
     BODY_NED and BODY_OFFSET_NED).
@@ -42,7 +42,7 @@ def local_setpoint(message: Any, now: Motion) -> Wanted | None:
 
 
 def global_setpoint(message: Any, frame: LocalFrame, home_down_m: float) -> Wanted | None:
-    """Return the target in a SET_POSITION_TARGET_GLOBAL_INT; None for nothing to fly."""
+    """Return the target in a SET_POSITION_TARGET_GLOBAL_INT; None when it has none."""
     altitude_m = message.alt
     if message.coordinate_frame in RELATIVE_ALTITUDE_FRAMES:
         altitude_m += frame.altitude_m - home_down_m
@@ -59,7 +59,7 @@ RELATIVE_ALTITUDE_FRAMES = {
 
 
 def _wanted_motion(message: Any, position: Vec3, velocity: Vec3, yaw_rad: float) -> Wanted | None:
-    """Return the target of a setpoint by its type mask; None for nothing to fly."""
+    """Return the target of a setpoint by its type mask; None when it has none."""
     mask = message.type_mask
     axes = [
         None

@@ -1,4 +1,4 @@
-"""A person's sticks, and the mode that flies by them."""
+"""A pilot's sticks, and the behaviour that flies by them."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from vehicles.embedded.control.target import Target
 from vehicles.embedded.physics.states import Motion
 
 _CENTRED = 0.05
-"""Less than this of a stick's way is none."""
+"""A stick nearer to its centre than this counts as centred."""
 _UNKNOWN_AXIS = 32767
 _PWM_UNCHANGED, _PWM_RELEASED = 65535, 0
 
@@ -32,14 +32,14 @@ class Sticks:
 
 
 class StickLimits(NamedTuple):
-    """What sticks at their ends demand: m/s across, up and down, rad/s of turn."""
+    """The demand of fully deflected sticks: m/s across, up and down, rad/s of turn."""
 
     speeds: Speeds
     turn_rad_s: float
 
 
 def sticks_of_manual(x: int, y: int, z: int, r: int, *, at_s: float) -> Sticks:
-    """Return the sticks in a MANUAL_CONTROL: -1000 to 1000, z 0 to 1000; INT16_MAX none."""
+    """Return the sticks in a MANUAL_CONTROL: -1000 to 1000, z 0 to 1000; INT16_MAX is unknown."""
     return Sticks(_share(x), _share(y), _share(2 * z - 1000, unknown=z), _share(r), at_s)
 
 
@@ -65,7 +65,7 @@ def sticks_of_pulses(
 
 
 class FlyBySticks(Behaviour):
-    """The behaviour that flies the sticks' velocity, in the heading's frame; centred: stay."""
+    """The behaviour that flies the sticks' velocity in the heading's frame; centred: hold."""
 
     def __init__(
         self, *, sticks: Callable[[], Sticks | None], limits: StickLimits, yaw_rad: float
@@ -88,7 +88,7 @@ class FlyBySticks(Behaviour):
         return sticks is not None and sticks.up < -_CENTRED
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the sticks' velocity, or the place to stay at."""
+        """Return the sticks' velocity, or the position to hold."""
         sticks = self._sticks()
         if sticks is None or sticks.centred:
             return self._hold.update(now, t_s)

@@ -1,4 +1,4 @@
-"""Telemetry that both autopilots send alike: one function per message, from the state."""
+"""Telemetry messages that both autopilots send alike: one function builds each from the state."""
 
 import math
 from collections.abc import Callable
@@ -88,7 +88,7 @@ def system_time(s: State) -> Any:
 
 
 def battery_status(s: State) -> Any:
-    """Return the telemetry message BATTERY_STATUS, the pack as one cell, as SITL."""
+    """Return the telemetry message BATTERY_STATUS, with the pack as one cell, as in SITL."""
     charge = s.charge
     return mavlink.MAVLink_battery_status_message(
         0,
@@ -166,7 +166,7 @@ def position_target_local_ned(s: State) -> Any | None:
 
 
 def position_target_global_int(s: State) -> Any | None:
-    """Return the telemetry message POSITION_TARGET_GLOBAL_INT; None if there is no place.
+    """Return the telemetry message POSITION_TARGET_GLOBAL_INT; None without a target position.
 
     A landing has no altitude to reach: 0, as PX4 sends it.
     """
@@ -320,7 +320,7 @@ def _magnetic_field_gauss(s: State) -> tuple[float, float, float]:
 
 def _centi(value: float) -> int:
     """Return a value in hundredths as a telemetry field's int16."""
-    return max(-32768, min(32767, round(value * 100.0)))
+    return _int16(value * 100.0)
 
 
 def _int32(value: float) -> int:

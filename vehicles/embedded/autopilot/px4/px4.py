@@ -1,4 +1,4 @@
-"""An autopilot that behaves to the outside as PX4 1.18 in SITL (SIH quadrotor) does."""
+"""The emulated PX4, which behaves over MAVLink as PX4 1.18 in SITL (SIH quadrotor) does."""
 
 import math
 from collections.abc import Mapping
@@ -39,7 +39,7 @@ _HEADING_TEXT_S = 2.55
 _TILT_FOR_S = 0.3
 """FD_FAIL_R_TTRI, FD_FAIL_P_TTRI."""
 _BREAKER_CLOSED = 121212
-"""Of CBRK_FLIGHTTERM: the failure detector does not terminate by itself."""
+"""Value of CBRK_FLIGHTTERM that keeps the failure detector from terminating the flight."""
 _FAILSAFE_MODES = {
     Action.HOLD: Px4Mode.HOLD,
     Action.RETURN: Px4Mode.RTL,
@@ -77,7 +77,7 @@ class Px4(Px4Core):
             limit_rad=math.radians(self.parameters["FD_FAIL_R"]), for_s=_TILT_FOR_S
         )
         self._takeoff_down_m: float | None = None
-        self._heading_text_said = False
+        self._heading_text_sent = False
 
     # Setpoints.
 
@@ -85,12 +85,12 @@ class Px4(Px4Core):
     def _on_local_setpoint(self, message: Any) -> None:
         frame, now = message.coordinate_frame, self.state.now
         if frame == mavlink.MAV_FRAME_BODY_NED:
-            # PX4 turns body velocities with the whole attitude, and takes no body positions.
+            # PX4 rotates body velocities by the whole attitude, and ignores body positions.
             body: Vec3 = (message.vx, message.vy, message.vz)
             message.vx, message.vy, message.vz = rotate(quat_from_euler(*now.euler_rad), body)
             message.type_mask |= 0b111
         elif frame != mavlink.MAV_FRAME_LOCAL_NED:
-            self.outbox.say(
+            self.outbox.send_text(
                 CRITICAL, f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported\t"
             )
             return
@@ -112,7 +112,7 @@ class Px4(Px4Core):
         """Switch PX4 to the user's mode; a pending failsafe is dropped."""
         result = super().choose(mode)
         if result == ACCEPTED:
-            self._failsafes.user_took_over()
+            self._failsafes.on_user_mode()
         return result
 
     def _begin_flight(self) -> None:
@@ -131,7 +131,7 @@ class Px4(Px4Core):
     def _start_mission(self, command: Command) -> int:
         """Fly PX4's mission, and arm for it; param1 is its first item."""
         if not self.has_mission:
-            self.outbox.say(CRITICAL, "Mission start denied! No valid mission\t")
+            self.outbox.send_text(CRITICAL, "Mission start denied! No valid mission\t")
             return DENIED
         first = command.params[0]
         if not (math.isfinite(first) and -1 <= first < self.state.mission_total):
@@ -142,7 +142,7 @@ class Px4(Px4Core):
         return result if result != ACCEPTED else self.arm(force=False)
 
     def _lift(self, down_m: float) -> Behaviour | None:
-        """Return the climb that PX4 flies before a waypoint that is given on the ground."""
+        """Return the climb that PX4 flies before a waypoint when it is on the ground."""
         if not self.flight.landed:
             return None
         state = self.state
@@ -178,7 +178,7 @@ class Px4(Px4Core):
             if down_m is None:
                 height_m = self.parameters["MIS_TAKEOFF_ALT"]
                 down_m = self.state.home_down_m - height_m
-                self.outbox.say(INFO, f"Using default takeoff altitude: {height_m:.1f} m\t")
+                self.outbox.send_text(INFO, f"Using default takeoff altitude: {height_m:.1f} m\t")
             self._takeoff_down_m = None
             return self.manoeuvres.take_off(down_m)
         if mode is Px4Mode.MISSION:
@@ -191,19 +191,19 @@ class Px4(Px4Core):
         """Send PX4's due texts; check modes and failsafes."""
         if self.state.home_ned_m is None and self.position_valid:
             self.state.home_ned_m = self.state.now.position_ned_m
-        if not self._heading_text_said and self.t_s >= _HEADING_TEXT_S:
-            self._heading_text_said = True
-            self.outbox.say(CRITICAL, "Preflight Fail: no heading reference\t")
+        if not self._heading_text_sent and self.t_s >= _HEADING_TEXT_S:
+            self._heading_text_sent = True
+            self.outbox.send_text(CRITICAL, "Preflight Fail: no heading reference\t")
         if not self.flight.armed:
             return
-        self._say_phases()
+        self._report_phases()
         self._watch_mission()
         if not self.terminated:
             self._end_takeoff()
             if self._tilt.tumbling(self.state.now, self.t_s) and self._may_terminate():
                 self.terminate("Critical failure detected: terminate flight")
             if self.mode.is_manual and self.fresh_sticks() is None:
-                self.outbox.say(WARNING, "Manual control lost\t")
+                self.outbox.send_text(WARNING, "Manual control lost\t")
                 self.fail(_STICKS_LOST.get(int(self.parameters["NAV_RCL_ACT"]), Px4Mode.RTL))
             decision = self._failsafes.check(self._view())
             if decision is not None:
@@ -211,18 +211,18 @@ class Px4(Px4Core):
         self._disarm_when_due()
 
     def _may_be_place(self, command: Command) -> bool:
-        """Return whether PX4 accepts the given part of a place; NaN is not given."""
+        """Return whether PX4 accepts a command's position; NaN means not given."""
         x, y, z = (0.0 if math.isnan(each) else each for each in (command.x, command.y, command.z))
         return is_on_globe(x, y) and is_altitude(z)
 
     def _may_terminate(self) -> bool:
         return int(self.parameters["CBRK_FLIGHTTERM"]) != _BREAKER_CLOSED
 
-    def _say_phases(self) -> None:
-        flying = self.flight.lifting or not self.flight.landed
+    def _report_phases(self) -> None:
+        flying = self.flight.takeoff_detected or not self.flight.landed
         if flying is not self.flying:
             self.flying = flying
-            self.outbox.say(INFO, "Takeoff detected\t" if flying else "Landing detected\t")
+            self.outbox.send_text(INFO, "Takeoff detected\t" if flying else "Landing detected\t")
 
     def _end_takeoff(self) -> None:
         """Change PX4 from TAKEOFF to HOLD near the takeoff height."""
@@ -242,7 +242,7 @@ class Px4(Px4Core):
             t_s=self.t_s,
             offboard=self.mode is Px4Mode.OFFBOARD,
             setpoint_age_s=self.t_s - self.setpoint_at_s,
-            gcs_age_s=self.t_s - self.gcs_heard_s,
+            gcs_age_s=self.t_s - self.gcs_last_received_s,
             battery=self.state.charge.remaining,
             outside_fence=self._is_outside(self.fence),
         )
@@ -250,7 +250,7 @@ class Px4(Px4Core):
     def _act(self, decision: Decision) -> None:
         action = decision.action
         if action is Action.WARN:
-            self.outbox.say(WARNING, WARNINGS[decision.cause])
+            self.outbox.send_text(WARNING, WARNINGS[decision.cause])
         elif action is Action.DISARM:
             self.stop_motors("failsafe")
         elif action is Action.TERMINATE:
@@ -266,13 +266,13 @@ class Px4(Px4Core):
         return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
 
     def _fence_result(self, fence: EmulatedFence) -> int:
-        """Refuse a PX4 fence that would be breached at once, or that leaves home out."""
+        """Refuse a PX4 fence that would be breached at once, or that excludes home."""
         home = self.state.home_ned_m
         breached = self._is_outside(fence) or (
             home is not None and fence.breached(home[0], home[1])
         )
-        if int(self.parameters["GF_ACTION"]) > 1 and breached:
-            self.outbox.say(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
+        if fence.areas and int(self.parameters["GF_ACTION"]) > 1 and breached:
+            self.outbox.send_text(CRITICAL, "Geofence invalid, doesn't contain Home position\t")
             return int(mavlink.MAV_MISSION_DENIED)
         return mission_service.ACCEPTED
 

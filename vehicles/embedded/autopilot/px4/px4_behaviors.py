@@ -1,4 +1,4 @@
-"""How PX4 flies its modes: behaviours from its parameters and the state."""
+"""PX4's automatic manoeuvres: behaviours built from its parameters and the state."""
 
 import math
 
@@ -46,8 +46,9 @@ class Px4Manoeuvres(Manoeuvres):
         return max(height_m, above_m)
 
     def return_wait_s(self) -> float:
-        """Return how long PX4 loiters above home; for ever when negative."""
-        return max(0.0, self._p["RTL_LAND_DELAY"])
+        """Return how long PX4 loiters above home; forever when RTL_LAND_DELAY is negative."""
+        delay_s = self._p["RTL_LAND_DELAY"]
+        return delay_s if delay_s >= 0.0 else math.inf
 
     def land_profile(self) -> LandProfile:
         """Return PX4's descent: slower below 5 m, a crawl below 1 m.

@@ -1,4 +1,4 @@
-"""PX4's state machine: readiness, arming, modes, and what it says of itself."""
+"""PX4's state machine: readiness, arming, modes, and its reported state."""
 
 import math
 from collections.abc import Mapping
@@ -34,25 +34,26 @@ from vehicles.embedded.physics.airframe import Airframe
 from vehicles.embedded.physics.battery import Charge
 
 _GCS_SILENT_AFTER_S = 2.5
-"""A ground station whose heartbeat is older is gone (mavlink_receiver.cpp)."""
+"""A ground station whose last heartbeat is older counts as gone (mavlink_receiver.cpp)."""
 
 # Seconds since boot, from the reference trace.
 _POSITION_S = 3.2
 _CHECKS_PASS_S = 4.9
 _PREARM_BIT_S = 6.3
 _TERRAIN_LOST_S = 0.7
-"""After landing the estimator's height above ground is gone."""
+"""How long after landing the estimator loses its height above ground."""
 _NO_MISSION_ITEMS = 65535
 """MISSION_CURRENT.total without a mission, as in the reference trace."""
 _PREARM_BIT_OFF_S = 0.18
-"""How long the pre-arm bit falls when a failsafe begins."""
+"""How long the pre-arm bit is 0 when a failsafe begins."""
 
 
 class Px4Core(MissionAutopilot[Px4Mode]):
-    """PX4's modes and arming; messages and time are the subclass's."""
+    """PX4's modes and arming; the subclass handles setpoints, missions and failsafes."""
 
     is_px4: ClassVar[bool] = True
     item_rules: ClassVar[ItemRules] = RULES
+    mode_entries: ClassVar[tuple[ModeEntry, ...]] = ENTRIES
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
     parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
     first_mission_item: ClassVar[int] = 0
@@ -88,7 +89,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
         self.terminated = False
         self.flying = False
-        """Whether takeoff was detected, and landing not yet."""
+        """Whether takeoff is detected, and landing not yet."""
         self.setpoint_at_s = -math.inf
         self.follow = Follow(
             speeds=self.manoeuvres.offboard_speeds(), yaw_rad=0.0, may_lift=True, direct=True
@@ -121,17 +122,17 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         return not self.mode.prevents_arming
 
     def _prearm_bit(self) -> bool:
-        """Return PX4's pre-arm bit of SYS_STATUS: later than checks, off in failsafes."""
+        """Return PX4's pre-arm bit of SYS_STATUS: set after the checks, 0 as a failsafe begins."""
         if self.never_ready or self.t_s < _PREARM_BIT_S or self.terminated:
             return False
         if self.flight.armed:
             return self.t_s - self._failsafe_at_s > _PREARM_BIT_OFF_S
         return self._can_arm()
 
-    def _hears_texts(self) -> bool:
-        return self.t_s - self.gcs_heard_s <= _GCS_SILENT_AFTER_S
+    def _sends_texts(self) -> bool:
+        return self.t_s - self.gcs_last_received_s <= _GCS_SILENT_AFTER_S
 
-    # What it says of itself.
+    # Reported state.
 
     def _custom_mode(self) -> int:
         return self.mode.custom_mode
@@ -192,14 +193,14 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     # Modes.
 
     def set_mode(self, mode: int, submode: int) -> int:
-        """Change PX4 to a mode that the user wants, if it can run."""
+        """Switch PX4 to the user's mode by its numbers, if it can run."""
         wanted = px4_mode(mode, submode)
         return self.choose(wanted) if wanted is not None else DENIED
 
     def choose(self, mode: Px4Mode) -> int:
         """Switch PX4 to the user's mode; while armed only if it can run. Ends a failsafe."""
         if self.flight.armed and not self._can_run(mode):
-            self.outbox.say(
+            self.outbox.send_text(
                 CRITICAL, f"Switching to mode '{mode.words}' is currently not possible\t"
             )
             return TEMPORARILY_REJECTED
@@ -222,7 +223,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         """Begin a PX4 failsafe: fly its mode until the user chooses another."""
         self.failsafe = True
         self._failsafe_at_s = self.t_s
-        self.outbox.say(CRITICAL, "Failsafe activated\t")
+        self.outbox.send_text(CRITICAL, "Failsafe activated\t")
         self.enter(mode)
 
     def _behaviour(self, mode: Px4Mode) -> Behaviour:
@@ -236,9 +237,6 @@ class Px4Core(MissionAutopilot[Px4Mode]):
             return self._by_sticks()
         return self.manoeuvres.hold()
 
-    def _is_flown_by_hand(self, mode: Px4Mode) -> bool:
-        return mode.is_manual
-
     def _stick_limits(self) -> StickLimits:
         p = self.parameters
         speeds = speed_limits(p["MPC_VEL_MANUAL"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
@@ -247,13 +245,10 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     def _sticks_last_s(self) -> float:
         return self.parameters["COM_RC_LOSS_T"]
 
-    def _mode_entries(self) -> tuple[ModeEntry, ...]:
-        return ENTRIES
-
     def _return_home(self) -> Behaviour:
         state, height_m = self.state, self.manoeuvres.return_height_m()
         amsl_m = state.frame.altitude_m - state.home_down_m + height_m
-        self.outbox.say(
+        self.outbox.send_text(
             INFO, f"RTL: start return at {amsl_m:.0f} m ({height_m:.0f} m above destination)\t"
         )
         return self.manoeuvres.go_home()
@@ -270,23 +265,23 @@ class Px4Core(MissionAutopilot[Px4Mode]):
 
     def _begin_flight(self) -> None:
         self.state.home_ned_m = self.state.now.position_ned_m
-        self.outbox.say(INFO, "Armed by external command\t")
+        self.outbox.send_text(INFO, "Armed by external command\t")
         self.flying = False
 
-    def _say_not_landed(self) -> None:
-        self.outbox.say(CRITICAL, "Disarming denied: not landed\t")
+    def _report_not_landed(self) -> None:
+        self.outbox.send_text(CRITICAL, "Disarming denied: not landed\t")
 
     def stop_motors(self, by: str) -> None:
-        """Disarm PX4 now; the mode becomes the user's last one that can be armed."""
+        """Disarm PX4 now, and return to the user's last mode that allows arming."""
         self.flight.disarm()
         self.failsafe = False
         self.mode = self._mode_after_disarm
-        self.outbox.say(INFO, f"Disarmed by {by}\t")
+        self.outbox.send_text(INFO, f"Disarmed by {by}\t")
 
     def terminate(self, text: str) -> None:
         """Terminate PX4's flight: cut the motors for good."""
         self.terminated = self.flight.motors_cut = True
-        self.outbox.say(EMERGENCY, f"{text}\t")
+        self.outbox.send_text(EMERGENCY, f"{text}\t")
 
     def strike(self, thing: str) -> None:
         """Terminate: PX4's failure detector sees the attitude leave its limits."""

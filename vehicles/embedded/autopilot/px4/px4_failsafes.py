@@ -1,4 +1,4 @@
-"""PX4's failsafes: what went wrong, and what its parameters say to do about it.
+"""PX4's failsafes: their causes, and the actions that its parameters select.
 
 Source: src/modules/commander/failsafe/failsafe.cpp (v1.18); parameters by their names.
 """
@@ -23,7 +23,7 @@ class Action(Enum):
 
 
 class View(NamedTuple):
-    """What PX4's failsafes look at; ages in s, battery 0 to 1."""
+    """The inputs of PX4's failsafes; ages in s, battery 0 to 1."""
 
     t_s: float
     offboard: bool
@@ -34,7 +34,7 @@ class View(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """PX4's failsafe decision: an action, and whether its hold is still to be flown."""
+    """PX4's failsafe decision: its cause and its action."""
 
     cause: str
     action: Action
@@ -80,16 +80,16 @@ class Failsafes:
         self._active.clear()
         self._pending = None
 
-    def user_took_over(self) -> None:
+    def on_user_mode(self) -> None:
         """Drop PX4's pending failsafe: the user chose a mode."""
         self._pending = None
 
     def check(self, view: View) -> Decision | None:
-        """Return the PX4 failsafe to begin now; None when nothing new is wrong."""
+        """Return the PX4 failsafe to begin now; None when there is no new cause."""
         if self._pending is not None and view.t_s >= self._pending[0]:
             decision, self._pending = self._pending[1], None
             return decision
-        # Lost setpoints act each time the mode is flown without them, and at once.
+        # Lost setpoints act at once, each time OFFBOARD is flown without them.
         if view.offboard and view.setpoint_age_s > self._p["COM_OF_LOSS_T"]:
             action = _OFFBOARD_LOST.get(int(self._p["COM_OBL_RC_ACT"]), Action.RETURN)
             return Decision("offboard", action)
@@ -102,7 +102,7 @@ class Failsafes:
         return None
 
     def _begin(self, decision: Decision, t_s: float) -> Decision:
-        """Hold first for COM_FAIL_ACT_T, so that the user can step in."""
+        """Hold first for COM_FAIL_ACT_T, so that the user can take over."""
         delay_s = self._p["COM_FAIL_ACT_T"]
         if decision.action not in _DELAYED or delay_s <= 0.0:
             return decision
@@ -118,7 +118,7 @@ class Failsafes:
         return (("link", link), ("fence", fence), ("battery", self._battery(view.battery)))
 
     def _battery(self, remaining: float) -> Action:
-        """Return what COM_LOW_BAT_ACT does: 0 warns, 2 lands when critical, 3 returns first."""
+        """Return the action of COM_LOW_BAT_ACT: 0 warns, 2 lands when critical, 3 returns first."""
         p = self._p
         policy = int(p["COM_LOW_BAT_ACT"])
         if remaining < p["BAT_EMERGEN_THR"] and policy in {2, 3}:
@@ -133,4 +133,4 @@ WARNINGS = {
     "fence": "Geofence exceeded\t",
     "link": "Connection to ground control station lost\t",
 }
-"""What is said when a cause only warns."""
+"""The texts of causes that only warn."""

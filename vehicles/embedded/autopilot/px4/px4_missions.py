@@ -1,4 +1,4 @@
-"""What PX4 takes of missions, fences and rally points (mavlink_mission.cpp, v1.18)."""
+"""The items of missions, fences and rally points that PX4 accepts (mavlink_mission.cpp, v1.18)."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 

@@ -1,4 +1,4 @@
-"""PX4's modes: custom_mode numbers, base_mode flags, and what a mode needs.
+"""PX4's modes: custom_mode numbers, base_mode flags and requirements.
 
 Sources: src/modules/commander/px4_custom_mode.h, ModeUtil/mode_requirements.cpp (v1.18).
 """

@@ -1,4 +1,4 @@
-"""What PX4 1.18 fills in its own way, and how often it sends. Numbers from the reference trace."""
+"""Telemetry messages that are specific to PX4 1.18, and its rates, from the reference trace."""
 
 import math
 from typing import Any
@@ -25,7 +25,7 @@ _HEADING_S = 3.2
 
 
 def autopilot_version(identity: Identity) -> Any:
-    """Return AUTOPILOT_VERSION of PX4 SITL: a constant uid, and the system id less one added."""
+    """Return AUTOPILOT_VERSION of PX4 SITL: its uid is a constant plus the system id minus one."""
     others = identity.system_id - 1
     uid2 = tuple(
         (bytes([others]) if identity.uid2 is None else identity.uid2).ljust(18, b"\0")[:18]
@@ -101,7 +101,7 @@ def odometry(s: State) -> Any:
 def hil_state_quaternion(s: State) -> Any | None:
     """Return PX4's HIL_STATE_QUATERNION of its ground truth topics; None without a simulator.
 
-    The C++ cuts to whole numbers, and sets neither time nor airspeeds.
+    The C++ truncates to integers, and sets neither time nor airspeeds.
     """
     truth = s.truth
     if truth is None:
@@ -131,7 +131,7 @@ def timesync(s: State) -> Any:
 
 
 def ping(s: State) -> Any:
-    """Return PX4's PING to everybody, which it sends each second."""
+    """Return PX4's broadcast PING, which it sends each second."""
     return mavlink.MAVLink_ping_message(s.boot_us, 0, 0, 0)
 
 
@@ -162,7 +162,7 @@ def servo_output_raw(s: State) -> Any:
 
 
 _VARIANCES = {0: 0.041, 6: 0.041, 11: 0.083, 15: 3.2e-4, 18: 1.9e-4, 20: 6.0e-3}
-"""By the diagonal's place in the upper triangle (x, y, z, roll, pitch, yaw), from the trace in
+"""By index of the diagonal in the upper triangle (x, y, z, roll, pitch, yaw), from the trace in
 flight: 0.2 m and 0.08 rad."""
 _COVARIANCE = tuple(_VARIANCES.get(index, 0.0) for index in range(21))
 _VELOCITY_COVARIANCE = (0.04,) + (0.0,) * 20
@@ -196,7 +196,7 @@ LEAN_HZ: dict[int, float] = {
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: 1.0,
 }
-"""What a run needs, and little more: virtual time pays for each message."""
+"""The streams that a run needs, and little more: each message costs time in virtual time."""
 
 FULL_HZ: dict[int, float] = LEAN_HZ | {
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 50.0,
@@ -216,4 +216,4 @@ FULL_HZ: dict[int, float] = LEAN_HZ | {
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: 10.0,
     discovery.CURRENT_MODE: 0.5,
 }
-"""What PX4 sends to an onboard computer (mavlink mode onboard), as counted in the trace."""
+"""PX4's rates to an onboard computer (mavlink mode onboard), as counted in the trace."""

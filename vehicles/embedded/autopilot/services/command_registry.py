@@ -1,4 +1,4 @@
-"""Commands: COMMAND_LONG and COMMAND_INT as one thing, and the registry of who does what."""
+"""COMMAND_LONG and COMMAND_INT as one type, and decorators that register their handlers."""
 
 import math
 from collections.abc import Callable
@@ -17,14 +17,14 @@ FAILED: int = mavlink.MAV_RESULT_FAILED
 FORCE_ARM = 2989.0
 """ArduPilot's param2 of an arm command that skips the checks (AP_Arming)."""
 FORCE_DISARM = 21196.0
-"""param2 that disarms in flight (common.xml); PX4 takes it for arming by force as well."""
+"""param2 that disarms in flight (common.xml); PX4 accepts it for forced arming as well."""
 
 _LOCAL_FRAMES = {mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED}
 _INT_UNSET = 2**31 - 1
 
 
 class Command(NamedTuple):
-    """A received MAVLink command; x, y: degrees for a place on Earth, NaN where not given."""
+    """A received MAVLink command; x, y: degrees for a global position, NaN when not given."""
 
     number: int
     params: tuple[float, float, float, float]
@@ -99,7 +99,7 @@ def on_message(*names: str) -> Callable[[Handler], Handler]:
 
 
 def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
-    """Register a method of an autopilot as the maker of these requested messages."""
+    """Register a method of an autopilot as the builder of these requested messages."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_requests"] = message_ids
@@ -114,13 +114,13 @@ def marked(kind: type, mark: str) -> dict[Any, str]:
     A subclass overrides by marking the same key. Raises ValueError when one class marks a key
     twice.
     """
-    found: dict[Any, str] = {}
+    methods: dict[Any, str] = {}
     for base in reversed(kind.__mro__):
-        here: dict[Any, str] = {}
+        own: dict[Any, str] = {}
         for name, member in vars(base).items():
             for key in getattr(member, "__dict__", {}).get(mark, ()):
-                if key in here:
-                    raise ValueError(f"{base.__name__} takes {key} twice: {here[key]}, {name}")
-                here[key] = name
-        found.update(here)
-    return found
+                if key in own:
+                    raise ValueError(f"{base.__name__} handles {key} twice: {own[key]}, {name}")
+                own[key] = name
+        methods.update(own)
+    return methods

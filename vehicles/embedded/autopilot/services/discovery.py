@@ -1,7 +1,7 @@
-"""What ground stations ask for when they connect: modes.
+"""The modes that ground stations request when they connect: AVAILABLE_MODES, CURRENT_MODE.
 
-The modes' messages are in MAVLink's development dialect; both firmwares send them. That dialect
-takes 0.2 s to import, and few ask: it is imported with the first question.
+Both messages are in MAVLink's development dialect; both firmwares send them. That dialect takes
+0.2 s to import and is seldom needed: it is imported with the first request.
 """
 
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ CURRENT_MODE = 436
 class ModeEntry(NamedTuple):
     """A mode for discovery by AVAILABLE_MODES. standard: MAV_STANDARD_MODE; 0 for none.
 
-    advanced: a mode that is not offered to everybody; selectable: by a user.
+    advanced: shown to advanced users only; selectable: by a user.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The fence that an emulated autopilot keeps: from its items, and whether a place breaks it."""
+"""The fence that an emulated autopilot enforces: built from its items, and its breach check."""
 
 import math
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ FENCE_COMMANDS = frozenset({*POLYGONS, *CIRCLES, RETURN_POINT})
 
 
 class EmulatedFence(NamedTuple):
-    """The emulated fence: no exclusion, and any of the inclusions."""
+    """The emulated fence: outside all exclusions, and inside any of the inclusions."""
 
     areas: tuple[LocalArea, ...] = ()
 
     def breached(self, north_m: float, east_m: float) -> bool:
-        """Return whether a place breaches the emulated fence."""
+        """Return whether a position breaches the emulated fence."""
         inclusions = [area for area in self.areas if area.inside]
         if inclusions and not any(_within(area, north_m, east_m) for area in inclusions):
             return True

@@ -1,4 +1,4 @@
-"""The MAVLink service of files: they are read alone, and made when they are opened.
+"""The MAVLink file transfer service: read-only files, whose content is built when opened.
 
 https://mavlink.io/en/services/ftp.html
 """
@@ -22,14 +22,14 @@ _TERMINATE, _RESET, _LIST, _OPEN, _READ, _WRITE, _CREATE, _CRC, _BURST = (
     15,
 )
 _WITHOUT_DATA = {0, _TERMINATE, _RESET}
-"""There is nothing that could fail in them."""
+"""These operations cannot fail."""
 _KNOWN = range(16)
 _FAIL, _INVALID_SESSION, _END_OF_FILE, _UNKNOWN_COMMAND, _NOT_FOUND = 1, 4, 6, 7, 10
 _MOST_IN_BURST = 64
 
 
 class _Request(NamedTuple):
-    """A FILE_TRANSFER_PROTOCOL payload: who asks, and for what."""
+    """A FILE_TRANSFER_PROTOCOL request: its sender and payload."""
 
     peer: tuple[int, int]
     sequence: int
@@ -49,8 +49,8 @@ class _Request(NamedTuple):
 class FileService:
     """Serves FILE_TRANSFER_PROTOCOL; one file is open at a time.
 
-    files: makes a file's bytes when it is opened, by path. Without any, sessions are ended,
-    directories are empty, and every file is not found.
+    files: builds a file's bytes when it is opened, by path. Without any, sessions are ended,
+    directories are empty, and no file is found.
     """
 
     def __init__(self, files: Mapping[str, Callable[[], bytes]]) -> None:
@@ -96,7 +96,7 @@ class FileService:
 
 
 def _chunk_bytes(request: _Request) -> int:
-    """Return how many bytes of a file one reply has."""
+    """Return how many bytes of a file one reply carries."""
     return min(request.size or _DATA_BYTES, _DATA_BYTES)
 
 
@@ -141,7 +141,7 @@ def _reply(
 
 
 def _error(opcode: int) -> int:
-    """Return the error of an operation that cannot be done."""
+    """Return the error of an operation that fails."""
     if opcode == _LIST:
         return _END_OF_FILE
     if opcode in {_OPEN, _CREATE, _CRC}:

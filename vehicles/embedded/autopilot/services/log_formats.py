@@ -1,4 +1,4 @@
-"""Flight logs as the autopilots write them: small, and whole to the tools that read them.
+"""Flight logs in the autopilots' formats: small, but complete for the tools that read them.
 
 DataFlash: libraries/AP_Logger/LogStructure.h of ArduPilot. ULog:
 https://docs.px4.io/main/en/dev_log/ulog_file_format.html

@@ -1,4 +1,4 @@
-"""The autopilot's own logs: one per flight, written while armed, and given out by MAVLink."""
+"""The emulated autopilot's own logs: one per flight, written while armed, served over MAVLink."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +19,7 @@ _MOST_LOGS = 20
 class FlightLogs:
     """Writes a log per flight, and serves LOG_REQUEST_LIST, _DATA, _END and LOG_ERASE.
 
-    first: the number of the first log (ArduPilot counts from 1, PX4 from 0). begin: makes the
+    first: the number of the first log (ArduPilot counts from 1, PX4 from 0). begin: creates the
     log of a flight that begins at a time in us.
     """
 
@@ -32,14 +32,14 @@ class FlightLogs:
         self._logs: dict[int, bytes] = {}
         self._writer: LogWriter | None = None
         self._due_s = 0.0
-        self._asked: tuple[bytes, int, int, int] | None = None
+        self._request: tuple[bytes, int, int, int] | None = None
 
     def turn(self, t_s: float, *, armed: bool, now: Motion) -> None:
         """Write due log entries, and send requested log data; called every 20 ms."""
         if armed or self._writer is not None:
             self._write(t_s, armed=armed, now=now)
-        if self._asked is not None:
-            self._send_pieces(*self._asked)
+        if self._request is not None:
+            self._send_pieces(*self._request)
 
     def handle(self, message: Any) -> None:
         """Handle a message about logs."""
@@ -49,9 +49,9 @@ class FlightLogs:
         elif kind == "LOG_REQUEST_DATA":
             data = self._logs.get(message.id)
             if data is not None:
-                self._asked = (data, message.id, message.ofs, message.ofs + message.count)
+                self._request = (data, message.id, message.ofs, message.ofs + message.count)
         elif kind == "LOG_REQUEST_END":
-            self._asked = None
+            self._request = None
         elif kind == "LOG_ERASE":
             self._logs.clear()
 
@@ -61,7 +61,7 @@ class FlightLogs:
             self._send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
         for number, data in self._logs.items():
             if start <= number <= end:
-                # Nobody has told it what time it is: 0 is "not known".
+                # A time of 0 means unknown.
                 self._send(
                     mavlink.MAVLink_log_entry_message(number, len(self._logs), last, 0, len(data))
                 )
@@ -91,6 +91,6 @@ class FlightLogs:
             self._send(mavlink.MAVLink_log_data_message(number, offset, len(piece), padded))
             offset += len(piece)
             if len(piece) < _PIECE or offset >= end:
-                self._asked = None
+                self._request = None
                 return
-        self._asked = (data, number, offset, end)
+        self._request = (data, number, offset, end)

@@ -1,4 +1,4 @@
-"""The mission protocol: upload, read-back and clearing of missions, fences and rally points.
+"""The autopilot's side of the mission protocol: missions, fences and rally points.
 
 https://mavlink.io/en/services/mission.html
 """
@@ -22,11 +22,11 @@ MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 FENCE: int = mavlink.MAV_MISSION_TYPE_FENCE
 RALLY: int = mavlink.MAV_MISSION_TYPE_RALLY
 _ALL: int = mavlink.MAV_MISSION_TYPE_ALL
-_ASK_AGAIN_S = 0.5
+_REQUEST_AGAIN_S = 0.5
 _GIVE_UP_S = 5.0
-_MOST_ITEMS = 700
+_MAX_ITEMS = 700
 _GUIDED = 2
-"""MISSION_ITEM.current of an item that is to be flown to now."""
+"""MISSION_ITEM.current of an item to fly to at once."""
 
 
 class _Upload:
@@ -37,7 +37,7 @@ class _Upload:
         self.count = count
         self.peer = peer
         self.items: list[Item] = []
-        self.heard_s = self.asked_s = t_s
+        self.last_received_s = self.requested_s = t_s
 
 
 Accept = Callable[[int, tuple[Item, ...]], int]
@@ -47,9 +47,9 @@ Accept = Callable[[int, tuple[Item, ...]], int]
 class MissionService:
     """Serves the mission protocol for the three item lists.
 
-    home: gives item 0 of every mission, as in ArduPilot, where it is home and not the user's; None
-    where a mission begins with the user's first item, as in PX4. rules: what the firmware takes.
-    go_to: flies a MISSION_ITEM that is no part of an upload but "guided" (current of 2); returns a
+    home: returns item 0 of every mission, which is home in ArduPilot; None when a mission begins
+    with the user's first item, as in PX4. rules: of the items that the firmware accepts. go_to:
+    flies to a "guided" MISSION_ITEM (current of 2), which is not part of an upload; returns a
     MAV_MISSION_RESULT.
     """
 
@@ -70,7 +70,7 @@ class MissionService:
         self._lists: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
         self._upload: _Upload | None = None
         self._finished: tuple[tuple[int, int], int] | None = None
-        """Who uploaded last, and which list."""
+        """The sender and kind of the last finished upload."""
 
     def items(self, kind: int) -> tuple[Item, ...]:
         """Return a mission list; an ArduPilot mission starts with home."""
@@ -85,24 +85,24 @@ class MissionService:
         if name == "MISSION_COUNT":
             self._begin(message, t_s)
         elif name in {"MISSION_ITEM_INT", "MISSION_ITEM"}:
-            self._take(message, t_s)
+            self._take_item(message, t_s)
         elif name == "MISSION_REQUEST_LIST":
-            self._count(message)
+            self._send_count(message)
         elif name in {"MISSION_REQUEST_INT", "MISSION_REQUEST"}:
-            self._give(message)
+            self._send_item(message)
         elif name == "MISSION_CLEAR_ALL":
             self._clear(message)
 
     def turn(self, t_s: float) -> None:
-        """Request a missing mission item again; give up in the end."""
+        """Request a missing mission item again; cancel the upload after a time-out."""
         upload = self._upload
         if upload is None:
             return
-        if t_s - upload.heard_s > _GIVE_UP_S:
+        if t_s - upload.last_received_s > _GIVE_UP_S:
             self._upload = None
             self._ack(upload.peer, mavlink.MAV_MISSION_OPERATION_CANCELLED, upload.kind)
-        elif t_s - upload.asked_s > _ASK_AGAIN_S:
-            self._ask(upload, t_s)
+        elif t_s - upload.requested_s > _REQUEST_AGAIN_S:
+            self._request_next(upload, t_s)
 
     def _begin(self, message: Any, t_s: float) -> None:
         peer, kind, upload = _peer(message), message.mission_type, self._upload
@@ -111,28 +111,28 @@ class MissionService:
         elif upload is not None and upload.peer != peer:
             busy = mavlink.MAV_MISSION_ERROR if self._home is None else mavlink.MAV_MISSION_DENIED
             self._ack(peer, busy, kind)
-        elif message.count > _MOST_ITEMS:
+        elif message.count > _MAX_ITEMS:
             self._ack(peer, mavlink.MAV_MISSION_NO_SPACE, kind)
         elif message.count == 0:
             self._finish(peer, kind, ())
         else:
             self._upload = _Upload(kind=kind, count=message.count, peer=peer, t_s=t_s)
-            self._ask(self._upload, t_s)
+            self._request_next(self._upload, t_s)
 
-    def _take(self, message: Any, t_s: float) -> None:
+    def _take_item(self, message: Any, t_s: float) -> None:
         upload, peer, kind = self._upload, _peer(message), message.mission_type
         item = item_of(message)
         if message.current == _GUIDED and upload is None and isinstance(item, Item):
             self._ack(peer, self._go_to(item), kind)
             return
         if upload is None or upload.peer != peer or upload.kind != kind:
-            # A lossy link doubles items, and the sender may not have heard that all are there.
+            # A lossy link doubles items, and the final acknowledgement may have been lost.
             doubled = self._finished == (peer, kind) and message.seq < len(self._lists[kind])
             self._ack(peer, ACCEPTED if doubled else mavlink.MAV_MISSION_ERROR, kind)
             return
-        upload.heard_s = t_s
+        upload.last_received_s = t_s
         if message.seq != len(upload.items):
-            self._ask(upload, t_s)
+            self._request_next(upload, t_s)
             return
         fault = self._fault(upload, item)
         if fault != ACCEPTED or isinstance(item, int):
@@ -141,13 +141,13 @@ class MissionService:
             return
         upload.items.append(item)
         if len(upload.items) < upload.count:
-            self._ask(upload, t_s)
+            self._request_next(upload, t_s)
             return
         self._upload = None
         self._finish(peer, upload.kind, tuple(upload.items))
 
     def _fault(self, upload: _Upload, item: Item | int) -> int:
-        """Return why the next mission item is refused; ArduPilot's home is always taken."""
+        """Return the MAV_MISSION_RESULT of the next item; ArduPilot's home is always accepted."""
         if isinstance(item, int):
             return item
         if upload.kind == MISSION and self._home is not None and not upload.items:
@@ -161,22 +161,22 @@ class MissionService:
             self._finished = (peer, kind)
         self._ack(peer, result, kind)
 
-    def _ask(self, upload: _Upload, t_s: float) -> None:
-        upload.asked_s = t_s
-        # ArduPilot asks by the old message, whichever form of item comes then; PX4 by the new.
-        ask: Callable[..., Any] = (
+    def _request_next(self, upload: _Upload, t_s: float) -> None:
+        upload.requested_s = t_s
+        # ArduPilot requests by the old message and accepts both forms of items; PX4 by the new one.
+        request: Callable[..., Any] = (
             mavlink.MAVLink_mission_request_int_message
             if self._home is None
             else mavlink.MAVLink_mission_request_message
         )
-        self._send(ask(*upload.peer, len(upload.items), upload.kind))
+        self._send(request(*upload.peer, len(upload.items), upload.kind))
 
-    def _count(self, message: Any) -> None:
+    def _send_count(self, message: Any) -> None:
         kind = message.mission_type
         count = len(self.items(kind))
         self._send(mavlink.MAVLink_mission_count_message(*_peer(message), count, kind))
 
-    def _give(self, message: Any) -> None:
+    def _send_item(self, message: Any) -> None:
         kind, peer = message.mission_type, _peer(message)
         items = self.items(kind)
         if message.seq >= len(items):
@@ -197,13 +197,10 @@ class MissionService:
 
     def _clear(self, message: Any) -> None:
         kind = message.mission_type
-        kinds = tuple(self._lists) if kind == _ALL else (kind,)
-        results = [self._accept(each, ()) for each in kinds if each in self._lists]
-        for each in kinds:
-            if each in self._lists:
-                self._lists[each] = ()
-        refused = [result for result in results if result != ACCEPTED]
-        self._ack(_peer(message), refused[0] if refused else ACCEPTED, kind)
+        for each in self._lists if kind == _ALL else {kind} & self._lists.keys():
+            self._accept(each, ())
+            self._lists[each] = ()
+        self._ack(_peer(message), ACCEPTED, kind)
 
     def _ack(self, peer: tuple[int, int], result: int, kind: int) -> None:
         self._send(mavlink.MAVLink_mission_ack_message(*peer, result, kind))

@@ -1,4 +1,4 @@
-"""What an autopilot has to send: messages at once, texts after what caused them."""
+"""Queues an autopilot's messages to send: STATUSTEXTs are sent after their cause."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,34 +26,34 @@ class Outbox:
         self._text_id = 0
 
     def send(self, message: Any | None) -> None:
-        """Put a message into the outbox; None is nothing."""
+        """Queue a message to send; None does nothing."""
         if message is not None:
             self._now.append(message)
 
     def send_later(self, message: Any | None) -> None:
-        """Put a message into the outbox behind the present command's acknowledgement."""
+        """Queue a message to send after the present command's acknowledgement."""
         if message is not None:
             self._later.append(message)
 
-    def say(self, severity: int, text: str) -> None:
-        """Put a STATUSTEXT into the outbox for the next turn, behind its cause."""
+    def send_text(self, severity: int, text: str) -> None:
+        """Queue a STATUSTEXT to send in the next turn, after its cause."""
         self._texts.append((severity, text))
 
     def release(self) -> None:
-        """Release messages that waited in the outbox for an acknowledgement."""
+        """Release messages that waited for an acknowledgement."""
         if self._later:
             self._now.extend(self._later)
             self._later.clear()
 
-    def turn(self, *, texts_heard: bool) -> None:
-        """Release all that waits in the outbox; texts that nobody receives are dropped."""
+    def turn(self, *, send_texts: bool) -> None:
+        """Release all queued messages; send_texts: False drops the STATUSTEXTs."""
         self.release()
         texts, self._texts = self._texts, []
-        for severity, text in texts if texts_heard else ():
+        for severity, text in texts if send_texts else ():
             self._now.extend(self._statustexts(severity, text))
 
     def take(self) -> list[Any]:
-        """Return what the outbox has to send now, and empty it."""
+        """Return and remove the messages to send now."""
         if not self._now:
             return self._now
         now, self._now = self._now, []

@@ -1,8 +1,8 @@
-"""ArduPilot's file of all parameters, `@PARAM/param.pck`, which ground stations load at once.
+"""ArduPilot's file of all parameters, `@PARAM/param.pck`, which ground stations download.
 
-Layout: libraries/AP_Filesystem/README.md of ArduPilot. A head of a magic number, how many follow
-and how many there are; then type, lengths of what the name shares with the one before and of what
-it adds, the added part, and the value.
+Layout: libraries/AP_Filesystem/README.md of ArduPilot. A header of a magic number, the number of
+parameters in the file and in total; then for each its type, the lengths of the part of the name
+shared with the previous one and of the new part, the new part, and the value.
 """
 
 import struct
@@ -19,7 +19,7 @@ _LAYOUTS = {
     mavlink.MAV_PARAM_TYPE_INT32: (3, "<i"),
     mavlink.MAV_PARAM_TYPE_REAL32: (4, "<f"),
 }
-"""ArduPilot's numbers of the types, and how values are packed."""
+"""ArduPilot's type numbers, and the struct formats of values."""
 
 
 def parameter_file(parameters: Parameters) -> bytes:

@@ -1,4 +1,4 @@
-"""The MAVLink service that lists, gives and sets parameters."""
+"""The MAVLink parameter service: lists, reads and sets parameters."""
 
 import math
 import struct
@@ -11,21 +11,21 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 NO_INDEX = 65535
-"""What ArduPilot gives as the index of a parameter that was not asked for by index."""
+"""ArduPilot's index of a parameter that was not requested by index."""
 HASH_NAME = "_HASH_CHECK"
-"""PX4's pseudo-parameter by which a ground station sees that it knows all values already."""
+"""PX4's pseudo-parameter that tells a ground station whether it already has all values."""
 _NO_BITS = 0xFFFFFFFF
 
 
 class ParameterService:
     """Serves PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
 
-    strict: PX4's way, which begins a list with the hash of all values, refuses a PARAM_SET of the
-    wrong type and gives the parameter's index in its answer; otherwise ArduPilot's.
+    strict: as PX4, which begins a list with the hash of all values, refuses a PARAM_SET of the
+    wrong type and sends the parameter's index in its reply; otherwise as ArduPilot.
     """
 
     _PER_TURN = 8
-    """How many of a list go out per turn of 20 ms, so that a radio is not flooded."""
+    """Number of parameters of a list that are sent per turn of 20 ms, to not flood a radio."""
 
     def __init__(self, parameters: Parameters, *, strict: bool) -> None:
         self._parameters = parameters
@@ -33,19 +33,19 @@ class ParameterService:
         self._queue: deque[str] = deque()
 
     def request_list(self) -> None:
-        """Begin to send all parameters; PX4's hash of them first."""
+        """Begin to send all parameters; PX4 sends their hash first."""
         self._queue = deque([HASH_NAME] if self._strict else [])
         self._queue.extend(self._parameters)
 
     def due(self) -> list[Any]:
-        """Return the next few parameters of a list under way."""
+        """Return the next few parameters of a list in progress."""
         if not self._queue:
             return []
         count = min(self._PER_TURN, len(self._queue))
         return [self._value(self._queue.popleft(), indexed=True) for _ in range(count)]
 
     def read(self, message: Any) -> list[Any]:
-        """Reply to a PARAM_REQUEST_READ; ArduPilot is silent for unknown ones."""
+        """Return the reply to a PARAM_REQUEST_READ; ArduPilot sends none for unknown names."""
         index = message.param_index
         name = self._parameters.name_at(index) if index >= 0 else message.param_id
         if self._strict and name == HASH_NAME:
@@ -55,11 +55,11 @@ class ParameterService:
         return [self._value(name, indexed=True)]
 
     def write(self, message: Any) -> list[Any]:
-        """Take a PARAM_SET and return the reply: the value as it now is, or nothing."""
+        """Handle a PARAM_SET and return the reply: the present value, or nothing."""
         name = message.param_id
         parameters = self._parameters
         if self._strict and name == HASH_NAME:
-            # A ground station that knows all values already stops the list so.
+            # A ground station that already has all values stops the list this way.
             self._queue.clear()
             return []
         if name not in parameters:

@@ -1,4 +1,4 @@
-"""Which telemetry is due: message ids with an interval each."""
+"""The intervals of streamed telemetry messages, and which of them are due."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ class StreamIntervals:
         self._interval_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         self.next_due_s = 0.0
-        """Nothing is due before; compare with it first."""
+        """No message is due before; callers compare with it first."""
         for message_id, rate_hz in rates_hz.items():
             self.set_rate(message_id, rate_hz, now_s=0.0)
 
@@ -37,7 +37,7 @@ class StreamIntervals:
     def due(self, now_s: float) -> list[int]:
         """Return the stream messages that are due now, and note them as sent."""
         dues = self._due_s
-        # A clock in whole steps reads a hair less than the interval it should.
+        # A clock that advances in steps may read slightly less than the interval.
         ready = [message_id for message_id, due_s in dues.items() if due_s <= now_s + 1e-6]
         for message_id in ready:
             interval_s = self._interval_s[message_id]

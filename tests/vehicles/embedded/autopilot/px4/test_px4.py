@@ -191,6 +191,21 @@ def test_lands_and_returns_on_command(rig: Any, virtually: Scenario) -> None:
     virtually(scenario(20, RTL_MODE))
 
 
+def test_a_return_with_a_negative_land_delay_stays_above_home(
+    rig: Any, virtually: Scenario
+) -> None:
+    async def scenario() -> None:
+        async with px4(rig, parameters={"RTL_LAND_DELAY": -1.0, "RTL_RETURN_ALT": 5.0}) as r:
+            await r.hover()
+            assert await r.command(20) == 0
+            await asyncio.sleep(40.0)
+            assert r.armed
+            assert r.custom_mode == RTL_MODE
+            assert r.height_m > 2.5
+
+    virtually(scenario())
+
+
 def test_disarming_in_the_air_needs_force(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with px4(rig) as r:

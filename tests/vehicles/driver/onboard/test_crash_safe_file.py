@@ -1,0 +1,44 @@
+"""A crash-safe file is written whole, or not at all."""
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+
+SUFFIX = ".test.json"
+
+
+def open_handles() -> int:
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())
+
+
+def test_a_failed_write_leaves_nothing_and_may_be_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_handle: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = open_handles()
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space left"):
+            CrashSafeFile.write(tmp_path, SUFFIX, {"a": 1})
+    assert list(tmp_path.iterdir()) == []
+    assert open_handles() == before
+    CrashSafeFile.write(tmp_path, SUFFIX, {"a": 1}).close()
+    assert [path.name for path in tmp_path.iterdir()] == [f"000001{SUFFIX}"]
+
+
+def test_a_write_that_the_system_cuts_short_is_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.write
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", lambda handle, data: write(handle, bytes(data)[:3]))
+        CrashSafeFile.write(tmp_path, SUFFIX, {"a": "b" * 100}).close()
+    (path,) = tmp_path.iterdir()
+    assert json.loads(path.read_text()) == {"a": "b" * 100}
