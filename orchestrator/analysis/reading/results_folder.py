@@ -20,23 +20,23 @@ T = TypeVar("T")
 
 MODES = ("sim", "wil", "real")
 _LONGEST_NAME = 255
-"""Bytes of one folder's name: more no file system takes."""
+"""Bytes of a folder name that file systems allow."""
 _OF_THE_MANIFEST = {"campaign": str, "started_utc": str, "runs": list, "document": dict}
-"""What campaign.json has at least, each with its type."""
+"""Keys that campaign.json must have, each with its type."""
 _SHOWN = 60
 _BEGUN = (
-    "it was begun and has no result: it flies still, or was lost with its program, which `run "
-    "--resume` accounts for"
+    "the run was started and has no result: it is still flying, or its program died; `run "
+    "--resume` resolves it"
 )
 _OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
 
 
 class UnreadableError(Exception):
-    """A document that cannot be used; says which and why."""
+    """A document cannot be used; the message says which and why."""
 
 
 def read_campaign(folder: Path) -> CampaignDocuments:
-    """Return what the documents of a results folder tell. Raises ResultsFolderError."""
+    """Return the documents of a results folder. Raises ResultsFolderError."""
     _require_campaign(folder)
     problems: list[str] = []
     found = _read_document(folder / "campaign.json", _mapping, problems)
@@ -46,10 +46,10 @@ def read_campaign(folder: Path) -> CampaignDocuments:
     summary = _read_document(folder / "summary.json", _parse_summary, problems)
     entries = tuple(_entries(folder, manifest, summary))
     if not entries:
-        problems.append("no run was begun in this folder")
+        problems.append("no run was started in this folder")
     unfinished = sum(entry.result is None for entry in entries)
     if unfinished:
-        problems.append(f"{unfinished} of {len(entries)} runs have no result that can be read")
+        problems.append(f"{unfinished} of {len(entries)} runs have no readable result")
     named = manifest.get("campaign")
     name = named if isinstance(named, str) else summary.campaign if summary else folder.name
     return CampaignDocuments(
@@ -73,12 +73,13 @@ def _require_campaign(folder: Path) -> None:
         return
     if any((folder / name).is_file() for name in _OF_A_RUN):
         raise ResultsFolderError(
-            f"{folder} is the folder of one run; give the campaign's, three above it"
+            f"{folder} is the folder of one run; give the campaign's folder, three levels above"
         )
     newest = max(folder.glob("*/campaign.json"), default=None)
     hint = "" if newest is None else f"; did you mean {newest.parent}?"
     raise ResultsFolderError(
-        f"{folder} is no results folder of a campaign: it has neither campaign.json nor runs{hint}"
+        f"{folder} is not the results folder of a campaign: it has no campaign.json and no "
+        f"runs{hint}"
     )
 
 
@@ -101,7 +102,7 @@ def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) ->
 
 
 def _open_orders(folder: Path) -> frozenset[str]:
-    """Return the runs that a campaign's ledger has no outcome of; none where it is unreadable."""
+    """Return the runs without an outcome in the campaign's ledger; none if it is unreadable."""
     try:
         return frozenset(open_orders(folder))
     except OSError:
@@ -137,7 +138,7 @@ def _run_names_on_disk(folder: Path) -> Iterator[str]:
 
 
 def _is_run_name(name: str) -> bool:
-    """Return whether a name is case/mode/repetition, and leads nowhere else."""
+    """Return whether a name is case/mode/repetition, and no path elsewhere."""
     parts = name.split("/")
     plain = all(part and part not in {".", ".."} and "\0" not in part for part in parts)
     is_short = all(len(part.encode()) <= _LONGEST_NAME for part in parts)
@@ -145,14 +146,14 @@ def _is_run_name(name: str) -> bool:
 
 
 def _manifest_problems(manifest: dict[str, Any]) -> Iterator[str]:
-    """Yield what campaign.json lacks, and the runs that it names and that cannot be any."""
+    """Yield what campaign.json lacks, and its run names that are invalid."""
     lacking = [
         name for name, kind in _OF_THE_MANIFEST.items() if not isinstance(manifest.get(name), kind)
     ]
     if lacking:
         yield (
             "campaign.json is damaged or of another version: it lacks "
-            f"{', '.join(lacking)}, or has something else there"
+            f"{', '.join(lacking)}, or they have the wrong type"
         )
     runs = manifest.get("runs")
     named = [*_names_in(manifest)]
@@ -187,7 +188,7 @@ def read_data(path: Path) -> bytes:
     """Return the bytes of a file, up to a limit. Raises UnreadableError."""
     try:
         if path.exists() and not path.is_file():
-            raise UnreadableError(f"{path.name} is no file")
+            raise UnreadableError(f"{path.name} is not a file")
         return read_limited(path)
     except JsonLimitError as error:
         raise UnreadableError(f"{path.name} cannot be read: {error}") from error
@@ -210,7 +211,7 @@ def _parse_summary(text: str) -> Summary:
 
 
 def _require_numbers(text: str) -> None:
-    """Raise ValueError for NaN and infinities, which are no JSON and no value of ours."""
+    """Raise ValueError for NaN and infinities, which JSON does not have."""
     json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
 
 
@@ -228,7 +229,7 @@ def _mapping(text: str) -> dict[str, Any]:
     found = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     if not isinstance(found, dict):
         raise ValueError("it is not a JSON object")  # noqa: TRY004 - a document, not an argument
-    # Half a surrogate pair is valid JSON and no text: nothing could be written with it.
+    # Half a surrogate pair is valid JSON, but cannot be encoded as UTF-8.
     whole = json.dumps(found, ensure_ascii=False).encode("utf-8", errors="replace")
     replaced: dict[str, Any] = json.loads(whole)
     return replaced

@@ -207,11 +207,11 @@ def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Captu
     [
         ("missing", 2, "does not exist"),
         ("file", 2, "is a file"),
-        ("empty", 2, "no results folder"),
-        ("nothing shared", 2, "they share no case and mode: b/wil; and a/wil"),
+        ("empty", 2, "is not the results folder"),
+        ("nothing shared", 2, "the campaigns have no case and mode in common: b/wil; and a/wil"),
         ("other version", 3, "a/wil/1: result.json is truncated, damaged or of another version"),
         ("unproven", 3, ""),
-        ("nothing before", 2, "holds no campaign that was flown before"),
+        ("nothing before", 2, "contains no campaign that was flown before"),
     ],
 )
 def test_what_cannot_be_compared(

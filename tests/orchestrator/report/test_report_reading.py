@@ -156,7 +156,7 @@ def test_a_folder_that_was_cut_off_is_shown_as_far_as_it_goes(copied: Path) -> N
     (copied / "summary.json").unlink()
     written = write_report(copied)
     assert "NO RESULT" in written.path.read_text()
-    assert any("1 of 2 runs have no result" in problem for problem in written.problems)
+    assert any("1 of 2 runs have no readable result" in problem for problem in written.problems)
     assert any("never flown" in problem for problem in written.problems)
 
 
@@ -170,7 +170,7 @@ def test_a_manifest_leads_nowhere_else(copied: Path, manifest: object) -> None:
 def test_a_folder_of_no_campaign_is_refused_in_words(recorded: Path, tmp_path: Path) -> None:
     for folder, says in (
         (tmp_path / "nowhere", "does not exist"),
-        (tmp_path, "no results folder"),
+        (tmp_path, "not the results folder"),
         (recorded / FAILED, "the folder of one run"),
         (recorded / "summary.json", "is a file"),
         (recorded.parent, "did you mean"),
@@ -183,7 +183,7 @@ def test_a_campaign_without_runs_says_so(tmp_path: Path) -> None:
     (tmp_path / "campaign.json").write_text('{"campaign": "empty"}')
     campaign: CampaignDocuments = read_campaign(tmp_path)
     assert campaign.name == "empty"
-    assert "no run was begun in this folder" in campaign.problems
+    assert "no run was started in this folder" in campaign.problems
 
 
 @pytest.mark.parametrize(
