@@ -1,4 +1,4 @@
-"""The things of a world as outlines from above and from the side; pure."""
+"""Outlines of a world's objects from above and from the side; pure."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -14,14 +14,14 @@ from worlds.scene.scene import Scene, SceneObject
 from worlds.scene.shapes import Shape
 
 _MOST_FACES = 4000
-"""Of a surface that is drawn by its triangles; a larger one by its hull."""
+"""A surface with more faces is drawn as its hull."""
 _FINE_M = 0.02
 _ROUTE_STEPS = 60
 _PLAIN_RGB = (128, 128, 128)
 
 Points = NDArray[np.float64]
 _View = tuple[tuple[int, int], tuple[float, float]]
-"""Which axes of NED a view has to the right and up, and their signs."""
+"""NED axes to the right and up in a view, and their signs."""
 _ABOVE: _View = ((1, 0), (1.0, 1.0))
 _BESIDE: tuple[_View, _View] = (((0, 2), (1.0, -1.0)), ((1, 2), (1.0, -1.0)))
 
@@ -35,9 +35,9 @@ def outlines_of(
     events: Mapping[str, float],
     span_s: Point,
 ) -> tuple[Outline, ...]:
-    """Return the outlines of a scene as it stands at t_s.
+    """Return the outlines of a scene at t_s.
 
-    physical: names of what stands in W. span_s: the time for which the way of a thing is drawn.
+    physical: names of the objects in W. span_s: the time for which an object's path is drawn.
     """
     return tuple(
         _outline(
@@ -75,10 +75,9 @@ def _outline(
 
 
 def _flat_outlines(thing: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
-    """Return what the parts of a thing cover, as polygons without their holes' fill.
+    """Return the areas of an object's parts as polygons.
 
-    A hole would need a rule of filling: bars round an opening stay parts of their own, so that an
-    opening stays open.
+    Each part is its own polygon, without a union: an opening between bars stays open.
     """
     ((right_m, up_m),) = _flat(np.array([pose.position_ned_m]), view).tolist()
     found = _turned_outlines(thing.shape, thing.is_room, pose.q_wxyz, view)
@@ -92,11 +91,11 @@ def _turned_outlines(
     q_wxyz: Quat,
     view: _View,
 ) -> tuple[tuple[Point, ...], ...]:
-    """Return the outlines of a shape about its origin; the runs of a campaign share a few."""
+    """Return the outlines of a shape about its origin; cached, as runs share shapes."""
     parts = [part for part in shape.parts if not part.is_floor]
     clouds = [(vertices_of(part), _faces(part)) for part in parts]
     if is_room:
-        # A room is seen from inside: one line round it, not its walls.
+        # A room is seen from inside: draw one line around it instead of its walls.
         clouds = [(shape.mesh.vertices_m, None)]
     turned = Pose((0.0, 0.0, 0.0), q_wxyz)
     found: list[tuple[Point, ...]] = []
@@ -112,7 +111,7 @@ def _turned_outlines(
 
 
 def _flat(points: Points, view: _View) -> Points:
-    """Return the points to the right and up of a view."""
+    """Return points projected on a view's axes, right and up."""
     (right, up), (sign_right, sign_up) = view
     return np.stack([sign_right * points[:, right], sign_up * points[:, up]], axis=1)
 
@@ -123,7 +122,7 @@ def _moved(pose: Pose, points: Points) -> Points:
 
 
 def vertices_of(part: Part) -> Points:
-    """Return corners of a part in its thing's frame."""
+    """Return the vertices of a part in its object's frame."""
     match part.shape:
         case BoxShape(half_m):
             signs = np.array([(n, e, d) for n in (-1, 1) for e in (-1, 1) for d in (-1, 1)])
@@ -142,7 +141,7 @@ def _ball(radius_m: float) -> Points:
 
 
 def _faces(part: Part) -> NDArray[np.int32] | None:
-    """Return the triangles of a part that is not convex; None for its hull."""
+    """Return the triangles of a part; None to use its hull."""
     shape = part.shape
     if isinstance(shape, BoxShape | SphereShape) or len(shape.faces) > _MOST_FACES:
         return None
