@@ -340,8 +340,8 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
     notes = notes_of(replace(failed(floor), twin=left), at_s=8.0, goal_s=2.0)
     assert notes == (
         (
-            "The twin dropped out 5.50 s after the goal was given, 0.50 s before what decided "
-            "the run: the guard landed it"
+            "The twin dropped out 5.50 s after the goal was given, 0.50 s before the decisive "
+            "event: the guard landed it"
         ),
         "Reported oracles that did not pass: collision of twin FAIL (touched cage.floor)",
     )
