@@ -158,12 +158,11 @@ def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
 def _parameters(backups: Path) -> Iterator[Finding]:
     """Yield the finding on parameter backups that wait to be restored."""
     if there := waiting_backups(backups):
-        yield Finding(
-            LEFT,
-            "note",
-            f"parameters of attached vehicles to restore: {', '.join(map(str, there))}",
-            "the next run with that vehicle restores them before it arms",
+        text = f"parameters of attached vehicles to restore: {', '.join(map(str, there))}"
+        remedy = (
+            "the next run with that vehicle does it before arming; a run in flight does it itself"
         )
+        yield Finding(LEFT, "note", text, remedy)
 
 
 def _runs(name: str) -> bool:
