@@ -1,4 +1,4 @@
-"""A run's world as the page draws it: meshes of its objects, and where the moving ones are; pure.
+"""A run's world for the page: meshes of its objects, and poses of the moving ones; pure.
 
 NED metres and quaternions wxyz; vertices in the object's own frame.
 """
@@ -15,7 +15,7 @@ from worlds.scene.meshes import Mesh
 from worlds.scene.scene import SceneObject
 
 _MOST_FACES = 2000
-"""Of an object that is drawn by its triangles; a larger one by the box around it."""
+"""An object with more faces is drawn as its bounding box."""
 _DIGITS = 3
 _CORNERS = np.array([(n, e, d) for n in (0, 1) for e in (0, 1) for d in (0, 1)], dtype=float)
 _BOX_FACES = (
@@ -27,14 +27,14 @@ _PLAIN_RGB = (128, 128, 128)
 
 @dataclass(frozen=True, slots=True)
 class RunScene:
-    """The world of a run in a console. document: for the page."""
+    """The world of a run. document: the message for the page."""
 
     world: RecordedWorld
     document: Mapping[str, Any]
 
     @classmethod
     def of(cls, run: str, facts: Mapping[str, str]) -> "RunScene":
-        """Return the world in a run's facts; an empty one where they do not have it."""
+        """Return the world in a run's facts; an empty one without it."""
         world = recorded_world(facts, facts.get("case", ""), facts.get("mode", ""))
         document = {
             "type": "scene",
@@ -59,13 +59,13 @@ class RunScene:
 
 
 def _epoch_s(facts: Mapping[str, str]) -> float | None:
-    """Return UTC of the run clock's zero, seconds since 1970; None where the clock is no UTC."""
+    """Return UTC of the run clock's zero, seconds since 1970; None for other clocks."""
     text = facts.get("epoch_ns", "")
     return int(text) / 1e9 if text.isdecimal() and facts.get("clock") == "wall" else None
 
 
 def _kinds(facts: Mapping[str, str]) -> dict[str, str]:
-    """Return what each vehicle is, in words, by its link; none where the links are not known."""
+    """Return the kind of each vehicle as text, by its link; empty where the links are unknown."""
     try:
         vehicles = json.loads(facts.get("campaign", "{}"))["vehicles"]
         links = {str(name): one["link"] for name, one in vehicles.items()}
