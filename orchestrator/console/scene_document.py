@@ -41,7 +41,7 @@ class RunScene:
             "run": run,
             "case": facts.get("case", ""),
             "mode": facts.get("mode", ""),
-            "objects": [_object(thing, world) for thing in world.judged.objects],
+            "objects": [_object(obj, world) for obj in world.judged.objects],
             "targets": world.targets_ned_m({}),
             "problems": list(world.problems),
             "kinds": _kinds(facts),
@@ -52,9 +52,9 @@ class RunScene:
     def moving(self, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
         """Return the poses of moving objects at a time of the run."""
         return {
-            thing.name: _pose(thing, t_s, events)
-            for thing in self.world.judged.objects
-            if thing.motion is not None
+            obj.name: _pose(obj, t_s, events)
+            for obj in self.world.judged.objects
+            if obj.motion is not None
         }
 
 
@@ -82,18 +82,18 @@ def _kind(link: object) -> str:
     return "attached: may be hardware"
 
 
-def _object(thing: SceneObject, world: RecordedWorld) -> dict[str, Any]:
-    vertices_m, faces = _triangles(thing.shape.mesh)
-    materials = thing.shape.mesh.materials
+def _object(obj: SceneObject, world: RecordedWorld) -> dict[str, Any]:
+    vertices_m, faces = _triangles(obj.shape.mesh)
+    materials = obj.shape.mesh.materials
     return {
-        "name": thing.name,
-        "is_virtual": thing.name not in world.physical,
-        "is_room": thing.is_room,
-        "moves": thing.motion is not None,
+        "name": obj.name,
+        "is_virtual": obj.name not in world.physical,
+        "is_room": obj.is_room,
+        "moves": obj.motion is not None,
         "rgb": list(materials[0].rgb if materials else _PLAIN_RGB),
         "vertices_m": vertices_m,
         "faces": faces,
-        "pose": _pose(thing, 0.0, {}),
+        "pose": _pose(obj, 0.0, {}),
     }
 
 
@@ -105,6 +105,6 @@ def _triangles(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
     return corners, [list(face) for face in _BOX_FACES]
 
 
-def _pose(thing: SceneObject, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
-    pose = thing.pose_at(t_s, events)
+def _pose(obj: SceneObject, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
+    pose = obj.pose_at(t_s, events)
     return {"position_ned_m": pose.position_ned_m, "q_wxyz": pose.q_wxyz}

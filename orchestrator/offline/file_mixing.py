@@ -181,8 +181,8 @@ class _Inputs:
         self._world = World.parse(load(order.twin.file)) if twin == "world" else None
         self.objects: Mapping[str, int] = {}
         if self._world is not None:
-            things = self._world.scene("wil", "Wv").objects
-            self.objects = {thing.name: thing.object_id for thing in things}
+            objects = self._world.scene("wil", "Wv").objects
+            self.objects = {obj.name: obj.object_id for obj in objects}
         elif twin == "recording":
             file = recorded_inputs.recording_file(order.twin.file)
             self.objects = objects_in(recorded_inputs.facts_of_recording(file))

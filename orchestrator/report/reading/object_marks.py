@@ -61,21 +61,21 @@ def marks_of(
     """
     view = frame.view
     names = [name for name in dict.fromkeys(of_interest) if name in world.scene]
-    things = [world.scene[name] for name in names if not world.scene[name].is_room][:_MOST]
-    if view is None or not things:
+    objects = [world.scene[name] for name in names if not world.scene[name].is_room][:_MOST]
+    if view is None or not objects:
         return ()
-    distances = _distances(view.vehicle, frame.t_s, world, things)
+    distances = _distances(view.vehicle, frame.t_s, world, objects)
     found = []
-    for thing in things:
-        camera = _camera_pose(frame, sensor, thing, world)
+    for obj in objects:
+        camera = _camera_pose(frame, sensor, obj, world)
         if camera is not None:
-            part = touched.removeprefix(f"{thing.name}.") if touched.startswith(thing.name) else ""
-            parts = list(_seen_parts(frame, camera, thing, world.events))
-            found.append(_mark(thing, distances.get(thing.name), parts, part))
+            part = touched.removeprefix(f"{obj.name}.") if touched.startswith(obj.name) else ""
+            parts = list(_seen_parts(frame, camera, obj, world.events))
+            found.append(_mark(obj, distances.get(obj.name), parts, part))
     return tuple(found)
 
 
-def _camera_pose(frame: Frame, sensor: str, thing: SceneObject, world: SeenWorld) -> Pose | None:
+def _camera_pose(frame: Frame, sensor: str, obj: SceneObject, world: SeenWorld) -> Pose | None:
     """Return the pose of the camera that shows an object; None where it is not recorded.
 
     In a mixture the recipe decides from which pose virtual objects were rendered.
@@ -84,7 +84,7 @@ def _camera_pose(frame: Frame, sensor: str, thing: SceneObject, world: SeenWorld
     if frame.view.camera_pose is not None:
         return frame.view.camera_pose
     vehicle = frame.view.vehicle
-    if frame.source == "mixed" and thing.name not in world.physical:
+    if frame.source == "mixed" and obj.name not in world.physical:
         vehicle = _registered_to(world.recipe, sensor)
     body, mount = _pose_at(world.poses.get(vehicle, ()), frame.t_s), _mount(vehicle, sensor, world)
     return None if body is None or mount is None else mount.camera_pose(body)
@@ -133,13 +133,13 @@ def _pose_at(poses: Sequence[TimedPose], t_s: float) -> Pose | None:
 
 
 def _distances(
-    vehicle: str, t_s: float, world: SeenWorld, things: Sequence[SceneObject]
+    vehicle: str, t_s: float, world: SeenWorld, objects: Sequence[SceneObject]
 ) -> dict[str, float]:
     """Return the distances of objects from a vehicle's body at a time."""
     pose = _pose_at(world.poses.get(vehicle, ()), t_s)
     if pose is None:
         return {}
-    wanted = {thing.name for thing in things}
+    wanted = {obj.name for obj in objects}
     others = [name for name in world.scene.names if name not in wanted]
     probe = ClearanceProbe(world.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
     nearest: dict[str, float] = {}
@@ -150,11 +150,11 @@ def _distances(
 
 
 def _seen_parts(
-    frame: Frame, camera: Pose, thing: SceneObject, events: Mapping[str, float]
+    frame: Frame, camera: Pose, obj: SceneObject, events: Mapping[str, float]
 ) -> Iterator[tuple[str, shapely.Geometry]]:
     """Yield the visible parts of an object, each with its shape in the image."""
     screen = shapely.box(0.0, 0.0, frame.width_px, frame.height_px)
-    for body in thing.bodies:
+    for body in obj.bodies:
         pose = body.pose_at(frame.t_s, events)
         for part in body.shape.parts:
             seen = shapely.intersection(_silhouette(vertices_of(part), pose, camera, frame), screen)
@@ -163,7 +163,7 @@ def _seen_parts(
 
 
 def _mark(
-    thing: SceneObject,
+    obj: SceneObject,
     distance_m: float | None,
     parts: Sequence[tuple[str, shapely.Geometry]],
     touched: str,
@@ -174,7 +174,7 @@ def _mark(
     if parts:
         left, top, right, bottom = shapely.total_bounds([shape for _, shape in parts]).tolist()
         box = (left, top, right, bottom)
-    return Mark(thing.name, distance_m, box, touched, outline)
+    return Mark(obj.name, distance_m, box, touched, outline)
 
 
 def _silhouette(corners: Points, pose: Pose, camera: Pose, frame: Frame) -> shapely.Geometry:
@@ -214,7 +214,7 @@ def touched_part(detail: str) -> str:
     return part.split(";")[0].strip() if is_touched else ""
 
 
-def named_things(scene: Scene, texts: Iterable[str]) -> list[str]:
+def named_objects(scene: Scene, texts: Iterable[str]) -> list[str]:
     """Return the objects of a scene that are named in texts, alone or as "object.part"."""
     words = {word.strip(".,;:'\"()") for text in texts for word in text.split()}
     words |= {word.partition(".")[0] for word in words}

@@ -41,46 +41,46 @@ def outlines_of(
     """
     return tuple(
         _outline(
-            thing,
-            is_virtual=thing.name not in physical,
+            obj,
+            is_virtual=obj.name not in physical,
             side=1 if side_axis == "east" else 0,
-            pose=thing.pose_at(t_s, events),
-            route=_route(thing, events, span_s),
+            pose=obj.pose_at(t_s, events),
+            route=_route(obj, events, span_s),
         )
-        for thing in judged.objects
+        for obj in judged.objects
     )
 
 
-def _route(thing: SceneObject, events: Mapping[str, float], span_s: Point) -> Points:
-    if thing.motion is None:
+def _route(obj: SceneObject, events: Mapping[str, float], span_s: Point) -> Points:
+    if obj.motion is None:
         return np.empty((0, 3))
     times = np.linspace(*span_s, _ROUTE_STEPS)
-    return np.array([thing.pose_at(float(t), events).position_ned_m for t in times])
+    return np.array([obj.pose_at(float(t), events).position_ned_m for t in times])
 
 
 def _outline(
-    thing: SceneObject, *, is_virtual: bool, side: int, pose: Pose, route: Points
+    obj: SceneObject, *, is_virtual: bool, side: int, pose: Pose, route: Points
 ) -> Outline:
-    materials = thing.shape.mesh.materials
+    materials = obj.shape.mesh.materials
     return Outline(
-        name=thing.name,
+        name=obj.name,
         is_virtual=is_virtual,
-        is_room=thing.is_room,
+        is_room=obj.is_room,
         rgb=materials[0].rgb if materials else _PLAIN_RGB,
-        above_m=_flat_outlines(thing, pose, _ABOVE),
-        side_m=_flat_outlines(thing, pose, _BESIDE[side]),
+        above_m=_flat_outlines(obj, pose, _ABOVE),
+        side_m=_flat_outlines(obj, pose, _BESIDE[side]),
         route_above_m=_as_points(_flat(route, _ABOVE)),
         route_side_m=_as_points(_flat(route, _BESIDE[side])),
     )
 
 
-def _flat_outlines(thing: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
+def _flat_outlines(obj: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
     """Return the areas of an object's parts as polygons.
 
     Each part is its own polygon, without a union: an opening between bars stays open.
     """
     ((right_m, up_m),) = _flat(np.array([pose.position_ned_m]), view).tolist()
-    found = _turned_outlines(thing.shape, thing.is_room, pose.q_wxyz, view)
+    found = _turned_outlines(obj.shape, obj.is_room, pose.q_wxyz, view)
     return tuple(tuple((x + right_m, y + up_m) for x, y in points) for points in found)
 
 

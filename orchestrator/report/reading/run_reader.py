@@ -37,7 +37,7 @@ from orchestrator.report.reading.held_limits import held_limits
 from orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
-    named_things,
+    named_objects,
     touched_part,
 )
 from orchestrator.report.reading.outlines import outlines_of
@@ -224,8 +224,8 @@ def _marked(sight: Sight | None, parts: _Parts, oracle: OracleResult | None) -> 
     detail = "" if oracle is None else oracle.detail
     given = None if oracle is None else world.oracles.get(oracle.name)
     named = str(given.get("object", "")) if isinstance(given, dict) else ""
-    moving = [thing.name for thing in world.judged.objects if thing.motion is not None]
-    wanted = [*named_things(world.judged, [detail, named]), *world.gates, *moving]
+    moving = [obj.name for obj in world.judged.objects if obj.motion is not None]
+    wanted = [*named_objects(world.judged, [detail, named]), *world.gates, *moving]
     seen = SeenWorld(
         world.judged,
         world.physical,
