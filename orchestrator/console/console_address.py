@@ -83,8 +83,8 @@ def require_safe(address: ConsoleAddress, *, tls: bool) -> None:
     """Raise ConsoleError for an address that other machines reach, unless TLS protects it."""
     if not address.is_loopback and not tls:
         raise ConsoleError(
-            f"{address.host} can be reached by other machines: give the console a certificate "
-            "(--tls-cert and --tls-key), or a loopback address"
+            f"{address.host} can be reached by other machines: the console needs a certificate "
+            "(--tls-cert and --tls-key); or give it a loopback address"
         )
     if address.host in {"0.0.0.0", "::"}:  # noqa: S104 - refused here
         raise ConsoleError(

@@ -83,8 +83,7 @@ class ConsoleHub:
 
     def say_goodbye(self) -> None:
         """Tell all pages that the console ends with its campaign."""
-        for page in self._pages:
-            page.order(as_text({"type": "goodbye"}))
+        self._order(as_text({"type": "goodbye"}))
 
     def show_people(self) -> None:
         """Send all pages the list of open sessions, and which has control."""
@@ -101,8 +100,7 @@ class ConsoleHub:
                 "holder": "" if holder is None else holder.name,
             }
         )
-        for page in self._pages:
-            page.order(text)
+        self._order(text)
 
     def show_status(self, document: Mapping[str, Any]) -> None:
         """Send all pages the status of campaigns and guards; also the server's heartbeat."""
@@ -114,8 +112,7 @@ class ConsoleHub:
         """Send all pages, also later ones, a command of this console and its replies."""
         text = as_text({"type": "command", "at_s": time.time(), **document})
         self._commands.append(text)
-        for page in self._pages:
-            page.order(text)
+        self._order(text)
 
     async def take(self, message: FeedMessage) -> None:
         """Take a message of a live feed."""
@@ -133,14 +130,17 @@ class ConsoleHub:
             case EventView():
                 text = as_text({"type": "event", **msgspec.structs.asdict(message)})
                 record.events.append(text)
-                for page in self._pages:
-                    page.order(text)
+                self._order(text)
             case FactsView():
                 # In a thread: reading meshes from files must not delay commands.
                 scene = await asyncio.to_thread(RunScene.of, message.run, message.facts)
                 record.scene = scene
-                for page in self._pages:
-                    page.order(as_text(scene.document))
+                self._order(as_text(scene.document))
+
+    def _order(self, text: str) -> None:
+        """Send all pages a message that must arrive."""
+        for page in self._pages:
+            page.order(text)
 
     def _record(self, run: str) -> _RunRecord:
         record = self._runs.setdefault(run, _RunRecord())

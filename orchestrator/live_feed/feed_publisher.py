@@ -220,21 +220,21 @@ class FeedPublisher:
                 return
         for event in tuple(self._events):
             if event.number > console.sent:
-                if not console.sender.send(_encode(event)):
+                if not console.sender.send(feed_codec.encode(event)):
                     return
                 console.sent = event.number
 
     def _encoded_facts(self) -> bytes:
         """Return the run's facts as a datagram; only the short ones if they are too long."""
         facts = dict(self._facts())
-        datagram = _encode(FactsView(self._run, facts))
+        datagram = feed_codec.encode(FactsView(self._run, facts))
         if len(datagram) > LONGEST_DATAGRAM_BYTES:
             named = {key: facts[key] for key in _SHORT_FACTS if key in facts}
-            datagram = _encode(FactsView(self._run, named))
+            datagram = feed_codec.encode(FactsView(self._run, named))
         return datagram
 
     def _send(self, message: FeedMessage) -> None:
-        datagram = _encode(message)
+        datagram = feed_codec.encode(message)
         if len(datagram) > LONGEST_DATAGRAM_BYTES:
             return
         for path, console in tuple(self._consoles.items()):
@@ -242,8 +242,3 @@ class FeedPublisher:
                 console.sender.send(datagram)
             except OSError:
                 self._consoles.pop(path).sender.close()
-
-
-def _encode(message: FeedMessage) -> bytes:
-    """Return a message of the live feed as a datagram."""
-    return feed_codec.encode(message)

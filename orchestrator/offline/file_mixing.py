@@ -1,8 +1,9 @@
 """Mixes files by a recipe: `wil-campaign mix`."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -199,19 +200,14 @@ class _Inputs:
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
             found = _recorded_inputs(side.file, "twin", mixer.sensor)
-            return StreamedTwins(found, _offer_readings(mixer))
+            return StreamedTwins(found, partial(mixer.offer, "twin"))
         if self._world is not None:
             optics = Optics(side.fov_deg)
             camera = WorldCamera(world=self._world, pose=self._order.place, optics=optics)
             return DrawnTwins(camera.reading)
         if kind == "image":
             return HeldTwins(next(_image_inputs(side, True, "twin")))
-        return StreamedTwins(_image_inputs(side, False, "twin"), _offer_readings(mixer))
-
-
-def _offer_readings(mixer: Mixer) -> Callable[[Reading], str | None]:
-    """Return a function that offers the twin's readings to a mixer."""
-    return lambda reading: mixer.offer("twin", reading)
+        return StreamedTwins(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
 
 
 def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Reading]:

@@ -65,7 +65,7 @@ def short_time(t_s: float | None, goal_s: float | None) -> str:
     """Return a signed time relative to the goal, for tables."""
     if t_s is None or not math.isfinite(t_s):
         return NOTHING
-    return f"{t_s - (goal_s or 0.0):+.2f} s" if goal_s is not None else f"{t_s:.2f} s"
+    return f"{t_s:.2f} s" if goal_s is None else f"{t_s - goal_s:+.2f} s"
 
 
 def place_text(position_ned_m: Vec3 | None) -> str:

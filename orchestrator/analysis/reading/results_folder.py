@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
 from orchestrator.campaign.resuming.run_ledger import open_orders
 from orchestrator.model.campaign_results import Summary
-from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import result_model, summary_model
 from worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
@@ -43,7 +42,9 @@ def read_campaign(folder: Path) -> CampaignDocuments:
     manifest = {} if found is None else found
     if found is not None:
         problems += _manifest_problems(found)
-    summary = _read_document(folder / "summary.json", _parse_summary, problems)
+    summary = _read_document(
+        folder / "summary.json", lambda text: _validate(summary_model(), text), problems
+    )
     entries = tuple(_entries(folder, manifest, summary))
     if not entries:
         problems.append("no run was started in this folder")
@@ -95,7 +96,7 @@ def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) ->
         case, mode, rep = name.split("/")
         problems: list[str] = []
         path = folder / name / "result.json"
-        result = _read_document(path, _parse_result, problems)
+        result = _read_document(path, lambda text: _validate(result_model(), text), problems)
         if not path.exists() and (name in orders or _is_begun(folder / name)):
             problems.append(_BEGUN)
         yield RunEntry(name, case, mode, rep, result or summarised.get(name), tuple(problems))
@@ -198,21 +199,15 @@ def read_data(path: Path) -> bytes:
         raise UnreadableError(f"{path.name} cannot be read: {error.strerror or error}") from error
 
 
-def _parse_result(text: str) -> RunResult:
-    found = result_model().validate_json(text)
-    _require_numbers(text)
+def _validate(model: TypeAdapter[T], text: str) -> T:
+    found = model.validate_json(text)
+    _load_json(text)
     return found
 
 
-def _parse_summary(text: str) -> Summary:
-    found = summary_model().validate_json(text)
-    _require_numbers(text)
-    return found
-
-
-def _require_numbers(text: str) -> None:
-    """Raise ValueError for NaN and infinities, which JSON does not have."""
-    json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
+def _load_json(text: str) -> Any:
+    """Return a JSON value. Raises ValueError for NaN and infinities, which JSON does not have."""
+    return json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
 
 
 def _refuse_constant(text: str) -> None:
@@ -226,7 +221,7 @@ def _finite(text: str) -> float:
 
 
 def _mapping(text: str) -> dict[str, Any]:
-    found = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
+    found = _load_json(text)
     if not isinstance(found, dict):
         raise ValueError("it is not a JSON object")  # noqa: TRY004 - a document, not an argument
     # Half a surrogate pair is valid JSON, but cannot be encoded as UTF-8.

@@ -1,12 +1,11 @@
 // @ts-check
 // Command buttons and keys: each sends one POST, and shows its reply.
 
+import { by } from "./panels/dom.js";
+
 /** @typedef {import("./model.js").Model} Model */
 
 const WAIT_MS = 5000;
-
-/** @param {string} id */
-const by = (id) => /** @type {HTMLButtonElement} */ (document.getElementById(id));
 
 /** Send a request; return its reply, or a failure if the server does not answer.
  * @param {string} path @param {any} body @returns {Promise<{ok: boolean, text: string}>} */

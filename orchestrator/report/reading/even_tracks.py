@@ -5,9 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from orchestrator.report.model import Point, Track
-from worlds.frames import Pose
-
-TimedPose = tuple[float, Pose]
+from orchestrator.report.reading.distances import TimedPose
 
 _STEP_S = 0.05
 _MOST = 500

@@ -140,13 +140,9 @@ class _Picker:
             return
         for wanted_s in self._wanted_s[first:due]:
             provenance = self._provenance.get(sensor, {})
-            beside = tuple(self._inputs(sensor, provenance)) if self._is_mixed else ()
+            beside = tuple(self._inputs(sensor, provenance)) if self._perceived == "mixed" else ()
             sight = RecordedSight(wanted_s, last, beside, provenance)
             self._sights.sights.setdefault(sensor, []).append(sight)
-
-    @property
-    def _is_mixed(self) -> bool:
-        return self._perceived == "mixed"
 
     def _inputs(self, sensor: str, provenance: Mapping[str, Any]) -> Iterable[Message]:
         """Yield the readings a mixture was made from; a name with receivers has its sensor's."""

@@ -114,9 +114,10 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
     moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
-    wanted = () if moment is None else tuple(moment.t_s + offset_s for offset_s in STRIP_S)
+    at_s = None if moment is None else moment.t_s
+    wanted = () if at_s is None else tuple(at_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
-    shown = decode_sights(sights, size, at_s=None if moment is None else moment.t_s)
+    shown = decode_sights(sights, size, at_s=at_s)
     video, video_problems = _read_video(place / VIDEO)
     if not shown and wanted and video is not None:
         shown = video_sights(video, wanted, size)
@@ -132,19 +133,19 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         cause=cause,
         notes=_notes(result, cause, parts.goal_s),
         moment=moment,
-        at_moment=() if moment is None else tuple(_at_moment(parts, moment.t_s)),
+        at_moment=() if at_s is None else tuple(_at_moment(parts, at_s)),
         goal_s=parts.goal_s,
         span_s=parts.span_s,
         stages=tuple(stages.items()),
         tracks=tuple(_tracks(parts, poses, times)),
         commands=_thinned(parts.commands, parts.span_s),
-        world=_drawn_world(parts, poses, None if moment is None else moment.t_s),
+        world=_drawn_world(parts, poses, at_s),
         closeup=closeup,
-        sight=_marked(_nearest(shown, None if moment is None else moment.t_s), parts, oracle),
+        sight=_marked(_nearest(shown, at_s), parts, oracle),
         strip=tuple(shown),
         plots=(
             *motion_plots(poses, parts.world, parts.motion, subject, limits),
-            *mixture_plots(sights.provenances, None if moment is None else moment.t_s),
+            *mixture_plots(sights.provenances, at_s),
         ),
         events=parts.log.events,
         preflight=parts.log.preflight,
