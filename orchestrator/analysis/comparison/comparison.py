@@ -175,7 +175,7 @@ def _cell_changes(
         if name not in margins[1] or margins[1][name][0] != unit:
             continue
         other = margins[1][name][1]
-        p, why = _testable(old, new, values != other)
+        p, why = _testable(old, new, set(values) != set(other))
         if not why and p is None:
             p = permutation_p(other, values)
         found.append(

@@ -65,6 +65,14 @@ def test_more_tests_make_chance_harder_to_exclude() -> None:
     assert [one.p for one in together.changes] == [pytest.approx(0.0476, abs=1e-4), 1.0]
 
 
+def test_equal_margins_of_unequal_numbers_of_flights_do_not_differ() -> None:
+    found = compared(flights("a", "sim", "PPP"), flights("a", "sim", "PPPPP"), margin=0.1)
+    assert [(one.what, one.p) for one in found.changes] == [
+        ("pass rate", 1.0),
+        ("margin of collision", 1.0),
+    ]
+
+
 def test_equal_runs_that_differ_are_no_chance() -> None:
     found = compared(flights("a", "sim", "PPP"), flights("a", "sim", "FFF"))
     assert [(one.p, one.outcome) for one in found.changes] == [(0.0, "worse")]
