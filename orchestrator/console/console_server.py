@@ -7,11 +7,11 @@ session, before anything else of them is used.
 from collections.abc import Awaitable, Callable, Iterator
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from typing import Any
+from typing import Any, get_args
 
 from aiohttp import web
 
-from orchestrator.console.console_access import AccessError, ConsoleAccess, Session
+from orchestrator.console.console_access import AccessError, ConsoleAccess, Role, Session
 from orchestrator.console.console_address import RequestRules
 from orchestrator.console.console_hub import ConsoleHub
 from orchestrator.console.fence_check import check_fence
@@ -141,7 +141,7 @@ class ConsoleServer:
         if not isinstance(token, str):
             raise AccessError("a session needs the token of a link")
         session = self._access.begin(token, _checked_name(name))
-        response = web.json_response({"ok": True, "text": f"session of an {session.role}"})
+        response = web.json_response({"ok": True, "text": f"session of role {session.role}"})
         response.set_cookie(
             self._cookie,
             session.key,
@@ -174,7 +174,7 @@ class ConsoleServer:
     async def _invite(self, request: web.Request) -> web.StreamResponse:
         session = self._session(request)
         role = (await _json_of(request)).get("role")
-        if session.role != "operator" or role not in {"operator", "viewer"}:
+        if session.role != "operator" or role not in get_args(Role):
             raise AccessError("only an operator can create a link, of role operator or viewer")
         token = self._access.invite(role)
         link = f"{self._rules.scheme}://{request.headers['Host']}/#{token}"

@@ -121,6 +121,13 @@ async def test_what_is_no_command_is_refused(console: Console, body: bytes, stat
     assert console.commands() == []
 
 
+@pytest.mark.parametrize("body", [b"{}", b'{"role": "admin"}', b'{"role": ["viewer"]}'])
+async def test_a_link_of_no_role_is_refused(console: Console, body: bytes) -> None:
+    client = await console.client("operator")
+    done = await console.post(client, "/invite", body)
+    assert (done.status, (await done.json())["ok"]) == (403, False)
+
+
 SQUARE = [[-1, -1], [5, -1], [5, 1], [-1, 1]]
 CROSSED = [[-1, -1], [5, 1], [5, -1], [-1, 1]]
 BESIDE = [[-1, 3], [5, 3], [5, 4], [-1, 4]]
