@@ -30,8 +30,8 @@ from orchestrator.report.reading.cause import (
     notes_of,
 )
 from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
-from orchestrator.report.reading.distances import contact_until_s
-from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
+from orchestrator.report.reading.distances import TimedPose, contact_until_s
+from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
 from orchestrator.report.reading.held_limits import held_limits
 from orchestrator.report.reading.object_marks import (
