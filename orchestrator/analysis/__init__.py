@@ -1,1 +1,1 @@
-"""What flown campaigns show, from their results folders: statistics, gap, comparison, history."""
+"""Analysis of flown campaigns from their results folders: statistics, gap, comparison, history."""

@@ -1,6 +1,6 @@
-"""What the statistics of a campaign say in plain words: shown, not shown, what would show it; pure.
+"""Conclusions from the statistics of a campaign, in sentences: shown, not shown, needed; pure.
 
-The tables have the figures; these sentences say what follows from them, and what does not.
+The tables have the figures; these sentences state what follows from them, and what does not.
 """
 
 import math
@@ -16,13 +16,13 @@ from orchestrator.analysis.pass_rates import MODES, ModeTest, PassRate
 from orchestrator.analysis.study import Study
 
 MODE_NAMES = {"sim": "simulation", "wil": "WIL", "real": "reality"}
-"""What the tables and sentences call the modes."""
+"""Names of the modes in tables and sentences."""
 
 Kind = Literal["shown", "not shown", "contradicted", "needed", "note"]
 
 _LEVEL = 0.05
 _MOST_TIMES = 40
-"""Of the flights: a difference that would take more is not worth a figure."""
+"""Multiples of the flown flights: a difference that needs more gets no figure."""
 _MEASURE_NAMES = {
     "dtw": "the paths (dtw)",
     "frechet": "the largest distance of the paths (frechet)",
@@ -37,16 +37,16 @@ AnyFigure = TypeVar("AnyFigure", GapFigure, EnergyFigure)
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """One thing that follows from the statistics. kind: shown, not shown, contradicted, ..."""
+    """One conclusion from the statistics. kind: shown, not shown, contradicted, ..."""
 
     kind: Kind
     text: str
 
 
 def conclusions(study: Study) -> list[Conclusion]:
-    """Return what the statistics show, what they do not, and what would be needed for that.
+    """Return what the statistics show, what they do not show, and how many flights would.
 
-    Empty where there is one mode alone: nothing is compared then.
+    Empty for a campaign of a single mode: there is nothing to compare.
     """
     found = list(_of_pass_rates(study))
     means, energies = _widest(study.gap.figures), _widest(study.gap.energies)
@@ -59,7 +59,7 @@ def conclusions(study: Study) -> list[Conclusion]:
 
 
 def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
-    """Yield whether the modes differ in how often they pass, and what a difference would need."""
+    """Yield whether the pass rates of the modes differ, and how many flights would show it."""
     modes = [mode for mode in MODES if any(one.mode == mode for one in study.rates.rates)]
     if len(modes) < 2:
         return
@@ -70,19 +70,18 @@ def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
     alike = [one for one in tests if one.p is not None and one.p >= _LEVEL]
     untested = [one for one in tests if one.p is None]
     if apart:
-        yield Conclusion("shown", f"The modes do not pass equally often: {_pairs_text(apart)}.")
+        yield Conclusion("shown", f"The pass rates of the modes differ: {_pairs_text(apart)}.")
     if alike:
-        known = "of the others " if apart else ""
+        others = " for the other modes" if apart else ""
         yield Conclusion(
             "not shown",
-            f"That the modes differ in how often they pass is not shown {known}"
-            f"({_pairs_text(alike)}: chance makes such differences). It is not shown either that "
-            "they pass equally often.",
+            f"No difference in pass rates is shown{others} ({_pairs_text(alike)}: chance alone can "
+            "explain the differences). Equal pass rates are not shown either.",
         )
         yield from _needed_for_passes(study, alike)
     if untested:
         text = "; ".join(f"{_pair_text(one)}: {one.why}" for one in untested)
-        yield Conclusion("not shown", f"How often the modes pass cannot be tested. {text}.")
+        yield Conclusion("not shown", f"The pass rates cannot be tested. {text}.")
 
 
 def _count_text(study: Study, mode: str) -> str:
@@ -91,7 +90,7 @@ def _count_text(study: Study, mode: str) -> str:
 
 
 def _widest_tests(tests: Sequence[ModeTest]) -> Iterator[ModeTest]:
-    """Yield of each two modes the test over all cases; of a single case, its own."""
+    """Yield the test over all cases for each pair of modes; for a single case, its own."""
     for pair in dict.fromkeys((one.one, one.other) for one in tests):
         own = [one for one in tests if (one.one, one.other) == pair]
         yield next((one for one in own if not one.case), own[0])
@@ -112,14 +111,14 @@ def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conc
         if times is not None:
             texts.append(f"{times} times the flights for {_pair_text(test)}")
     if texts:
-        said = ", ".join(texts)
+        needed = ", ".join(texts)
         yield Conclusion(
-            "needed", f"To show a difference, if the shares of passes stay as they are: {said}."
+            "needed", f"To show a difference, if the pass rates stay the same: {needed}."
         )
 
 
 def _times_for_difference(rates: Sequence[PassRate], test: ModeTest) -> int | None:
-    """Return how many times the flights would show the shares to differ; None for too many."""
+    """Return the multiple of the flights that would show a difference; None for too many."""
     by_place = {(one.case, one.mode): one for one in rates if not one.deterministic}
     cases = [test.case] if test.case else list(dict.fromkeys(one.case for one in rates))
     pairs = [
@@ -152,12 +151,12 @@ def _widest(figures: Sequence[AnyFigure]) -> list[AnyFigure]:
 
 
 def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Conclusion]:
-    """Yield whether the claim holds that WIL is nearer to reality than simulation is.
+    """Yield whether the figures show that WIL is nearer to reality than simulation is.
 
-    flown: how many flights of a case and mode there are.
+    flown: the number of flights of a case and mode.
     """
     where = f"{title}, {_case_text(figures)}"
-    nearer, farther, undecided, unknown = _by_answer(figures)
+    nearer, farther, undecided, unknown = _split_by_outcome(figures)
     claim = "WIL is nearer to reality than simulation"
     if nearer:
         yield Conclusion("shown", f"{where}: {claim}, by {_names(nearer)}.")
@@ -165,11 +164,11 @@ def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Concl
         text = "WIL is farther from reality than simulation"
         yield Conclusion("contradicted", f"{where}: {text}, by {_names(farther)}.")
     if undecided:
-        text = f"it is open whether {claim}, by {_names(undecided)}"
-        yield Conclusion("not shown", f"{where}: {text} (the interval has 0 in it).")
+        text = f"it is undecided whether {claim}, by {_names(undecided)}"
+        yield Conclusion("not shown", f"{where}: {text} (the interval contains 0).")
         yield from _needed_for_gap(undecided, flown)
     if unknown:
-        text = f"whether {claim} cannot be said by {_names(unknown)}"
+        text = f"it is unknown whether {claim}, by {_names(unknown)}"
         yield Conclusion(
             "not shown", f"{where}: {text}: the flights have no spread, or are too few."
         )
@@ -180,10 +179,10 @@ def _case_text(figures: Sequence[Figure]) -> str:
     return f"over {case}" if case == ALL_CASES else f"in {case}"
 
 
-def _by_answer(
+def _split_by_outcome(
     figures: Sequence[Figure],
 ) -> tuple[list[Figure], list[Figure], list[Figure], list[Figure]]:
-    """Return the figures by which WIL is nearer, farther, either, and those without an interval."""
+    """Return the figures by which WIL is nearer, farther, undecided; and those without interval."""
     known = [one for one in figures if one.nearer_interval is not None]
     return (
         [one for one in known if one.holds is True],
@@ -200,7 +199,7 @@ def _names(figures: Iterable[Figure]) -> str:
 def _on_disagreement(
     means: Sequence[GapFigure], energies: Sequence[EnergyFigure]
 ) -> Iterator[Conclusion]:
-    """Yield why both ways of measuring say the opposite, where they do."""
+    """Yield why the two measures of the gap contradict each other, where they do."""
     against = {one.measure: one for one in means if one.holds is False}
     both = [one for one in energies if one.holds is True and one.measure in against]
     if not both:
@@ -215,12 +214,12 @@ def _on_disagreement(
         "note",
         "Why these two disagree: a mean distance is small for a mode whose flights lie close "
         f"together, and those of simulation do ({first.measure} between two flights of one mode: "
-        f"simulation {sim}, WIL {wil}, reality {real}). The second way takes that out.",
+        f"simulation {sim}, WIL {wil}, reality {real}). The second measure corrects for that.",
     )
 
 
 def _needed_for_gap(figures: Sequence[Figure], flown: int) -> Iterator[Conclusion]:
-    """Yield how many flights would decide what is undecided: intervals go by their root."""
+    """Yield how many flights would decide: an interval shrinks with the square root of them."""
     texts = []
     for one in figures:
         times = _times_for_decision(one.nearer_by, one.nearer_interval)
@@ -229,13 +228,13 @@ def _needed_for_gap(figures: Sequence[Figure], flown: int) -> Iterator[Conclusio
     if texts:
         yield Conclusion(
             "needed",
-            f"Flights of each case and mode that would decide it ({flown} now), if differences and "
-            f"spread stay as they are: about {', '.join(texts)}.",
+            f"Flights of each case and mode needed to decide ({flown} now), if differences and "
+            f"spread stay the same: about {', '.join(texts)}.",
         )
 
 
 def _times_for_decision(nearer_by: float | None, interval: Interval | None) -> float | None:
-    """Return how many times the flights would move an interval off 0; None for too many."""
+    """Return the multiple of the flights that moves an interval off 0; None for too many."""
     if not nearer_by or interval is None:
         return None
     half = nearer_by - interval.low if nearer_by > 0.0 else interval.high - nearer_by
@@ -244,7 +243,7 @@ def _times_for_decision(nearer_by: float | None, interval: Interval | None) -> f
 
 
 def _of_published(study: Study) -> Iterator[Conclusion]:
-    """Yield whose counts stand beside the campaign's own."""
+    """Yield the source of the published counts shown beside the campaign's own."""
     if not study.published.passed:
         return
     counts = []
@@ -257,10 +256,10 @@ def _of_published(study: Study) -> Iterator[Conclusion]:
         if known:
             total = f"{sum(a for a, _ in known)} of {sum(b for _, b in known)}"
             counts.append(f"{MODE_NAMES[mode]} {total}")
-    said = f": passes {', '.join(counts)}" if counts else ""
+    totals = f": passes {', '.join(counts)}" if counts else ""
     source = study.published.source or "a source that the campaign file does not name"
     yield Conclusion(
         "note",
-        f"Columns called published are not of this campaign: they are the counts of {source}{said}."
-        " They are shown for comparison and judge nothing.",
+        f"Columns named published are not from this campaign: they are the counts of {source}"
+        f"{totals}. They are shown for comparison and do not affect the verdict.",
     )

@@ -2,8 +2,8 @@
 
 
 class ResultsFolderError(Exception):
-    """A folder that is no results folder of a campaign; says why, and what to give instead."""
+    """A folder is not the results folder of a campaign; the message says what to give instead."""
 
 
 class ComparisonError(Exception):
-    """Campaigns that cannot be compared; says why."""
+    """Campaigns cannot be compared; the message says why."""

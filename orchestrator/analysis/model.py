@@ -1,4 +1,4 @@
-"""What results folders hold, as far as it can be read; values only.
+"""The contents of results folders, as far as they are readable; values only.
 
 Times are on the run clock, seconds; positions NED metres in the world's local frame.
 """
@@ -14,7 +14,7 @@ from worlds.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """What a vehicle was, and what its autonomy asked for, at one time; a row of trajectory.csv.
+    """State of a vehicle and setpoint of its autonomy at one time; a row of trajectory.csv.
 
     position_ned_m: the estimate. setpoint_kind: "position" (m), "velocity" (m/s), or "".
     """
@@ -35,7 +35,7 @@ class Commanded:
 
 @dataclass(frozen=True, slots=True)
 class RunEntry:
-    """A run of a folder, as far as the campaign's documents tell of it."""
+    """A run of a results folder, as far as the campaign's documents describe it."""
 
     name: str
     case: str
@@ -49,7 +49,7 @@ class RunEntry:
 class CampaignDocuments:
     """A campaign. summary, manifest: None and empty where they cannot be read.
 
-    entries: its runs and controls in order. problems: what is missing or cannot be read.
+    entries: its runs and controls in order. problems: what is missing or unreadable.
     """
 
     name: str
@@ -61,5 +61,5 @@ class CampaignDocuments:
 
     @property
     def run_problems(self) -> tuple[str, ...]:
-        """Return what is missing or cannot be read of runs, each with the run's name."""
+        """Return what is missing or unreadable in runs, each with the run's name."""
         return tuple(f"{one.name}: {text}" for one in self.entries for text in one.problems)

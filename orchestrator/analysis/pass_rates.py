@@ -1,8 +1,8 @@
 """Pass rates with their intervals, exact tests between modes, agreement with reality; pure.
 
-INVALID, ERROR and ABORTED prove nothing: they leave the denominator and are counted beside it.
-Runs that are equal in all that was measured are one observation flown several times: they have
-neither an interval nor a test.
+INVALID, ERROR and ABORTED prove nothing: they are not in the denominator, and counted separately.
+Runs with equal measurements are one observation flown several times: they have neither an interval
+nor a test.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,7 +18,7 @@ MODES = ("sim", "wil", "real")
 
 @dataclass(frozen=True, slots=True)
 class PassRate:
-    """Flights of a case in a mode. unproven: those that came to no PASS or FAIL.
+    """Pass rate of a case in a mode. unproven: flights that ended without a PASS or FAIL.
 
     deterministic: two or more flights, and all equal. interval: of the pass rate, Clopper-Pearson;
     None where nothing was flown or where the flights are equal.
@@ -35,9 +35,9 @@ class PassRate:
 
 @dataclass(frozen=True, slots=True)
 class ModeTest:
-    """An exact test that two modes have one pass rate. case: empty over all cases.
+    """An exact test whether two modes have the same pass rate. case: empty for all cases.
 
-    p: two-sided; None where one of the modes has no flights or equal ones, as `why` says.
+    p: two-sided; None where a mode has no flights or equal ones; `why` has the reason.
     """
 
     case: str
@@ -63,7 +63,7 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True)
 class PassRates:
-    """The pass rates of a campaign by case and mode, and what they say about its modes."""
+    """The pass rates of a campaign by case and mode, with tests and agreement of the modes."""
 
     rates: tuple[PassRate, ...]
     tests: tuple[ModeTest, ...]
@@ -144,9 +144,9 @@ def _counts(one: PassRate, other: PassRate) -> Table:
 
 
 def _untestable(rate: PassRate) -> str:
-    """Return why flights are no sample, in words; empty where they are one."""
+    """Return why flights cannot be tested; empty where they can."""
     if not rate.flown:
-        return f"no flight of {rate.mode} came to PASS or FAIL"
+        return f"no flight of {rate.mode} ended with PASS or FAIL"
     return f"the flights of {rate.mode} are equal" if rate.deterministic else ""
 
 

@@ -1,4 +1,4 @@
-"""Counts that others published, which a campaign file carries to be shown beside its own; pure."""
+"""Published counts that a campaign file quotes, to be shown beside its own; pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from worlds.files.documents import Data
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """source: where they stand. passed: by case and mode, "1/5" or a text as "too costly"."""
+    """Published counts. source: the publication. passed: by case and mode, "1/5" or a text."""
 
     source: str = ""
     passed: Mapping[tuple[str, str], str] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What a campaign shows about its modes: pass rates, tests, agreement, the gap."""
+"""The statistics of a campaign: pass rates, tests between modes, agreement, the gap."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,7 +16,7 @@ FILE_NAME = "statistics.json"
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """The statistics of one campaign. published: counts of others, shown beside them."""
+    """The statistics of one campaign. published: counts of another source, shown beside."""
 
     rates: PassRates
     gap: Gap
@@ -31,7 +31,7 @@ def read_study(folder: Path, campaign: CampaignDocuments) -> Study:
 
 
 def study_json(campaign: CampaignDocuments, study: Study) -> str:
-    """Return statistics.json: what `read_study` found, in its names."""
+    """Return the statistics of a campaign as the text of statistics.json."""
     return to_json(
         {
             "schema": SCHEMA,

@@ -49,7 +49,7 @@ class Rows:
 def result_rows(study: Study) -> Rows:
     """Return passes and failures by case and mode, laid out as the paper's Table I.
 
-    Beside each count its interval, and where the campaign carries published counts, those.
+    Each count has its interval; published counts of the campaign file get columns of their own.
     """
     rates = {(one.case, one.mode): one for one in study.rates.rates}
     published = study.published.passed
@@ -75,9 +75,9 @@ def gap_rows(study: Study) -> Rows:
 
 
 def energy_rows(study: Study) -> Rows:
-    """Return by case and measure the gap with the spread of each mode taken into account.
+    """Return the energy distances by case and measure: the gap corrected for spread.
 
-    Without rows where no case has two flights of reality and of another mode.
+    Empty unless a case has two flights of reality and two of another mode.
     """
     figures = study.gap.energies
     is_known = any(one.sim is not None or one.wil is not None for one in figures)
@@ -85,12 +85,12 @@ def energy_rows(study: Study) -> Rows:
 
 
 def statements(study: Study) -> list[str]:
-    """Return in sentences what tests and agreement say, and what was left out."""
+    """Return tests, agreement and what was left out, in sentences."""
     found = [_test_text(test) for test in study.rates.tests]
     found += [
         f"{MODE_NAMES[one.mode]} agrees with reality on whether there are failures in "
-        f"{one.cases_agree} of {one.cases} cases; a flight of each ends alike with "
-        f"probability {one.verdicts_agree:.2f}"
+        f"{one.cases_agree} of {one.cases} cases; two flights, one of each, have the "
+        f"same verdict with probability {one.verdicts_agree:.2f}"
         for one in study.rates.agreement
     ]
     found += list(_bases(study.gap.figures))
@@ -122,7 +122,7 @@ def _rate_text(rate: PassRate | None) -> str:
 
 
 def _published_text(text: str) -> str:
-    """Return published counts as the table has its own; other texts as they are."""
+    """Return published counts in the format of the table; other texts unchanged."""
     passed, is_count, flown = text.partition("/")
     if is_count and passed.strip().isdecimal() and flown.strip().isdecimal():
         return f"P {int(passed)} F {int(flown) - int(passed)}"
@@ -193,7 +193,7 @@ def _energy_holds_text(figure: EnergyFigure) -> str:
 
 
 def _bases(figures: Sequence[GapFigure]) -> Iterator[str]:
-    """Yield on what flights the gap of each case rests, each once."""
+    """Yield which flights the gap of each case is based on."""
     texts = dict.fromkeys(f"gap of {one.case}: {one.basis}" for one in figures)
     yield from texts
 

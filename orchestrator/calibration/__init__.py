@@ -1,1 +1,1 @@
-"""A real camera measured: pictures of a board and poses in, a calibration file out."""
+"""Camera calibration: from images of a board, and poses, to a calibration file."""

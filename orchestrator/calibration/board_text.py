@@ -1,4 +1,4 @@
-"""Boards as the command line names them."""
+"""Parses the calibration boards of the command line."""
 
 import re
 

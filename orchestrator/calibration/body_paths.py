@@ -1,4 +1,4 @@
-"""Where a body was while its camera took pictures: from a CSV file, or a recorded run."""
+"""The path of a camera's body for calibration, from a CSV file or a recorded run."""
 
 import csv
 import math
@@ -30,7 +30,7 @@ def body_path(poses: Iterable[TimedPose]) -> BodyPath:
 
 
 def path_in_csv(path: Path) -> BodyPath:
-    """Return the body's path in a CSV file with the columns of COLUMNS; others are ignored.
+    """Return the body's path in a CSV file with the columns of COLUMNS, ignoring others.
 
     Raises OfflineError, with the line.
     """
@@ -40,7 +40,7 @@ def path_in_csv(path: Path) -> BodyPath:
             missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
             if missing:
                 raise OfflineError(
-                    f"{path}:1: has no column {', '.join(missing)}; poses are {', '.join(COLUMNS)}"
+                    f"{path}:1: has no column {', '.join(missing)}; poses need {', '.join(COLUMNS)}"
                 )
             return body_path([_pose(path, rows.line_num, row) for row in rows])
     except OSError as error:

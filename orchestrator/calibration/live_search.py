@@ -1,4 +1,4 @@
-"""Looks for a board through a live camera, while motion capture tells where its body is."""
+"""Searches a live camera's images for a board while motion capture records the body's path."""
 
 import asyncio
 from contextlib import AsyncExitStack
@@ -10,14 +10,13 @@ from orchestrator.calibration.body_paths import TimedPose, body_path
 from orchestrator.external.motion_captures import MotionCaptures
 from vehicles.calibration.boards import Board
 from vehicles.calibration.mounting import BodyPath
-from vehicles.readings import CameraReading
 from vehicles.sources.cameras.camera_factory import live_camera
 from worlds.camera import Intrinsics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOrder:
-    """A live search's input. size: of the images, (width, height). mocap: None: optics alone."""
+    """A live search's input. size: of the images, (width, height). mocap: None for optics only."""
 
     camera: SourceSetup
     size: tuple[int, int]
@@ -26,18 +25,18 @@ class LiveOrder:
 
 
 async def search_live(order: LiveOrder, board: Board) -> tuple[BoardViews, BodyPath | None]:
-    """Return a live camera's views of the board and its body's path; stamps of arrival.
+    """Return a live camera's views of the board and its body's path, stamped on arrival.
 
     Raises SourceError, CalibrationError.
     """
-    looker = BoardSearch(board)
+    search = BoardSearch(board)
     poses: list[TimedPose] = []
     captures = MotionCaptures({} if order.mocap is None else {"real": order.mocap})
     captures.listen("real", lambda reading: poses.append((reading.t_s, reading.pose)))
     width_px, height_px = order.size
     camera = live_camera(
         order.camera.address,
-        # Its optics are what is sought: only the size is checked by these.
+        # The optics are still unknown: these only check the size.
         intrinsics=Intrinsics.from_fov(width_px, height_px, 1.0),
         open_timeout_s=order.camera.open_s,
         stall_timeout_s=order.camera.stall_s,
@@ -56,10 +55,6 @@ async def search_live(order: LiveOrder, board: Board) -> tuple[BoardViews, BodyP
                 break
             if reading.t_s >= due_s:
                 due_s = reading.t_s + STEP_S
-                await _search(looker, reading)
-    return looker.seen(), body_path(poses) if order.mocap is not None else None
-
-
-async def _search(looker: BoardSearch, reading: CameraReading) -> None:
-    """Search live images in a thread while poses are received; excess images are dropped."""
-    await asyncio.to_thread(looker.look, reading.t_s, reading.image_bgr)
+                # In a thread: poses keep arriving, and the camera drops excess images.
+                await asyncio.to_thread(search.search, reading.t_s, reading.image_bgr)
+    return search.views(), body_path(poses) if order.mocap is not None else None

@@ -1,4 +1,4 @@
-"""A calibration from what was seen of a board."""
+"""Measures a camera's calibration from views of a board."""
 
 import math
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ _THRICE = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasurementOptions:
-    """How to measure a camera. optics: measured before, to be kept; None: now.
+    """Options of a measurement. optics: from an earlier one, to keep; None to measure them.
 
-    flown_latency_s: what was already taken off the stamps of the pictures.
+    flown_latency_s: the latency that was already subtracted from the images' stamps.
     """
 
     board: Board
@@ -44,17 +44,17 @@ class MeasurementOptions:
 def measure_camera(
     seen: BoardViews, path: BodyPath | None, how: MeasurementOptions
 ) -> CalibrationPart:
-    """Return the measured calibration; mounting and latency only with a path."""
-    kept = how.optics
-    if kept is None:
+    """Return the measured calibration; mount and latency only with a path."""
+    given = how.optics
+    if given is None:
         fit = fit_optics(seen.sightings, seen.size, coefficients=how.coefficients)
         camera = _optics(fit.intrinsics)
         quality: OpticsQualityPart | None = _quality(fit, how.board)
     else:
-        camera, quality = kept.camera, kept.quality
+        camera, quality = given.camera, given.quality
         if (camera.width_px, camera.height_px) != seen.size:
             raise CalibrationError(
-                f"the pictures have {seen.size[0]}x{seen.size[1]}, and the optics are of "
+                f"the images have {seen.size[0]}x{seen.size[1]}, but the optics are for "
                 f"{camera.width_px}x{camera.height_px}"
             )
     found = CalibrationPart(
@@ -82,7 +82,7 @@ def measure_camera(
 
 
 def read_optics(path: Path) -> CalibrationPart:
-    """Return the optics of a calibration file, for a measurement. Raises BadInput, OfflineError."""
+    """Return the optics in a calibration file. Raises BadInput, OfflineError."""
     if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
     return read_calibration(load(path, name=str(path)))
@@ -100,8 +100,8 @@ def _latency_ms(fit: MountingFit, flown_s: float) -> float:
     latency_s = fit.latency_s + flown_s
     if latency_s < -_THRICE * fit.spread_s - 1e-3:
         raise CalibrationError(
-            f"the pictures are {-1000 * latency_s:.0f} ms ahead of the poses: these are late by "
-            "more; say by how much (--poses-latency-ms), or check that both have one clock"
+            f"the images are {-1000 * latency_s:.0f} ms ahead of the poses: the poses have more "
+            "latency; give it by --poses-latency-ms, or check that both use one clock"
         )
     return round(max(0.0, 1000.0 * latency_s), 2)
 
@@ -130,7 +130,7 @@ def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
 
 
 def _mount(pose: Pose) -> MountPart:
-    """Return the measured mounting as part of a calibration file."""
+    """Return the measured mount as part of a calibration file."""
     forward, right, down = (round(value, 5) for value in pose.position_ned_m)
     roll, pitch, yaw = (round(math.degrees(angle), 4) for angle in euler_from_quat(pose.q_wxyz))
     return MountPart(

@@ -1,1 +1,1 @@
-"""The console: a page in the browser that shows what flies, and takes an operator's commands."""
+"""The console: a web page that shows runs in flight, and takes an operator's commands."""

@@ -1,4 +1,4 @@
-"""The status of the campaigns and guards of this machine, asked for by their operator sockets."""
+"""Polls the status of campaigns and guards on this machine through their operator sockets."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -11,7 +11,7 @@ from orchestrator.operator.socket_client import NoAnswerError, ask
 from worlds.files.limited_json import read_json
 
 POLL_S = 0.5
-_AT_ONCE = 8
+_THREADS = 8
 _MOST_ENDED = 4
 _WHO = "console"
 
@@ -21,7 +21,7 @@ class CampaignPoller:
 
     def __init__(self, scope: FlightScope) -> None:
         self._scope = scope
-        self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="poll")
+        self._threads = ThreadPoolExecutor(_THREADS, thread_name_prefix="poll")
         self._planned: dict[Path, list[str]] = {}
         self._last: dict[Path, dict[str, Any]] = {}
         self._reasons: dict[Path, str] = {}
@@ -33,7 +33,7 @@ class CampaignPoller:
         self._threads.shutdown(wait=False, cancel_futures=True)
 
     def poll(self) -> dict[str, Any]:
-        """Return the status of all campaigns and guards now; ended ones as they were last."""
+        """Return the status of all campaigns and guards; of ended ones the last status."""
         try:
             found = self._scope.places()
         except OSError as error:
@@ -52,21 +52,21 @@ class CampaignPoller:
         for folder in self._last.keys() - flying:
             last = self._last[folder]
             if not last["is_over"] or "accepted" not in last:
-                # Without a summary, as of a program that died, the last verdicts stand.
+                # Without a summary, as after a crash, the last known verdicts stay.
                 last |= {"is_over": True, "flying": {}, **_summary(folder)}
         for folder in [one for one in self._last if one not in flying][:-_MOST_ENDED]:
             del self._last[folder]
         return {"campaigns": list(self._last.values()), "guards": guards, "problem": ""}
 
     def is_landing(self) -> bool:
-        """Return whether a guard of the scope still flies."""
+        """Return whether a guard of the scope still runs."""
         try:
             return bool(self._scope.places().guards)
         except OSError:
             return False
 
     def _reasons_of(self, folder: Path, status: Mapping[str, Any]) -> dict[str, str]:
-        """Return why the runs that are over have their verdicts, as their results have it."""
+        """Return the reasons of the finished runs' verdicts, from their results."""
         found = {}
         for name in status.get("finished", {}):
             run = folder / str(name)
@@ -79,7 +79,7 @@ class CampaignPoller:
         return found
 
     def _plan(self, folder: Path) -> list[str]:
-        """Return the names of a campaign's runs, as campaign.json has them."""
+        """Return the names of a campaign's runs in campaign.json."""
         if folder not in self._planned:
             runs = _document(folder / "campaign.json").get("runs")
             if not isinstance(runs, list):
@@ -89,7 +89,7 @@ class CampaignPoller:
 
 
 def _status(place: Place) -> dict[str, Any]:
-    """Return the status of a campaign or a guard; what it is without an answer."""
+    """Return the status of a campaign or a guard; only its name and folder if it is silent."""
     known: dict[str, Any] = {"name": place.name, "folder": str(place.folder)}
     try:
         answer = ask(place.socket, "status", who=_WHO)
@@ -100,7 +100,7 @@ def _status(place: Place) -> dict[str, Any]:
 
 
 def _summary(folder: Path) -> dict[str, Any]:
-    """Return the verdicts of a campaign that is over; nothing where no summary can be read."""
+    """Return the verdicts of an ended campaign; empty without a readable summary."""
     found = _document(folder / "summary.json")
     if not found:
         return {}
@@ -119,7 +119,7 @@ def _list(document: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
 
 
 def _document(path: Path) -> dict[str, Any]:
-    """Return a JSON document of a results folder; an empty one where it cannot be read."""
+    """Return a JSON document of a results folder; empty if it is unreadable."""
     try:
         found = read_json(path)
     except (OSError, ValueError):

@@ -1,7 +1,7 @@
-"""Who may see and command by a console: one-time tokens, sessions, who has control; pure.
+"""Access to a console: one-time tokens, sessions, and which session has control; pure.
 
-A token stands in the fragment of a link, is used once, and is exchanged for a session, which a
-cookie carries. An operator's session may command while it has control; abort is every operator's.
+A token is in the fragment of a link. It is valid once, and exchanged for a session, which is kept
+in a cookie. An operator's session may command while it has control; every operator may abort.
 """
 
 import hmac
@@ -14,14 +14,14 @@ from safety.guard.core.operator_command import OperatorKind
 
 Role = Literal["operator", "viewer"]
 MAX_TOKENS = 32
-"""Links that are not used yet; the oldest yields."""
+"""Unused links; a new one replaces the oldest."""
 MAX_SESSIONS = 64
 _TOKEN_BYTES = 24
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A session of a console's page. number: for people, in the order of arrival; name: of whom."""
+    """A session of a console's page. number: in the order of arrival; name: of the person."""
 
     key: str
     number: int
@@ -30,7 +30,7 @@ class Session:
 
 
 class AccessError(Exception):
-    """A request that is refused; says why."""
+    """A request is refused; the message says why."""
 
 
 class ConsoleAccess:
@@ -54,11 +54,11 @@ class ConsoleAccess:
         return token
 
     def begin(self, token: str, name: str) -> Session:
-        """Return the session that a token is good for; the token is used up. Raises AccessError."""
+        """Exchange a one-time token for a new session. Raises AccessError."""
         known = next((one for one in self._tokens if _is_same(one, token)), None)
         if known is None:
             raise AccessError(
-                "this link was used already, or is wrong: ask for a new one at the console's "
+                "this link is invalid or was already used: get a new one from the console's "
                 "terminal or page"
             )
         if len(self._sessions) >= MAX_SESSIONS:
@@ -79,15 +79,15 @@ class ConsoleAccess:
         raise AccessError("no session: open the link that the terminal shows")
 
     def take_control(self, session: Session) -> None:
-        """Give an operator's session control, whoever had it. Raises AccessError."""
+        """Give control to an operator's session, whichever session had it. Raises AccessError."""
         if session.role != "operator":
-            raise AccessError("a viewer cannot take control: ask for an operator's link")
+            raise AccessError("a viewer cannot take control: open an operator's link")
         self.in_control = session
 
     def require_command(self, session: Session, kind: OperatorKind) -> None:
         """Raise AccessError unless a session may give a command now."""
         if session.role != "operator":
-            raise AccessError(f"{kind}: a viewer commands nothing; ask for an operator's link")
+            raise AccessError(f"{kind}: a viewer cannot command: open an operator's link")
         if kind == "abort" or session == self.in_control:
             return
         holder = "nobody" if self.in_control is None else self.in_control.name

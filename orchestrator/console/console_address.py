@@ -1,4 +1,4 @@
-"""Where a console listens, and which Host and Origin a request to it must have; pure."""
+"""The address of a console, and the Host and Origin that requests must have; pure."""
 
 import ipaddress
 import re
@@ -15,21 +15,21 @@ _MAX_PORT = 65535
 
 @dataclass(frozen=True, slots=True)
 class ConsoleAddress:
-    """The address of a console. port 0: any that is free. is_loopback: nobody else reaches it."""
+    """The address of a console. port 0: any free one. is_loopback: only this machine reaches it."""
 
     host: str
     port: int
 
     @classmethod
     def parse(cls, text: str, *, port: int = 0) -> "ConsoleAddress":
-        """Return the address in HOST, HOST:PORT or :PORT; port: where none is named.
+        """Return the address in HOST, HOST:PORT or :PORT; port: the default.
 
         Raises ConsoleError.
         """
         found = _ADDRESS.fullmatch(text)
         port = int((found and found["port"]) or port)
         if found is None or port > _MAX_PORT:
-            raise ConsoleError(f"{text!r} is no address for the console: say HOST, :PORT or both")
+            raise ConsoleError(f"{text!r} is not a console address: give HOST, :PORT or HOST:PORT")
         return cls((found["host"] or _LOOPBACK[0]).strip("[]"), port)
 
     @property
@@ -44,7 +44,7 @@ class ConsoleAddress:
 
     @property
     def shown(self) -> str:
-        """Return host and port as they stand in a URL."""
+        """Return host and port as in a URL."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{host}:{self.port}"
 
@@ -53,8 +53,8 @@ class ConsoleAddress:
 class RequestRules:
     """The rules for requests to a console: the Host and Origin that they must have.
 
-    They keep out other sites' pages (cross-site requests and WebSockets, also by forged names that
-    lead to this machine). scheme: http or https.
+    They block pages of other sites (cross-site requests and WebSockets, and DNS rebinding).
+    scheme: http or https.
     """
 
     scheme: str
@@ -69,7 +69,7 @@ class RequestRules:
         return cls("https" if tls else "http", frozenset(hosts))
 
     def check(self, headers: Mapping[str, str], *, needs_origin: bool) -> None:
-        """Raise AccessError for a request of another site, or for another name."""
+        """Raise AccessError for a request from another site, or to another host name."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if host.lower() not in self.hosts:
             raise AccessError(f"Host {host[:80]!r} is not this console")
@@ -80,14 +80,14 @@ class RequestRules:
 
 
 def require_safe(address: ConsoleAddress, *, tls: bool) -> None:
-    """Raise ConsoleError for an address that others reach, unless TLS protects the token."""
+    """Raise ConsoleError for an address that other machines reach, unless TLS protects it."""
     if not address.is_loopback and not tls:
         raise ConsoleError(
             f"{address.host} can be reached by other machines: the console needs a certificate "
-            "there (--tls-cert and --tls-key), or an address of loopback"
+            "(--tls-cert and --tls-key); or give it a loopback address"
         )
     if address.host in {"0.0.0.0", "::"}:  # noqa: S104 - refused here
         raise ConsoleError(
-            f"{address.host} is no name that a browser can ask for: name the one address or host "
-            "by which the console is to be reached"
+            f"{address.host} is not an address that a browser can open: give the one address or "
+            "host name of the console"
         )

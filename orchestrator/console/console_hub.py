@@ -1,4 +1,4 @@
-"""The newest of every run and campaign that a console knows, and the pages that it is sent to."""
+"""Keeps the newest state of runs and campaigns, and sends it to all open pages."""
 
 import asyncio
 import time
@@ -21,14 +21,14 @@ from orchestrator.live_feed.feed_messages import (
 )
 
 _MOST_RUNS = 8
-"""Runs that are remembered; the one that was silent longest yields."""
+"""Runs that are kept; a new one replaces the one that was silent longest."""
 _MOST_EVENTS = 1000
 _MOST_COMMANDS = 100
 
 
 @dataclass(slots=True)
 class _RunRecord:
-    """What a console knows of one run; texts as they are sent."""
+    """The newest messages of one run; texts as they are sent."""
 
     scene: RunScene | None = None
     newest: RunView | None = None
@@ -38,9 +38,9 @@ class _RunRecord:
 
 
 class ConsoleHub:
-    """Passes live feeds and statuses on to all open pages; new pages get what is known.
+    """Forwards live feeds and statuses to all open pages; a new page gets the present state.
 
-    about: what every page is told first. access: for who has control.
+    about: the first message to every page. access: knows which session has control.
     """
 
     def __init__(self, *, about: Mapping[str, Any], access: ConsoleAccess) -> None:
@@ -52,7 +52,7 @@ class ConsoleHub:
         self._commands: deque[str] = deque(maxlen=_MOST_COMMANDS)
 
     def join(self, page: PageClient) -> None:
-        """Send a new page all that is known, and from now on what is new."""
+        """Add a page: send it the present state, and from now on every update."""
         session = page.session
         you = {"number": session.number, "role": session.role, "name": session.name}
         page.order(as_text({"type": "hello", "you": you, **self._about}))
@@ -73,21 +73,20 @@ class ConsoleHub:
         self.show_people()
 
     def leave(self, page: PageClient) -> None:
-        """Send a closed page nothing any more."""
+        """Remove a closed page."""
         self._pages.discard(page)
         self.show_people()
 
     def views(self) -> list[RunView]:
-        """Return the newest states of the runs that are known."""
+        """Return the newest states of all known runs."""
         return [one.newest for one in self._runs.values() if one.newest is not None]
 
     def say_goodbye(self) -> None:
         """Tell all pages that the console ends with its campaign."""
-        for page in self._pages:
-            page.order(as_text({"type": "goodbye"}))
+        self._order(as_text({"type": "goodbye"}))
 
     def show_people(self) -> None:
-        """Send all pages who is there, and who has control."""
+        """Send all pages the list of open sessions, and which has control."""
         holder = self._access.in_control
         people = {
             session.number: {"number": session.number, "role": session.role, "name": session.name}
@@ -101,21 +100,19 @@ class ConsoleHub:
                 "holder": "" if holder is None else holder.name,
             }
         )
-        for page in self._pages:
-            page.order(text)
+        self._order(text)
 
     def show_status(self, document: Mapping[str, Any]) -> None:
-        """Send all pages the status of campaigns and guards: also the server's sign of life."""
+        """Send all pages the status of campaigns and guards; also the server's heartbeat."""
         self._status = as_text({"type": "status", **document})
         for page in self._pages:
             page.show("status", self._status)
 
     def show_command(self, document: Mapping[str, Any]) -> None:
-        """Send all pages, also later ones, a command that was given here, and its replies."""
+        """Send all pages, also later ones, a command of this console and its replies."""
         text = as_text({"type": "command", "at_s": time.time(), **document})
         self._commands.append(text)
-        for page in self._pages:
-            page.order(text)
+        self._order(text)
 
     async def take(self, message: FeedMessage) -> None:
         """Take a message of a live feed."""
@@ -133,14 +130,17 @@ class ConsoleHub:
             case EventView():
                 text = as_text({"type": "event", **msgspec.structs.asdict(message)})
                 record.events.append(text)
-                for page in self._pages:
-                    page.order(text)
+                self._order(text)
             case FactsView():
-                # Meshes are read from files: no command waits for that.
+                # In a thread: reading meshes from files must not delay commands.
                 scene = await asyncio.to_thread(RunScene.of, message.run, message.facts)
                 record.scene = scene
-                for page in self._pages:
-                    page.order(as_text(scene.document))
+                self._order(as_text(scene.document))
+
+    def _order(self, text: str) -> None:
+        """Send all pages a message that must arrive."""
+        for page in self._pages:
+            page.order(text)
 
     def _record(self, run: str) -> _RunRecord:
         record = self._runs.setdefault(run, _RunRecord())
@@ -151,7 +151,7 @@ class ConsoleHub:
 
 
 def _view_text(view: RunView, scene: RunScene | None) -> str:
-    """Return a run's state for the page, with where its world's moving objects are."""
+    """Return a run's state for the page, with the poses of its moving objects."""
     moving = {} if scene is None else scene.moving(view.t_s, view.events)
     moving |= {name: msgspec.structs.asdict(pose) for name, pose in view.flown.items()}
     state = {**msgspec.structs.asdict(view), "flown": sorted(view.flown)}

@@ -1,4 +1,4 @@
-"""A console's process: opens its address, serves its page, receives live feeds, until it ends."""
+"""The process of a console: serves its page, and receives live feeds, until it ends."""
 
 import asyncio
 import contextlib
@@ -31,19 +31,19 @@ from vehicles.tasks import stop, together
 _LONGEST_BYTES = 1 << 18
 _BACKLOG = 64
 _NICE = 5
-"""The console yields to what flies on the same cores."""
-_LEAVE_S = 2.0
-"""How long after its campaign a console is there still, so that pages show the end."""
+"""The console has lower priority than flights on the same cores."""
+_LINGER_S = 2.0
+"""How long a console runs after its campaign, so that pages show the end."""
 _GOODBYE_S = 0.3
 _CLOSE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConsoleSettings:
-    """What a console is to show, and where. recorded: a finished run; None for what flies.
+    """Content and address of a console. recorded: a finished run; None for runs in flight.
 
-    folder: only what writes its results there. tls: certificate and key. speed: of a finished run,
-    in times the pace at which it was flown.
+    folder: only campaigns that write their results there. tls: certificate and key. speed: replay
+    speed of a finished run; 1 is real time.
     """
 
     address: ConsoleAddress
@@ -61,9 +61,9 @@ async def serve_console(
 ) -> None:
     """Serve a console until it is cancelled. Raises ConsoleError, RecordingError.
 
-    announce: is given the links, one for an operator and one for viewers. beside: the process of a
-    campaign, which alone the console is for, and with which it ends: when standard input is closed,
-    and its guards are gone.
+    announce: receives the links, one for operators and one for viewers. beside: the process of a
+    campaign: the console shows only that campaign, and ends when standard input is closed and its
+    guards are gone.
     """
     require_safe(settings.address, tls=settings.tls is not None)
     with contextlib.suppress(OSError):
@@ -99,7 +99,7 @@ async def _feed_hub(
     *,
     ends: bool,
 ) -> None:
-    """Feed the hub from what flies, or from a recording, until the console is to end."""
+    """Feed the hub from live feeds, or from a recording, until the console should end."""
     async with together() as group:
         if settings.recorded is None:
             source = group.create_task(_receive(hub, scope), name="live feeds")
@@ -107,15 +107,15 @@ async def _feed_hub(
             recorded = RecordedRun(settings.recorded, speed=settings.speed)
             source = group.create_task(recorded.play(hub.take), name="recorded run")
         polling = group.create_task(_poll(hub, poller), name="status")
-        await _end_of(poller, ends=ends)
-        await asyncio.sleep(_LEAVE_S)
+        await _wait_for_end(poller, ends=ends)
+        await asyncio.sleep(_LINGER_S)
         hub.say_goodbye()
         await asyncio.sleep(_GOODBYE_S)
         await stop(source, polling)
 
 
-async def _end_of(poller: CampaignPoller, *, ends: bool) -> None:
-    """Wait until the campaign of the scope's program has ended and landed, or for ever."""
+async def _wait_for_end(poller: CampaignPoller, *, ends: bool) -> None:
+    """Wait until the scope's campaign has ended and landed; forever without `ends`."""
     closed = asyncio.Event()
     if not ends:
         await closed.wait()
@@ -126,20 +126,20 @@ async def _end_of(poller: CampaignPoller, *, ends: bool) -> None:
         loop.remove_reader(end)
         closed.set()
 
-    # Nobody writes to it: it can be read once its other end is closed.
+    # Nothing is written to stdin: it becomes readable when its other end closes.
     loop.add_reader(end, close)
-    is_there = True
-    while is_there:
+    is_needed = True
+    while is_needed:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(POLL_S):
                 await closed.wait()
                 await asyncio.sleep(POLL_S)
         is_landing = await asyncio.to_thread(poller.is_landing)
-        is_there = is_landing or not closed.is_set()
+        is_needed = is_landing or not closed.is_set()
 
 
 async def _receive(hub: ConsoleHub, scope: FlightScope) -> None:
-    """Take a scope's live feeds until cancelled; what is none is let go."""
+    """Receive a scope's live feeds until cancelled; invalid datagrams are ignored."""
     loop = asyncio.get_running_loop()
     try:
         with feed_receiver() as end:
@@ -185,7 +185,7 @@ def _listening(address: ConsoleAddress) -> Iterator[socket.socket]:
         end = socket.create_server(place[:2], family=family, backlog=_BACKLOG)
     except OSError as error:
         raise ConsoleError(
-            f"the console cannot listen at {address.shown}: {error.strerror or error}; name "
+            f"the console cannot listen at {address.shown}: {error.strerror or error}; give "
             "another address, or none for a free port"
         ) from error
     with end:
@@ -203,5 +203,7 @@ def _tls(settings: ConsoleSettings) -> ssl.SSLContext | None:
     try:
         context.load_cert_chain(certificate, key)
     except (OSError, ssl.SSLError) as error:
-        raise ConsoleError(f"{certificate} and {key} are no certificate: {error}") from error
+        raise ConsoleError(
+            f"{certificate} and {key} cannot be loaded as certificate and key: {error}"
+        ) from error
     return context

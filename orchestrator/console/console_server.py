@@ -1,7 +1,7 @@
 """The console's web server: the page, its WebSocket, and commands by POST.
 
-Every request has its Host checked, every one that changes or reads anything its Origin and its
-session too. Nothing of a request is believed before that.
+Every request has its Host checked; requests that read or change anything also their Origin and
+session, before anything else of them is used.
 """
 
 from collections.abc import Awaitable, Callable, Iterator
@@ -38,17 +38,17 @@ _HEADERS = {
     "Cache-Control": "no-store",
 }
 _KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-_RECORDED_A_SECOND = 5
+_MOST_RECORDED_HZ = 5
 _MOST_PAGES = 32
 _HEARTBEAT_S = 5.0
-WHO = "console:"
-"""Before the name of whoever commands by a page, in every record."""
+NAME_PREFIX = "console:"
+"""Prefix of an operator's name in every record."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class ConsoleServer:
-    """The web application of a console; rules: for the address at which it listens."""
+    """The web application of a console. rules: for the address at which it listens."""
 
     def __init__(
         self,
@@ -66,12 +66,12 @@ class ConsoleServer:
         self._sender = sender
         self._cookie = cookie
         self._time = time
-        self._refusals = RateLimit(most=_RECORDED_A_SECOND)
+        self._refusals = RateLimit(most=_MOST_RECORDED_HZ)
         self._pages: set[web.WebSocketResponse] = set()
         self._files = dict(_page_files(files("orchestrator.console") / "page"))
 
     def close(self) -> None:
-        """End what sends its commands; those on their way are sent still."""
+        """Stop sending commands, after those in progress."""
         self._sender.close()
 
     def application(self) -> web.Application:
@@ -115,7 +115,7 @@ class ConsoleServer:
         return guarded
 
     def _record(self, text: str) -> None:
-        """Record a refused request; who floods does not fill the disk."""
+        """Record a refused request, rate limited so that a flood does not fill the disk."""
         if not self._refusals.is_exceeded(self._time()):
             self._sender.refuse(text)
 
@@ -136,12 +136,12 @@ class ConsoleServer:
         return web.Response(body=self._files[name], content_type=kind, charset="utf-8")
 
     async def _begin_session(self, request: web.Request) -> web.StreamResponse:
-        asked = await _json_of(request)
-        token, name = asked.get("token"), asked.get("name", "")
+        document = await _json_of(request)
+        token, name = document.get("token"), document.get("name", "")
         if not isinstance(token, str):
             raise AccessError("a session needs the token of a link")
         session = self._access.begin(token, _checked_name(name))
-        response = web.json_response({"ok": True, "text": f"session of an {session.role}"})
+        response = web.json_response({"ok": True, "text": f"session of role {session.role}"})
         response.set_cookie(
             self._cookie,
             session.key,
@@ -157,7 +157,7 @@ class ConsoleServer:
         self._access.require_command(session, command.kind)
         if command.kind == "geofence":
             check_fence(command.document, self._hub.views())
-        replies = await self._sender.send(command, f"{WHO}{session.name}")
+        replies = await self._sender.send(command, f"{NAME_PREFIX}{session.name}")
         ok = any(reply.ok for reply in replies)
         texts = [reply.text for reply in replies]
         self._hub.show_command(
@@ -174,8 +174,8 @@ class ConsoleServer:
     async def _invite(self, request: web.Request) -> web.StreamResponse:
         session = self._session(request)
         role = (await _json_of(request)).get("role")
-        if session.role != "operator" or role not in {"operator", "viewer"}:
-            raise AccessError("an operator makes links, of role operator or viewer")
+        if session.role != "operator" or role not in ("operator", "viewer"):
+            raise AccessError("only an operator can create a link, of role operator or viewer")
         token = self._access.invite(role)
         link = f"{self._rules.scheme}://{request.headers['Host']}/#{token}"
         return web.json_response({"ok": True, "text": link})
@@ -204,7 +204,7 @@ class ConsoleServer:
 
 
 def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, bytes]]:
-    """Yield the files of the page with their paths, also those in its folders."""
+    """Yield the files of the page with their paths, recursively."""
     for one in folder.iterdir():
         if one.is_dir():
             yield from _page_files(one, f"{beneath}{one.name}/")
@@ -215,16 +215,16 @@ def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, b
 async def _json_of(request: web.Request) -> dict[str, Any]:
     """Return the JSON object in a request. Raises AccessError."""
     if request.content_type != "application/json":
-        raise AccessError("a request's content type is application/json")
-    asked = parse_body(await request.read())
-    if not isinstance(asked, dict):
-        raise AccessError("a request is a JSON object")
-    return asked
+        raise AccessError("the content type of a request must be application/json")
+    document = parse_body(await request.read())
+    if not isinstance(document, dict):
+        raise AccessError("a request must be a JSON object")
+    return document
 
 
 def _checked_name(name: Any) -> str:
-    """Return the name that goes into the record. Raises AccessError."""
+    """Return an operator's name that is safe for records. Raises AccessError."""
     try:
-        return checked_who(f"{WHO}{name}").removeprefix(WHO) or "operator"
+        return checked_who(f"{NAME_PREFIX}{name}").removeprefix(NAME_PREFIX) or "operator"
     except RefusedLineError as error:
         raise AccessError(str(error)) from error

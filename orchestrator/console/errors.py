@@ -1,5 +1,5 @@
-"""What can go wrong with a console."""
+"""The error of the console."""
 
 
 class ConsoleError(Exception):
-    """A console that cannot be opened; says why, and what to do."""
+    """A console cannot be opened; the message says why, and what to do."""

@@ -1,4 +1,4 @@
-"""Whether a fence of the page could be one, before it is sent to the runs that decide; pure."""
+"""Checks a fence from the page before it is sent to the runs, which decide on it; pure."""
 
 from collections.abc import Iterable
 
@@ -12,13 +12,13 @@ from worlds.files.documents import BadInput, parse
 from worlds.geodesy import LocalFrame
 
 _NOWHERE = LocalFrame(0.0, 0.0, 0.0)
-"""A page draws in metres: no place on Earth is needed."""
+"""The page draws in metres, so the origin on Earth does not matter."""
 
 
 def check_fence(text: str, views: Iterable[RunView]) -> None:
-    """Raise AccessError for what is no fence, or leaves a vehicle of a run in flight outside.
+    """Raise AccessError for an invalid fence, or one with a flying vehicle outside.
 
-    Whether a vehicle could stop inside, and its autopilot takes it, its run finds out.
+    Whether a vehicle can stop inside, and whether its autopilot accepts it, the run checks.
     """
     flying = [view for view in views if view.stage != "end"]
     try:
@@ -37,11 +37,9 @@ def check_fence(text: str, views: Iterable[RunView]) -> None:
             if fence is None or position_ned_m is None:
                 continue
             if (margin_m := fence.margin_m(position_ned_m)) < 0.0:
-                raise AccessError(
-                    f"geofence: {vehicle.name} would be {-margin_m:.2f} m outside of it"
-                )
+                raise AccessError(f"geofence: {vehicle.name} would be {-margin_m:.2f} m outside")
 
 
 def _fences(view: RunView) -> dict[str, Fence]:
-    """Return the fences of a run's vehicles at present."""
+    """Return the present fences of a run's vehicles."""
     return {name: fence_of_plain(plain) for name, plain in view.fences.items()}

@@ -1,7 +1,7 @@
-"""What one open page is sent: views by a latest-only slot each, the rest in order, never dropped.
+"""Sends to one open page: views in latest-only slots, all other messages in order, never dropped.
 
-Images wait for the page: it acknowledges each by its number, and of each camera at most two are on
-their way. One camera's image waits for no other's.
+Images have flow control: the page acknowledges each by its number, and at most two per camera are
+unacknowledged. Cameras do not wait for each other.
 """
 
 import asyncio
@@ -16,27 +16,27 @@ from orchestrator.live_feed.feed_messages import ImageView
 from vehicles.tasks import together
 
 WINDOW = 2
-"""Images of one camera that are on their way to a page."""
+"""Unacknowledged images per camera."""
 MAX_MESSAGE_BYTES = 1024
-"""Of what a page sends by its WebSocket: acknowledgements."""
-_MOST_WAITING = 4000
+"""Limit on messages from a page, which are acknowledgements."""
+_MOST_QUEUED = 4000
 _SEND_S = 5.0
-"""A page that takes nothing for so long is closed; it connects again."""
+"""A page that does not read for this long is closed; it reconnects."""
 _HEAD = 4
 
 
 class _Acknowledgement(msgspec.Struct, forbid_unknown_fields=True):
-    """What a page sends."""
+    """A page's acknowledgement of an image. ack: its number."""
 
     ack: int
 
 
 class SlowPageError(Exception):
-    """A page that does not read what it is sent."""
+    """A page does not read its messages."""
 
 
 class PageClient:
-    """One open page: its WebSocket, and what waits to be sent to it."""
+    """One open page: its WebSocket, and its queues."""
 
     def __init__(self, socket: web.WebSocketResponse, session: Session) -> None:
         self._socket = socket
@@ -44,26 +44,26 @@ class PageClient:
         self._ordered: deque[str] = deque()
         self._views: dict[str, str] = {}
         self._images: dict[str, bytes] = {}
-        self._on_way: dict[int, str] = {}
+        self._unacknowledged: dict[int, str] = {}
         self._sent_images = 0
         self._is_slow = False
         self._woken = asyncio.Event()
 
     def order(self, text: str) -> None:
-        """Send a document in order, and never drop it; a page that is too slow is closed."""
-        if len(self._ordered) < _MOST_WAITING:
+        """Queue a message that must arrive; a page that is too slow is closed."""
+        if len(self._ordered) < _MOST_QUEUED:
             self._ordered.append(text)
         else:
             self._is_slow = True
         self._woken.set()
 
     def show(self, key: str, text: str) -> None:
-        """Send a view in place of an earlier one that still waits."""
+        """Queue a view; it replaces an earlier one that is still queued."""
         self._views[key] = text
         self._woken.set()
 
     def show_image(self, key: str, data: bytes) -> None:
-        """Send an image in place of an earlier one that still waits."""
+        """Queue an image; it replaces an earlier one that is still queued."""
         self._images[key] = data
         self._woken.set()
 
@@ -72,17 +72,19 @@ class PageClient:
         try:
             async with together() as group:
                 sending = group.create_task(self._send(), name="sending to a page")
-                group.create_task(self._receive(sending), name="reading of a page")
+                group.create_task(self._receive(sending), name="receiving from a page")
         except (SlowPageError, ConnectionError, TimeoutError):
             return
 
     async def _receive(self, sending: "asyncio.Task[None]") -> None:
         async for message in self._socket:
-            number = _acknowledged(message.data) if message.type is WSMsgType.TEXT else None
-            if number not in self._on_way:
+            number = (
+                _parse_acknowledgement(message.data) if message.type is WSMsgType.TEXT else None
+            )
+            if number not in self._unacknowledged:
                 await self._socket.close(code=1008, message=b"only acknowledgements are read")
                 break
-            del self._on_way[number]
+            del self._unacknowledged[number]
             self._woken.set()
         sending.cancel()
 
@@ -93,18 +95,18 @@ class PageClient:
             if self._is_slow:
                 raise SlowPageError
             async with asyncio.timeout(_SEND_S):
-                await self._send_waiting()
+                await self._send_queued()
 
-    async def _send_waiting(self) -> None:
-        """Send all that waits; of each camera's images no more than the window has room for."""
+    async def _send_queued(self) -> None:
+        """Send all that is queued; images only within the window of their camera."""
         while self._ordered:
             await self._socket.send_str(self._ordered.popleft())
         for key in tuple(self._views):
             await self._socket.send_str(self._views.pop(key))
         for key in tuple(self._images):
-            if list(self._on_way.values()).count(key) < WINDOW:
+            if list(self._unacknowledged.values()).count(key) < WINDOW:
                 self._sent_images += 1
-                self._on_way[self._sent_images] = key
+                self._unacknowledged[self._sent_images] = key
                 await self._socket.send_bytes(self._images.pop(key))
 
 
@@ -131,8 +133,8 @@ def image_packet(image: ImageView) -> bytes:
     return len(head).to_bytes(_HEAD, "big") + head + image.jpeg
 
 
-def _acknowledged(text: str) -> int | None:
-    """Return the number of the image that a page acknowledges, counted from 1; None for none."""
+def _parse_acknowledgement(text: str) -> int | None:
+    """Return the number of the acknowledged image, from 1; None for an invalid message."""
     try:
         return msgspec.json.decode(text, type=_Acknowledgement).ack
     except msgspec.DecodeError:

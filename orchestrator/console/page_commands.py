@@ -1,4 +1,4 @@
-"""An operator's commands by the page: over the sockets that every other way takes."""
+"""Sends an operator's commands from the page to the operator sockets of runs and guards."""
 
 import asyncio
 import json
@@ -17,37 +17,37 @@ from safety.guard.core.operator_command import OperatorKind
 from safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
 
 MAX_BODY_BYTES = LONGEST_LINE_BYTES // 2
-"""Of a request; written as JSON once more, it has to fit into a line of the socket."""
-_AT_ONCE = 16
+"""Limit on a request: encoded as JSON again, it must fit into a line of the socket."""
+_THREADS = 16
 _KEYS = frozenset({"command", "geofence"})
 
 
 @dataclass(frozen=True, slots=True)
 class PageCommand:
-    """A command that a page asks for. document: the text of new fences."""
+    """A command from a page. document: the text of new fences."""
 
     kind: OperatorKind
     document: str = ""
 
     @classmethod
-    def parse(cls, asked: Any) -> "PageCommand":
+    def parse(cls, document: Any) -> "PageCommand":
         """Return the command in a request's JSON. Raises AccessError."""
-        if not isinstance(asked, dict) or set(asked) - _KEYS:
-            raise AccessError("a command is an object with command, and for a fence geofence")
-        kind, document = asked.get("command"), asked.get("geofence", "")
+        if not isinstance(document, dict) or set(document) - _KEYS:
+            raise AccessError("a command has the keys command and, for a fence, geofence")
+        kind, fences = document.get("command"), document.get("geofence", "")
         if kind not in get_args(OperatorKind):
-            raise AccessError(f"command is one of {', '.join(get_args(OperatorKind))}")
-        if not isinstance(document, str) or (kind == "geofence") != bool(document):
-            raise AccessError("geofence is the text of a file, and goes with command geofence")
-        return cls(cast("OperatorKind", kind), document)
+            raise AccessError(f"command must be one of {', '.join(get_args(OperatorKind))}")
+        if not isinstance(fences, str) or (kind == "geofence") != bool(fences):
+            raise AccessError("geofence must be the text of a file, for command geofence only")
+        return cls(cast("OperatorKind", kind), fences)
 
 
 class CommandSender:
-    """Sends commands to a scope's flights, by threads of its own: an abort waits for nothing."""
+    """Sends commands to a scope's flights in threads, so that an abort never waits."""
 
     def __init__(self, scope: FlightScope) -> None:
         self._scope = scope
-        self._threads = ThreadPoolExecutor(_AT_ONCE, thread_name_prefix="command")
+        self._threads = ThreadPoolExecutor(_THREADS, thread_name_prefix="command")
 
     async def send(self, command: PageCommand, who: str) -> list[CommandReply]:
         """Send a command; return the replies."""
@@ -55,11 +55,11 @@ class CommandSender:
         return await loop.run_in_executor(self._threads, self._send, command, who)
 
     def refuse(self, text: str) -> None:
-        """Record a refused request with the campaigns that fly: their operator.jsonl."""
+        """Record a refused request in operator.jsonl of the campaigns in flight."""
         self._threads.submit(self._record, text)
 
     def close(self) -> None:
-        """End the threads; commands that are on their way are sent still."""
+        """End the threads, after the commands in progress."""
         self._threads.shutdown(wait=True)
 
     def _send(self, command: PageCommand, who: str) -> list[CommandReply]:
@@ -84,10 +84,11 @@ class CommandSender:
 
 
 def _change_fences(flying: Places, document: str, who: str) -> CommandReply:
-    """Send new fences to the one campaign in flight; its runs answer later, by its status."""
+    """Send new fences to the one campaign in flight; its runs answer later, in its status."""
     if len(flying.campaigns) != 1:
         return CommandReply(
-            ok=False, text=f"geofence: {len(flying.campaigns)} campaigns are in flight, not one"
+            ok=False,
+            text=f"geofence: {len(flying.campaigns)} campaigns are in flight; it needs exactly one",
         )
     (campaign,) = flying.campaigns
     try:

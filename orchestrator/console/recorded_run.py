@@ -1,4 +1,4 @@
-"""A finished run as a live feed: what its folder holds, at the pace at which it was flown."""
+"""Plays a finished run as a live feed, at the speed at which it was flown."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Mapping
@@ -32,14 +32,14 @@ from worlds.scene.track import RunHistory
 _VIEW_S = 0.1
 _IMAGE_S = 1.0 / 15.0
 _AGAIN_S = 5.0
-"""How long the end stands before the run is shown again."""
+"""Pause at the end before the run is played again."""
 
 Take = Callable[[FeedMessage], Awaitable[None]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Loaded:
-    """The small parts of a run's folder, in memory."""
+    """The small files of a run's folder, in memory."""
 
     rows: tuple[Commanded, ...]
     events: tuple[EventView, ...]
@@ -49,9 +49,9 @@ class _Loaded:
 
 
 class RecordedRun:
-    """A finished run in its folder, played as it was flown, again and again.
+    """A finished run, played in a loop.
 
-    speed: in times the pace at which it was flown.
+    speed: 1 is real time.
     """
 
     def __init__(self, folder: Path, *, speed: float = 1.0) -> None:
@@ -96,7 +96,7 @@ class RecordedRun:
                 image = await asyncio.to_thread(next, images, None)
 
     def _load(self) -> _Loaded:
-        """Return the small parts of the run's folder."""
+        """Return the small files of the run's folder."""
         rows = tuple(row.decoded() for row in read_trajectory(self._folder / "trajectory.csv").rows)
         log = read_event_log(self._folder / "log.jsonl")
         try:
@@ -135,7 +135,7 @@ class RecordedRun:
 
 
 def _moments(rows: tuple[Commanded, ...]) -> Iterator[tuple[float, tuple[Commanded, ...]]]:
-    """Yield the newest row of each vehicle, ten times a second of the run, and at its end."""
+    """Yield the newest row of each vehicle, ten times per second of the run and at its end."""
     newest: dict[str, Commanded] = {}
     due_s = rows[0].t_s
     for row in rows:
@@ -147,7 +147,7 @@ def _moments(rows: tuple[Commanded, ...]) -> Iterator[tuple[float, tuple[Command
 
 
 def _images(recording: Recording) -> Iterator[CameraReading]:
-    """Yield the recorded images of the first camera, as they were delivered."""
+    """Yield the recorded images of the first camera, in order of delivery."""
     sensor = ""
     for item in recording:
         if isinstance(item, RecordedReading) and isinstance(item.reading, CameraReading):
@@ -160,7 +160,7 @@ def _plain_fences(facts: Mapping[str, str]) -> dict[str, object]:
     try:
         return {name: plain_fence(fence) for name, fence in fences_in(facts).items()}
     except (ValueError, KeyError, TypeError):
-        return {}  # The scene names the problem.
+        return {}  # The scene reports the problem.
 
 
 def _vehicle(row: Commanded) -> VehicleView:

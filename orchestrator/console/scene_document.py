@@ -1,4 +1,4 @@
-"""A run's world as the page draws it: meshes of its objects, and where the moving ones are; pure.
+"""A run's world for the page: meshes of its objects, and poses of the moving ones; pure.
 
 NED metres and quaternions wxyz; vertices in the object's own frame.
 """
@@ -15,7 +15,7 @@ from worlds.scene.meshes import Mesh
 from worlds.scene.scene import SceneObject
 
 _MOST_FACES = 2000
-"""Of an object that is drawn by its triangles; a larger one by the box around it."""
+"""An object with more faces is drawn as its bounding box."""
 _DIGITS = 3
 _CORNERS = np.array([(n, e, d) for n in (0, 1) for e in (0, 1) for d in (0, 1)], dtype=float)
 _BOX_FACES = (
@@ -27,21 +27,21 @@ _PLAIN_RGB = (128, 128, 128)
 
 @dataclass(frozen=True, slots=True)
 class RunScene:
-    """The world of a run in a console. document: for the page."""
+    """The world of a run. document: the message for the page."""
 
     world: RecordedWorld
     document: Mapping[str, Any]
 
     @classmethod
     def of(cls, run: str, facts: Mapping[str, str]) -> "RunScene":
-        """Return the world in a run's facts; an empty one where they do not have it."""
+        """Return the world in a run's facts; an empty one without it."""
         world = recorded_world(facts, facts.get("case", ""), facts.get("mode", ""))
         document = {
             "type": "scene",
             "run": run,
             "case": facts.get("case", ""),
             "mode": facts.get("mode", ""),
-            "objects": [_object(thing, world) for thing in world.judged.objects],
+            "objects": [_object(obj, world) for obj in world.judged.objects],
             "targets": world.targets_ned_m({}),
             "problems": list(world.problems),
             "kinds": _kinds(facts),
@@ -52,20 +52,20 @@ class RunScene:
     def moving(self, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
         """Return the poses of moving objects at a time of the run."""
         return {
-            thing.name: _pose(thing, t_s, events)
-            for thing in self.world.judged.objects
-            if thing.motion is not None
+            obj.name: _pose(obj, t_s, events)
+            for obj in self.world.judged.objects
+            if obj.motion is not None
         }
 
 
 def _epoch_s(facts: Mapping[str, str]) -> float | None:
-    """Return UTC of the run clock's zero, seconds since 1970; None where the clock is no UTC."""
+    """Return UTC of the run clock's zero, seconds since 1970; None for other clocks."""
     text = facts.get("epoch_ns", "")
     return int(text) / 1e9 if text.isdecimal() and facts.get("clock") == "wall" else None
 
 
 def _kinds(facts: Mapping[str, str]) -> dict[str, str]:
-    """Return what each vehicle is, in words, by its link; none where the links are not known."""
+    """Return the kind of each vehicle as text, by its link; empty where the links are unknown."""
     try:
         vehicles = json.loads(facts.get("campaign", "{}"))["vehicles"]
         links = {str(name): one["link"] for name, one in vehicles.items()}
@@ -82,18 +82,18 @@ def _kind(link: object) -> str:
     return "attached: may be hardware"
 
 
-def _object(thing: SceneObject, world: RecordedWorld) -> dict[str, Any]:
-    vertices_m, faces = _triangles(thing.shape.mesh)
-    materials = thing.shape.mesh.materials
+def _object(obj: SceneObject, world: RecordedWorld) -> dict[str, Any]:
+    vertices_m, faces = _triangles(obj.shape.mesh)
+    materials = obj.shape.mesh.materials
     return {
-        "name": thing.name,
-        "is_virtual": thing.name not in world.physical,
-        "is_room": thing.is_room,
-        "moves": thing.motion is not None,
+        "name": obj.name,
+        "is_virtual": obj.name not in world.physical,
+        "is_room": obj.is_room,
+        "moves": obj.motion is not None,
         "rgb": list(materials[0].rgb if materials else _PLAIN_RGB),
         "vertices_m": vertices_m,
         "faces": faces,
-        "pose": _pose(thing, 0.0, {}),
+        "pose": _pose(obj, 0.0, {}),
     }
 
 
@@ -105,6 +105,6 @@ def _triangles(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
     return corners, [list(face) for face in _BOX_FACES]
 
 
-def _pose(thing: SceneObject, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
-    pose = thing.pose_at(t_s, events)
+def _pose(obj: SceneObject, t_s: float, events: Mapping[str, float]) -> dict[str, Any]:
+    pose = obj.pose_at(t_s, events)
     return {"position_ned_m": pose.position_ned_m, "q_wxyz": pose.q_wxyz}

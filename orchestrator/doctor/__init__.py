@@ -1,1 +1,1 @@
-"""What a machine has and lacks for flying campaigns, with the remedy for each lack."""
+"""Checks whether a machine can fly campaigns, with a remedy for each problem."""

@@ -1,4 +1,4 @@
-"""What doctor finds: one line each, with what to do where something is to be done."""
+"""Findings of `wil-campaign doctor`, each with its remedy, and their text."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ MARKS: dict[Grade, str] = {"good": "ok", "note": "--", "trouble": "!!"}
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A finding of the doctor: topic, severity, text, remedy.
+    """A finding of the doctor.
 
-    topic: under which it is told. grade: note for what only some campaigns need. remedy: what to
-    do about it; empty where nothing is to be done.
+    topic: its heading. grade: note for what only some campaigns need. remedy: empty where there is
+    nothing to do.
     """
 
     topic: str

@@ -1,4 +1,4 @@
-"""Python, our own packages, and those that spoil ours."""
+"""Checks of Python, of required packages, and of packages that conflict with wil-campaign."""
 
 import platform
 import re
@@ -11,11 +11,11 @@ from vehicles.processes.linux import usable_cores
 
 TOPIC = "installed"
 _OLDEST = (3, 11)
-_US = "wil-campaign"
+_PACKAGE = "wil-campaign"
 Version = Callable[[str], str]
-"""Gives the version of an installed package; raises PackageNotFoundError."""
+"""Returns the version of an installed package; raises PackageNotFoundError."""
 Requirements = Callable[[str], list[str] | None]
-"""Gives what an installed package says that it needs."""
+"""Returns the requirements of an installed package."""
 
 
 def python() -> Iterator[Finding]:
@@ -27,45 +27,47 @@ def python() -> Iterator[Finding]:
     if sys.version_info < _OLDEST:
         yield Finding(TOPIC, "trouble", text, "install Python 3.11 or later")
     elif not sys.platform.startswith("linux"):
-        said = "processes of a run that crashes are ended for certain on Linux alone"
-        yield Finding(TOPIC, "note", text, said)
+        remedy = "use Linux: only there a crash is certain to end all processes of a run"
+        yield Finding(TOPIC, "note", text, remedy)
     else:
         yield Finding(TOPIC, "good", text)
 
 
 def packages(find: Version = version, requirements: Requirements = requires) -> Iterator[Finding]:
-    """Yield findings on required packages that are not installed."""
+    """Yield the finding on required packages."""
     try:
-        own = find(_US)
+        own = find(_PACKAGE)
     except PackageNotFoundError:
-        said = "install it: pip install -e . in its folder"
-        yield Finding(TOPIC, "note", f"{_US} runs from a folder, not installed", said)
+        text = f"{_PACKAGE} runs from a folder and is not installed"
+        yield Finding(TOPIC, "note", text, "install it: pip install -e . in its folder")
         return
-    needed = sorted(_required_packages(requirements(_US) or []))
+    needed = sorted(_required_packages(requirements(_PACKAGE) or []))
     missing = [name for name in needed if not _is_there(name, find)]
     if missing:
-        text = f"{_US} {own} lacks {', '.join(missing)}"
+        text = f"{_PACKAGE} {own} lacks {', '.join(missing)}"
         yield Finding(TOPIC, "trouble", text, f"pip install {' '.join(missing)}")
     else:
-        yield Finding(TOPIC, "good", f"{_US} {own} with the {len(needed)} packages that it needs")
+        text = f"{_PACKAGE} {own} with the {len(needed)} packages that it needs"
+        yield Finding(TOPIC, "good", text)
 
 
 def drivers(find: Version = version) -> Iterator[Finding]:
-    """Yield the finding whether mavsdk is installed to fly vehicles."""
+    """Yield the finding whether mavsdk is installed."""
     try:
         yield Finding(TOPIC, "good", f"mavsdk {find('mavsdk')}, for vehicles with driver: mavsdk")
     except PackageNotFoundError:
-        said = "vehicles with driver: mavsdk need it: pip install 'mavsdk>=4.1,<5'"
-        yield Finding(TOPIC, "note", "no mavsdk; the driver mavlink needs none", said)
+        remedy = "vehicles with driver: mavsdk need it: pip install 'mavsdk>=4.1,<5'"
+        text = "mavsdk is not installed; the driver mavlink does not need it"
+        yield Finding(TOPIC, "note", text, remedy)
 
 
 def foreign_packages(find: Version = version) -> Iterator[Finding]:
-    """Yield findings on installed packages that conflict with ours."""
+    """Yield findings on installed packages that conflict with wil-campaign."""
     if _is_there("safety", find):
         yield Finding(
             TOPIC,
             "trouble",
-            "the package 'safety' is installed: its module hides ours of that name",
+            "the package 'safety' is installed: it hides the module of that name in wil-campaign",
             "pip uninstall safety, or install wil-campaign into an environment of its own",
         )
 

@@ -1,4 +1,4 @@
-"""The links that campaigns name: whether each can be opened from here."""
+"""Checks whether the links in campaign files can be opened."""
 
 import asyncio
 from collections.abc import Iterable, Iterator
@@ -17,13 +17,13 @@ _OPEN_S = 5.0
 
 
 def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
-    """Yield a finding per campaign: whether its files are valid and its links open."""
+    """Yield findings on campaign files: whether they are valid and their links open."""
     for file in files:
         try:
             campaign = load_campaign(file)
         except BadInput as error:
-            said = f"{len(error.problems)} problems; the first: {error.problems[0]}"
-            yield Finding(TOPIC, "trouble", said, f"wil-campaign validate {file}")
+            text = f"{len(error.problems)} problems; the first: {error.problems[0]}"
+            yield Finding(TOPIC, "trouble", text, f"wil-campaign validate {file}")
             continue
         attached = attached_vehicles(campaign)
         if not attached:
@@ -35,18 +35,18 @@ def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
                 yield asyncio.run(_open_link(f"{file}: {vehicle.name}", address))
 
 
-async def _open_link(who: str, address: LinkAddress) -> Finding:
+async def _open_link(vehicle: str, address: LinkAddress) -> Finding:
     try:
         async with asyncio.timeout(_OPEN_S), open_link(address):
             pass
     except TimeoutError:
-        text = f"{who}: {address} did not open within {_OPEN_S:g} s"
-        return Finding(TOPIC, "trouble", text, "is the host there, and does it answer?")
+        text = f"{vehicle}: {address} did not open within {_OPEN_S:g} s"
+        return Finding(TOPIC, "trouble", text, "check that the host is reachable and answers")
     except LinkError as error:
-        return Finding(TOPIC, "trouble", f"{who}: {error}")
+        return Finding(TOPIC, "trouble", f"{vehicle}: {error}")
     return Finding(
         TOPIC,
         "good",
-        f"{who}: {address} can be opened",
-        "who answers there: wil-campaign run --no-arm",
+        f"{vehicle}: {address} can be opened",
+        "to see which vehicle answers: wil-campaign run --no-arm",
     )

@@ -1,4 +1,4 @@
-"""Clock, serial ports, disk, and what earlier runs left behind."""
+"""Checks of clock, serial ports, disk, and orphaned processes of earlier runs."""
 
 import ctypes
 import os
@@ -24,7 +24,7 @@ LEFT = "left over"
 DISK = "results"
 _TIMEX_BYTES = 208
 _TIME_ERROR = 5
-"""adjtimex(2): what it returns while nobody keeps the clock right."""
+"""TIME_ERROR of adjtimex(2): the clock is not synchronised."""
 _NAPS, _NAP_S = 25, 0.002
 _LATE_S = 0.005
 _LEAST_FREE_BYTES = 2_000_000_000
@@ -32,20 +32,19 @@ _OLDEST_YEAR = 2025
 
 
 def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterator[Finding]:
-    """Yield findings whether this machine's clocks are good enough.
+    """Yield findings on wake-up latency, date and synchronisation of the clock.
 
-    late_s: how much later than asked a process wakes (see `wakes_late_s`). synchronised: None
-    where unknown.
+    late_s: the wake-up latency of a process (see `wakes_late_s`). synchronised: None where unknown.
     """
     text = f"wakes up {late_s * 1e3:.1f} ms late"
     if late_s > _LATE_S:
-        said = "end other programs: setpoints at 50 Hz are 20 ms apart"
-        yield Finding(CLOCK, "trouble", text, said)
+        remedy = "end other programs: setpoints at 50 Hz are 20 ms apart"
+        yield Finding(CLOCK, "trouble", text, remedy)
     else:
         yield Finding(CLOCK, "good", text)
     if now.year < _OLDEST_YEAR:
-        said = "set it: signed links refuse what is out of date, and logs carry its time"
-        yield Finding(CLOCK, "trouble", f"the date is {now:%Y-%m-%d}", said)
+        remedy = "set the clock: signed links reject old timestamps, and logs have its time"
+        yield Finding(CLOCK, "trouble", f"the date is {now:%Y-%m-%d}", remedy)
     elif synchronised is False:
         yield Finding(
             CLOCK,
@@ -58,44 +57,44 @@ def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterato
 
 
 def wakes_late_s() -> float:
-    """Return by how much this machine oversleeps: the 9th of 10 naps, in seconds."""
+    """Return the 90th percentile of how much this machine oversleeps, in seconds."""
     late: list[float] = []
     for _ in range(_NAPS):
-        asked_s = time.monotonic() + _NAP_S
+        due_s = time.monotonic() + _NAP_S
         time.sleep(_NAP_S)
-        late.append(time.monotonic() - asked_s)
+        late.append(time.monotonic() - due_s)
     return sorted(late)[_NAPS * 9 // 10]
 
 
 def guard_scheduling(granted: str) -> Iterator[Finding]:
-    """Yield the finding how the guard's process is scheduled here (see `granted_scheduling`)."""
+    """Yield the finding on the scheduling of the guard's process (see `granted_scheduling`)."""
     text = f"the guard's process runs with {granted} scheduling"
     if granted == "real-time":
         yield Finding(CLOCK, "good", text)
     else:
-        said = (
-            "it comes before other programs once the user may: a line like `NAME - rtprio 1` in "
+        remedy = (
+            "to give it priority over other programs: add a line like `NAME - rtprio 1` to "
             "/etc/security/limits.d, and log in again"
         )
-        yield Finding(CLOCK, "note", text, said)
+        yield Finding(CLOCK, "note", text, remedy)
 
 
 def granted_scheduling() -> str:
-    """Return what a guard's process is granted, tried in a process that ends at once."""
+    """Return the scheduling that the system grants to a guard, tried in a short process."""
     program = "from vehicles.processes.linux import rise_above_load; print(rise_above_load())"
-    asked = subprocess.run(  # noqa: S603 - our own program
+    result = subprocess.run(  # noqa: S603 - this interpreter
         [sys.executable, "-c", program], capture_output=True, check=False, text=True
     )
-    return asked.stdout.strip() or "normal"
+    return result.stdout.strip() or "normal"
 
 
 def clock_synchronised() -> bool | None:
     """Return whether the machine's clock is synchronised (NTP, PTP); None: unknown."""
     try:
-        kept = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
     except (OSError, AttributeError):
         return None
-    return None if kept < 0 else bool(kept != _TIME_ERROR)
+    return None if state < 0 else bool(state != _TIME_ERROR)
 
 
 def utc() -> datetime:
@@ -104,10 +103,10 @@ def utc() -> datetime:
 
 
 def serial(devices: Iterable[str]) -> Iterator[Finding]:
-    """Yield findings on the machine's serial ports, and whether we may open them."""
+    """Yield findings on serial ports, and whether this user may open them."""
     there = tuple(devices)
     if not there:
-        yield Finding(SERIAL, "note", "none is plugged in")
+        yield Finding(SERIAL, "note", "no serial device is plugged in")
     for device in there:
         if os.access(device, os.R_OK | os.W_OK):
             yield Finding(SERIAL, "good", f"link: serial://{device}:57600 (or its own baud rate)")
@@ -122,48 +121,48 @@ def serial(devices: Iterable[str]) -> Iterator[Finding]:
         yield Finding(
             SERIAL,
             "note",
-            "ModemManager runs: it talks to what is plugged in for some seconds",
+            "ModemManager runs: it sends to a newly plugged device for some seconds",
             "sudo systemctl disable --now ModemManager, or wait half a minute after plugging in",
         )
 
 
 def orphans(
-    launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], journals: Path
+    launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], backups: Path
 ) -> Iterator[Finding]:
     """Yield findings on orphans: simulators, vehicles, parameters that were not restored.
 
-    guards: records of all guards; of those that live nothing is left over.
+    guards: records of all guards; vehicles of a live guard are not orphans. backups: the folder of
+    parameter backups.
     """
-    found = [*_simulators(launches), *_vehicles(guards), *_parameters(journals)]
+    found = [*_simulators(launches), *_vehicles(guards), *_parameters(backups)]
     yield from found or [Finding(LEFT, "good", "nothing")]
 
 
 def _simulators(launches: Iterable[LaunchRecord]) -> Iterator[Finding]:
-    """Yield findings on simulators of earlier runs that still run on this machine."""
+    """Yield findings on simulators of earlier runs that still run."""
     for one in launches:
         pids = " ".join(str(process.pid) for process in one.survivors())
-        yield Finding(LEFT, "trouble", f"{one.label} of {one.folder} runs on", f"kill {pids}")
+        yield Finding(LEFT, "trouble", f"{one.label} of {one.folder} still runs", f"kill {pids}")
 
 
 def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
-    """Yield findings on embedded vehicles that lost guard and orchestrator."""
+    """Yield findings on embedded vehicles without a guard and orchestrator."""
     for one in guards:
         alive = [child.pid for child in one.children if child.lives]
         if alive and not one.guard.lives and not (one.owner is not None and one.owner.lives):
             pids = ", ".join(map(str, alive))
-            text = f"vehicles of {one.run} in {one.folder} run on (processes {pids})"
-            yield Finding(LEFT, "trouble", text, "the next run ends them; or kill them yourself")
+            text = f"vehicles of {one.run} in {one.folder} still run (processes {pids})"
+            yield Finding(LEFT, "trouble", text, "the next run ends them; or kill them")
 
 
-def _parameters(journals: Path) -> Iterator[Finding]:
+def _parameters(backups: Path) -> Iterator[Finding]:
     """Yield the finding on parameter backups that wait to be restored."""
-    if there := waiting_backups(journals):
-        yield Finding(
-            LEFT,
-            "note",
-            f"parameters of attached vehicles to set back: {', '.join(map(str, there))}",
-            "the next run on that vehicle does, before it arms; one that flies now does itself",
+    if there := waiting_backups(backups):
+        text = f"parameters of attached vehicles to restore: {', '.join(map(str, there))}"
+        remedy = (
+            "the next run with that vehicle does it before arming; a run in flight does it itself"
         )
+        yield Finding(LEFT, "note", text, remedy)
 
 
 def _runs(name: str) -> bool:
@@ -172,15 +171,15 @@ def _runs(name: str) -> bool:
 
 
 def disk(folder: Path) -> Iterator[Finding]:
-    """Yield findings whether results can be written to a folder of this machine."""
+    """Yield the finding whether results can be written to a folder."""
     if not os.access(folder, os.W_OK):
-        said = "give another folder by --out"
-        yield Finding(DISK, "trouble", f"{folder} cannot be written to", said)
+        remedy = "give another folder by --out"
+        yield Finding(DISK, "trouble", f"{folder} is not writable", remedy)
         return
     free = shutil.disk_usage(folder).free
     text = f"{free / 1e9:.0f} GB free in {folder}"
     if free < _LEAST_FREE_BYTES:
-        said = "make room: a run records about 1 MB a second of pictures"
-        yield Finding(DISK, "trouble", text, said)
+        remedy = "free disk space: a run records about 1 MB of images per second"
+        yield Finding(DISK, "trouble", text, remedy)
     else:
         yield Finding(DISK, "good", text)

@@ -1,4 +1,4 @@
-"""Ports that autopilots, ground stations and brokers usually have, and who holds them now."""
+"""Checks whether usual ports of autopilots and ground stations are in use, and by what."""
 
 import contextlib
 import errno
@@ -24,20 +24,20 @@ class UsualPort:
 
 
 USUAL = (
-    UsualPort(14540, "udp", "PX4's link for companions"),
-    UsualPort(14541, "udp", "the same of a second PX4"),
+    UsualPort(14540, "udp", "PX4's companion link"),
+    UsualPort(14541, "udp", "companion link of a second PX4"),
     UsualPort(14550, "udp", "ground stations"),
-    UsualPort(5760, "tcp", "ArduPilot's simulation"),
-    UsualPort(5770, "tcp", "the same of a second one"),
+    UsualPort(5760, "tcp", "ArduPilot SITL"),
+    UsualPort(5770, "tcp", "second ArduPilot SITL"),
 )
 
 
 def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
-    """Yield findings on usual ports that are in use, and by which process."""
+    """Yield findings on usual ports that are in use, with the process."""
     free: list[str] = []
     for port in ports:
         name = f"{port.protocol} {port.number}"
-        if not is_taken(port.number, port.protocol):
+        if not is_in_use(port.number, port.protocol):
             free.append(name)
             continue
         holder = holder_of(port.number, port.protocol)
@@ -45,19 +45,19 @@ def usual_ports(ports: Iterable[UsualPort] = USUAL) -> Iterator[Finding]:
         yield Finding(
             TOPIC,
             "note",
-            f"{name} ({port.purpose}) is taken {by}",
-            "end it, have it send elsewhere, or give the campaign's link another port",
+            f"{name} ({port.purpose}) is in use {by}",
+            "end the process, give it another port, or give the campaign's link another port",
         )
     if free:
         yield Finding(TOPIC, "good", f"free: {', '.join(free)}")
 
 
-def is_taken(number: int, protocol: Protocol) -> bool:
+def is_in_use(number: int, protocol: Protocol) -> bool:
     """Return whether a port is in use: it cannot be bound on all addresses."""
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
     with socket.socket(socket.AF_INET, kind) as probe:
         if protocol == "tcp":
-            # Connections that ended a moment ago are no holders.
+            # A connection that just ended does not hold the port.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("0.0.0.0", number))  # noqa: S104 - as autopilots and ground stations do
@@ -67,7 +67,7 @@ def is_taken(number: int, protocol: Protocol) -> bool:
 
 
 def holder_of(number: int, protocol: Protocol) -> str | None:
-    """Return name and id of the process that holds a port; None where unknown."""
+    """Return name and id of the process that uses a port; None where unknown."""
     inodes = set(_inodes(number, protocol))
     if not inodes:
         return None

@@ -1,4 +1,4 @@
-"""Autopilots' simulations and MQTT brokers that are at hand."""
+"""Checks for SITL builds of autopilots, docker images and MQTT brokers."""
 
 import shutil
 import socket
@@ -17,7 +17,7 @@ Which = Callable[[str], str | None]
 
 
 def autopilots(home: Path, which: Which = shutil.which) -> Iterator[Finding]:
-    """Yield findings on the programs of ArduPilot and PX4 SITL; beneath `home` and on PATH."""
+    """Yield findings on ArduPilot and PX4 SITL, beneath `home` and on PATH."""
     yield Finding(AUTOPILOTS, "good", "embedded PX4 and ArduCopter: nothing to install")
     copter = _first(home, "ardupilot/build/sitl/bin/arducopter") or which("arducopter")
     if copter:
@@ -48,16 +48,16 @@ def autopilots(home: Path, which: Which = shutil.which) -> Iterator[Finding]:
 def brokers(
     which: Which = shutil.which, port: int = _BROKER_PORT, module: str = "amqtt"
 ) -> Iterator[Finding]:
-    """Yield the finding whether an MQTT broker program runs here, or could be started."""
+    """Yield findings on MQTT brokers that run here or are installed."""
     if _broker_answers(port):
-        yield Finding(BROKERS, "good", f"something answers on tcp {port}, MQTT's port")
+        yield Finding(BROKERS, "good", f"a program answers on tcp {port}, MQTT's port")
     elif which("mosquitto"):
-        yield Finding(BROKERS, "note", "mosquitto is installed and does not run", "mosquitto -d")
+        yield Finding(BROKERS, "note", "mosquitto is installed but not running", "mosquitto -d")
     else:
         yield Finding(
             BROKERS,
             "note",
-            f"no broker answers on tcp {port}, and there is no mosquitto on PATH",
+            f"no broker answers on tcp {port}, and mosquitto is not on PATH",
             "for operators on other machines: apt install mosquitto",
         )
     if find_spec(module) is not None:
@@ -65,13 +65,13 @@ def brokers(
 
 
 def _docker(which: Which) -> Iterator[Finding]:
-    """Yield findings on the program docker."""
+    """Yield the finding on docker and its images of PX4."""
     docker = which("docker")
     if docker is None:
-        yield Finding(AUTOPILOTS, "note", "no docker; only images of PX4 need it")
+        yield Finding(AUTOPILOTS, "note", "docker is not installed; only images of PX4 need it")
         return
     try:
-        asked = subprocess.run(  # noqa: S603 - docker's client, found on PATH
+        result = subprocess.run(  # noqa: S603 - docker's client, found on PATH
             [docker, "image", "ls", "--format", "{{.Repository}}:{{.Tag}}"],
             capture_output=True,
             text=True,
@@ -81,31 +81,31 @@ def _docker(which: Which) -> Iterator[Finding]:
     except (OSError, subprocess.TimeoutExpired) as error:
         yield Finding(AUTOPILOTS, "note", f"docker does not answer: {error}", "start its daemon")
         return
-    if asked.returncode:
-        said = (asked.stderr.strip().splitlines() or ["it printed nothing"])[-1]
+    if result.returncode:
+        reason = (result.stderr.strip().splitlines() or ["no message"])[-1]
         yield Finding(
             AUTOPILOTS,
             "note",
-            f"docker refuses: {said}",
+            f"docker failed: {reason}",
             "start its daemon, or add yourself to the group docker and log in again",
         )
         return
-    images = [line for line in asked.stdout.splitlines() if "px4" in line.lower()]
+    images = [line for line in result.stdout.splitlines() if "px4" in line.lower()]
     if images:
         yield Finding(AUTOPILOTS, "good", f"docker, with images of PX4: {', '.join(images)}")
     else:
-        said = "docker pull px4io/px4-sitl"
-        yield Finding(AUTOPILOTS, "note", "docker, without an image of PX4", said)
+        remedy = "docker pull px4io/px4-sitl"
+        yield Finding(AUTOPILOTS, "note", "docker, without an image of PX4", remedy)
 
 
 def _first(home: Path, place: str) -> Path | None:
-    """Return a program's path beneath home; None when it is no file."""
+    """Return a program's path beneath home; None if it is not a file."""
     found = home / place
     return found if found.is_file() else None
 
 
 def _broker_answers(port: int) -> bool:
-    """Return whether a broker program listens on a local port."""
+    """Return whether a program accepts connections on a local port."""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=0.5):
             return True

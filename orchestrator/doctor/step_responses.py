@@ -1,4 +1,4 @@
-"""Flies the step responses with a simulator at a link, under a guard that lands it for certain."""
+"""Flies step responses with an attached simulator under a guard, and compares the figures."""
 
 import asyncio
 import signal
@@ -30,14 +30,14 @@ _NAME = "vehicle"
 _IDENTIFY_S = 10.0
 _AT_REST_S = 3.0
 _ALL_DOWN_S = 60.0
-_HANGING_S = 1.0
+_SILENT_S = 1.0
 """How long this process may be silent until the guard lands, as in runs."""
 
 Progress = Callable[[str], None]
 
 
 class NotDownError(VehicleError):
-    """The vehicle is not seen on the ground and disarmed at the end."""
+    """The vehicle did not report landed and disarmed at the end."""
 
 
 class OperatorAbortError(VehicleError):
@@ -46,7 +46,7 @@ class OperatorAbortError(VehicleError):
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """What a flight of step responses came to: figures and orders beside the firmware's."""
+    """The result of flown step responses: figures and event orders against the firmware's."""
 
     figures: tuple[Row, ...]
     orders: tuple[OrderRow, ...]
@@ -64,24 +64,24 @@ class Flown:
 
 
 def fly_step_responses(
-    found: AttachedVehicle, address: LinkAddress, *, folder: Path, progress: Progress
+    vehicle: AttachedVehicle, address: LinkAddress, *, folder: Path, progress: Progress
 ) -> Flown:
-    """Fly the step responses in real time; it is landed and disarmed when this returns or raises.
+    """Fly the step responses in real time; the vehicle is landed when this returns or raises.
 
-    folder: where the guard writes the log of frames. Raises VehicleError; KeyboardInterrupt after
+    folder: where the guard writes its log. Raises VehicleError; KeyboardInterrupt after
     SIGINT, SIGTERM or SIGHUP.
     """
     try:
-        return asyncio.run(_fly(found, address, folder, progress))
+        return asyncio.run(_fly(vehicle, address, folder, progress))
     except asyncio.CancelledError:
         raise KeyboardInterrupt from None
 
 
 async def _fly(
-    found: AttachedVehicle, address: LinkAddress, folder: Path, progress: Progress
+    vehicle: AttachedVehicle, address: LinkAddress, folder: Path, progress: Progress
 ) -> Flown:
-    autopilot = autopilot_named(found.identity.autopilot)
-    target = Target(found.identity.system_id, found.identity.component_id)
+    autopilot = autopilot_named(vehicle.identity.autopilot)
+    target = Target(vehicle.identity.system_id, vehicle.identity.component_id)
     guard = _guard(autopilot, target, address, folder)
     link = TappedLink(guard.link(_NAME))
     trace = EventTrace(autopilot=autopilot, target=target)
@@ -92,20 +92,20 @@ async def _fly(
             await driver.identify(_IDENTIFY_S)
             flight = StepFlight(driver, progress=progress)
             try:
-                flown = await _unless_taken_over(flight, guard)
+                flown = await _fly_until_takeover(flight, guard)
             except BaseException as error:
                 progress("bring down")
                 await finish(_bring_down(guard, str(error) or "interrupted"), name="landing")
                 raise
             if not await guard.at_rest(_AT_REST_S):
-                why = f"{_NAME} reported disarmed, and armed after that"
+                why = f"{_NAME} reported disarmed, then armed again"
                 await finish(_bring_down(guard, why), name="landing")
     rows = compare(load_ranges(autopilot.name), figures_of(flown))
     return Flown(tuple(rows), tuple(order_rows(trace.events, autopilot.name)))
 
 
 def _guard(autopilot: Autopilot, target: Target, address: LinkAddress, folder: Path) -> RemoteGuard:
-    """Return the guard in a process of its own, which lands also without this one."""
+    """Return a guard in a separate process, which also lands if this process dies."""
     vehicle = GuardedVehicle(autopilot=autopilot, target=target, attached=True)
     return RemoteGuard(
         guard_config=GuardConfig(
@@ -113,22 +113,22 @@ def _guard(autopilot: Autopilot, target: Target, address: LinkAddress, folder: P
             folder=str(folder.absolute()),
             epoch_s=time.time() - asyncio.get_running_loop().time(),
             vehicles={_NAME: Guarded(vehicle=vehicle, link=str(address))},
-            settings=GuardSettings(orchestrator_silent_s=_HANGING_S),
+            settings=GuardSettings(orchestrator_silent_s=_SILENT_S),
         )
     )
 
 
-async def _unless_taken_over(flight: StepFlight, guard: RemoteGuard) -> Series:
+async def _fly_until_takeover(flight: StepFlight, guard: RemoteGuard) -> Series:
     """Fly until the guard takes over. Raises VehicleError with the guard's reason."""
     task = start(flight.fly(), name="step responses")
     causes: list[GuardEvent] = []
 
-    def heed(event: GuardEvent) -> None:
+    def stop_flight(event: GuardEvent) -> None:
         if decisive(event) is not None:
             causes.append(event)
             task.cancel()
 
-    guard.on_event(heed)
+    guard.on_event(stop_flight)
     try:
         await asyncio.wait([task])
     finally:
@@ -145,14 +145,14 @@ async def _bring_down(guard: Guard, reason: str) -> None:
     guard.bring_down(reason)
     if not await guard.all_down(_ALL_DOWN_S):
         raise NotDownError(
-            f"{reason}; {_NAME} is not seen on the ground and disarmed {_ALL_DOWN_S:g} s after the "
-            "guard took over; look at the simulator"
+            f"{reason}; {_NAME} did not report landed and disarmed within {_ALL_DOWN_S:g} s after "
+            "the guard took over; check the simulator"
         )
 
 
 @contextmanager
 def _interrupts_cancel() -> Iterator[None]:
-    """Have SIGINT, SIGTERM and SIGHUP, however often, cancel the task that is inside."""
+    """Cancel the current task on SIGINT, SIGTERM and SIGHUP, however often."""
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     numbers = [
         number

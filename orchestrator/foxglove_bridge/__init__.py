@@ -1,1 +1,1 @@
-"""The Foxglove bridge: what flies, live for Foxglove, by a process of its own that only sends."""
+"""The Foxglove bridge: a separate process that sends a run in flight to Foxglove."""

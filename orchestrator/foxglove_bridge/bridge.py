@@ -1,4 +1,4 @@
-"""Passes the live feeds of this user's runs on to Foxglove, one run at a time."""
+"""Forwards the live feeds of this user's runs to Foxglove, one run at a time."""
 
 from collections import OrderedDict
 
@@ -8,13 +8,13 @@ from orchestrator.foxglove_bridge.live_messages import LiveMessages
 from orchestrator.live_feed.feed_messages import FactsView, FeedMessage, RunView
 
 _MOST_RUNS = 64
-"""Runs whose clocks are remembered; the one that was silent longest yields."""
+"""Runs whose clocks are kept; a new one replaces the oldest."""
 _UPRIGHT_S = 1.0
-"""How often the transform from `map` is sent again: for clients that came later."""
+"""Period of the transform from `map`, for clients that connect later."""
 
 
 class Bridge:
-    """Sends what a live feed says to a Foxglove server."""
+    """Sends the messages of live feeds to a Foxglove server."""
 
     def __init__(self, server: FoxgloveServer) -> None:
         self._server = server
@@ -24,7 +24,7 @@ class Bridge:
         self._upright_s = 0.0
 
     def take(self, message: FeedMessage, now_s: float) -> None:
-        """Take a message of a live feed. now_s: of a clock that goes on."""
+        """Take a message of a live feed. now_s: of a monotonic clock."""
         if isinstance(message, FactsView):
             epoch_ns = message.facts.get("epoch_ns", "")
             if epoch_ns.isdecimal():
@@ -33,7 +33,7 @@ class Bridge:
             if len(self._runs) > _MOST_RUNS:
                 self._runs.popitem(last=False)
             return
-        # Without its facts nobody knows when a run's clock began.
+        # Without its facts the epoch of a run's clock is unknown.
         messages = self._runs.get(message.run)
         if messages is None or not self._followed.follows(message, now_s):
             return

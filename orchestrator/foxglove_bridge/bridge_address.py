@@ -1,4 +1,4 @@
-"""Where Foxglove is served: on this machine alone, for there is no token."""
+"""The address of the Foxglove server: loopback only, because it has no token."""
 
 from orchestrator.console.console_address import ConsoleAddress
 from orchestrator.console.errors import ConsoleError
@@ -6,7 +6,7 @@ from orchestrator.foxglove_bridge.errors import BridgeError
 
 AUTO = "auto"
 PORT = 8765
-"""Which Foxglove looks at unless told otherwise."""
+"""Foxglove's default port."""
 
 
 def bridge_address(text: str) -> ConsoleAddress:
@@ -15,13 +15,13 @@ def bridge_address(text: str) -> ConsoleAddress:
         address = ConsoleAddress.parse("" if text == AUTO else text, port=PORT)
     except ConsoleError as error:
         raise BridgeError(
-            f"{text!r} is no address for Foxglove: say HOST, :PORT or both, or auto for "
+            f"{text!r} is not an address for Foxglove: give HOST, :PORT or HOST:PORT, or auto for "
             f"127.0.0.1:{PORT}"
         ) from error
     if not address.is_loopback:
         raise BridgeError(
-            f"{address.host} can be reached by other machines, and Foxglove asks for no token: "
-            f"serve it at an address of loopback, and forward the port (ssh -L "
+            f"{address.host} can be reached by other machines, and Foxglove has no access token: "
+            f"use a loopback address, and forward the port (ssh -L "
             f"{address.port}:127.0.0.1:{address.port} HOST)"
         )
     return address

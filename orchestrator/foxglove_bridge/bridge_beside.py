@@ -1,4 +1,4 @@
-"""A Foxglove bridge beside a campaign or a console: a process that neither waits for."""
+"""Runs a Foxglove bridge beside a campaign or a console, in a separate process."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,9 +20,9 @@ def foxglove_beside(
     folder: Path | None = None,
     program: int | None = None,
 ) -> Iterator[None]:
-    """Have what flies served for Foxglove until the context is left. say: is given where.
+    """Serve runs in flight to Foxglove until the context is left. say: receives the address.
 
-    folder: only what writes its results there; program: only the campaign of a process. Raises
+    folder: only campaigns that write there; program: only the campaign of that process. Raises
     BridgeError before the context is entered.
     """
     bridge_address(address)
@@ -31,6 +31,6 @@ def foxglove_beside(
     with process_beside((*arguments, *only), lines=1, end_s=_END_S) as lines:
         line = lines[0].strip() if lines else ""
         if not line or line.startswith(REFUSED):
-            raise BridgeError(line.removeprefix(REFUSED) or "the Foxglove bridge was not opened")
+            raise BridgeError(line.removeprefix(REFUSED) or "the Foxglove bridge did not start")
         say(line)
         yield

@@ -1,4 +1,4 @@
-"""A Foxglove bridge's process: sends live feeds on until standard input closes."""
+"""The process of a Foxglove bridge: forwards live feeds until standard input closes."""
 
 import contextlib
 import math
@@ -21,18 +21,18 @@ from orchestrator.operator.flight_scope import FlightScope
 from vehicles.processes.codec import MessageError
 
 SERVED, REFUSED = "foxglove: ", "refused: "
-"""How the first line of its output begins."""
+"""Prefixes of the first line of its output."""
 _LONGEST_BYTES = 1 << 18
 _NICE = 5
-"""The bridge yields to what flies on the same cores."""
+"""The bridge has lower priority than flights on the same cores."""
 _LEAVE_S = 0.5
-"""How long the SDK has to send the end of the last run."""
+"""Time for the SDK to send the end of the last run."""
 
 
 def main(arguments: list[str]) -> int:
-    """Serve at an address the runs of a folder, a program, or all; return the exit code.
+    """Serve runs in flight to Foxglove; return the exit code.
 
-    arguments: the address, the folder or nothing, and the program's process or nothing.
+    arguments: the address, the results folder or empty, and the program's process id or empty.
     """
     address, folder, program = arguments
     scope = FlightScope(
@@ -61,10 +61,10 @@ def serve(address: ConsoleAddress, scope: FlightScope, announce: Callable[[str],
 
 
 def _pass_on(end: socket.socket, scope: FlightScope, bridge: Bridge) -> None:
-    """Pass live feeds on until standard input is closed, and what came of them by then."""
+    """Forward live feeds until standard input is closed, including those received by then."""
     leave_s = math.inf
     while (now_s := time.monotonic()) < leave_s:
-        # Nobody writes to standard input: it can be read once its other end is closed.
+        # Nothing is written to stdin: it becomes readable when its other end closes.
         ready, _, _ = select.select([end, sys.stdin], [], [])
         if end in ready:
             with contextlib.suppress(MessageError, BlockingIOError):

@@ -1,5 +1,5 @@
-"""What can go wrong with a Foxglove bridge."""
+"""The error of the Foxglove bridge."""
 
 
 class BridgeError(Exception):
-    """A Foxglove bridge that cannot be opened; says why, and what to do."""
+    """A Foxglove bridge cannot be opened; the message says why, and what to do."""

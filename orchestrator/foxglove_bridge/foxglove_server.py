@@ -1,6 +1,6 @@
-"""The server of the Foxglove WebSocket protocol: the SDK's, with nothing on but sending.
+"""Serves the Foxglove WebSocket protocol by its SDK; clients can only receive.
 
-The SDK's threads send; what a client does not take is dropped, the oldest first.
+The SDK sends in its own threads; for a slow client it drops the oldest messages.
 """
 
 from types import TracebackType
@@ -17,13 +17,13 @@ if TYPE_CHECKING:  # of an extra
     from foxglove.websocket import WebSocketServer
 
 _BACKLOG = 512
-"""Messages that wait for one client: some seconds of a flight, some 20 MB."""
+"""Queued messages per client: some seconds of a flight, some 20 MB."""
 
 
 class FoxgloveServer:
     """Serves the messages of run.mcap at an address; a context manager.
 
-    Raises BridgeError where the extra is not installed, or the address cannot be had.
+    Raises BridgeError if the extra is not installed, or the address is not available.
     """
 
     def __init__(self, address: ConsoleAddress) -> None:
@@ -45,15 +45,15 @@ class FoxgloveServer:
                 name="wil-campaign",
                 host=self._address.host,
                 port=self._address.port,
-                # The time of the run for clients. All others let clients act: none is on.
+                # Clients get the run's time. All other capabilities would let them act.
                 capabilities=[Capability.Time],
                 context=self._context,
                 message_backlog_size=_BACKLOG,
             )
         except (RuntimeError, OSError) as error:
             raise BridgeError(
-                f"Foxglove cannot be served at {self._address.shown}: {error}; name another "
-                "address: --foxglove :PORT"
+                f"cannot serve Foxglove at {self._address.shown}: {error}; give another address: "
+                "--foxglove :PORT"
             ) from error
         for channel in ALWAYS:
             self._channel(channel)
@@ -67,13 +67,13 @@ class FoxgloveServer:
 
     @property
     def url(self) -> str:
-        """Return what is to be opened in Foxglove."""
+        """Return the URL to open in Foxglove."""
         assert self._server is not None  # noqa: S101 - it was entered
         host = self._address.shown.rpartition(":")[0]
         return f"ws://{host}:{self._server.port}"
 
     def begin(self, run: str) -> None:
-        """Have clients forget what they were shown: another run begins, at times of its own."""
+        """Clear the clients' data: another run begins, with its own times."""
         if self._server is not None:
             self._server.clear_session(run)
 
@@ -83,7 +83,7 @@ class FoxgloveServer:
             self._server.broadcast_time(ns)
 
     def send(self, message: Message) -> None:
-        """Send a message to all clients that ask for its topic; it never waits for one."""
+        """Send a message to all subscribers of its topic, without waiting."""
         self._channel(message.channel).log(message.data, log_time=message.log_ns)
 
     def _channel(self, channel: Channel) -> "foxglove.Channel":

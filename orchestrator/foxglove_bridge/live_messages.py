@@ -1,4 +1,4 @@
-"""The live feed of one run as messages of run.mcap: the same topics, schemas and encoding; pure."""
+"""Encodes a run's live feed with the topics, schemas and encoding of run.mcap; pure."""
 
 from dataclasses import dataclass, fields
 
@@ -25,7 +25,7 @@ from vehicles.readings import PoseReading, Source
 from worlds.frames import Pose
 
 RUN = Channel("/run", "wil.Run", "", "", "run")
-"""Which run.mcap does not have: stage, vehicles, margins and mixtures, as consoles show them."""
+"""Topic that run.mcap lacks: stage, vehicles, margins and mixtures, as consoles show them."""
 POSE = "pose"
 """The topic of a vehicle's pose, beneath the vehicle's name."""
 ALWAYS = (
@@ -34,7 +34,7 @@ ALWAYS = (
     TRANSFORMS,
     *(Channel(f"/{name}/{POSE}", "foxglove.PoseInFrame", name, POSE) for name in ("real", "twin")),
 )
-"""What clients can ask for before anything flies."""
+"""Topics that clients can subscribe to before a flight."""
 _LEVELS: dict[str, LogLevel] = {
     "stage": "info",
     "decisive": "error",
@@ -42,15 +42,15 @@ _LEVELS: dict[str, LogLevel] = {
     "contact": "warning",
     "guard": "warning",
 }
-"""Of an event that is no STATUSTEXT, as run.mcap has it."""
+"""Log level by kind of event, as in run.mcap; not for a STATUSTEXT."""
 _SEVERITIES: tuple[LogLevel, ...] = ("fatal", "fatal", "fatal", "error", "warning", "info", "info")
-"""By MAV_SEVERITY of a STATUSTEXT; what follows is for debugging."""
+"""Log level by MAV_SEVERITY of a STATUSTEXT; a higher one is debug."""
 _SOURCES: dict[str, Source] = {"real": "real", "twin": "twin", "mixed": "mixed"}
 
 
 @dataclass(frozen=True, slots=True)
 class RunState:
-    """What `/run` says, as consoles show it: a RunView without what does not change."""
+    """The message of `/run`: a RunView without the parts that do not change."""
 
     name: str
     clock: str
@@ -83,7 +83,7 @@ class LiveMessages:
         return self._encoder.stamps.ns(t_s)
 
     def of(self, message: RunView | EventView | ImageView) -> list[Message]:
-        """Return what a message of the live feed says, as messages of run.mcap."""
+        """Return a message of the live feed as messages of run.mcap."""
         match message:
             case RunView():
                 poses = [
@@ -96,7 +96,7 @@ class LiveMessages:
                 return [self._image(message)]
 
     def _pose(self, vehicle: VehicleView, view: RunView) -> list[Message]:
-        """Return where a vehicle is: its pose and its transform; nothing while it is unknown."""
+        """Return pose and transform of a vehicle; empty while they are unknown."""
         source = _SOURCES.get(vehicle.name)
         position, attitude, t_s = vehicle.position_ned_m, vehicle.q_wxyz, vehicle.pose_t_s
         if source is None or position is None or attitude is None or t_s is None:
@@ -109,7 +109,7 @@ class LiveMessages:
         return self._encoder.message(RUN, state, t_s=view.t_s, arrived_s=view.t_s)
 
     def _event(self, event: EventView) -> Message:
-        """Return an event as a line of the run's log, with name and text as run.mcap has them."""
+        """Return an event as a message of the run's log, as in run.mcap."""
         if event.kind == "stage":
             return self._encoder.event(event.t_s, _LEVELS["stage"], "stage", event.word)
         if event.kind in {"guard", "operator", "vehicle"}:
@@ -120,7 +120,7 @@ class LiveMessages:
         return self._encoder.event(event.t_s, _level(event), name, text)
 
     def _image(self, image: ImageView) -> Message:
-        """Return an image as it is sent to consoles: smaller than that of run.mcap."""
+        """Return an image as sent to consoles: smaller than in run.mcap."""
         topic = f"/{image.source}/{image.sensor}"
         shown = {
             "frame_id": "twin" if image.source == "twin" else "real",

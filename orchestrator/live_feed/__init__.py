@@ -1,1 +1,1 @@
-"""The live feed: what a run shows of itself while it flies, for consoles on this machine."""
+"""The live feed: a run's state, events and images in flight, for consoles on this machine."""

@@ -1,4 +1,4 @@
-"""Images of the live feed: small JPEGs, with what they were."""
+"""Images of the live feed: small JPEGs with the metadata of their readings."""
 
 import cv2
 

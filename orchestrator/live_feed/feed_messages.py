@@ -1,7 +1,7 @@
-"""The messages of the live feed, from the process of a run to consoles: one to a datagram.
+"""Messages of the live feed, from the process of a run to consoles: one per datagram.
 
-World frame, NED, metres, radians, seconds on the run clock. A number that is not known is None; one
-that is not finite stays what it is, for a console has to show that too.
+World frame, NED, metres, radians, seconds on the run clock. An unknown number is None; one that is
+not finite is sent unchanged, because a console has to show it.
 """
 
 from typing import Any, Self
@@ -14,15 +14,15 @@ from worlds.frames import Quat, Vec3
 from worlds.scene.track import RunHistory
 
 LONGEST_DATAGRAM_BYTES = 200_000
-"""Below what Linux lets a socket send without asking (net.core.wmem_default, 212,992)."""
+"""Below the default send buffer of a socket on Linux (net.core.wmem_default, 212,992)."""
 
 
 class VehicleView(msgspec.Struct, frozen=True):
     """One vehicle as the live feed shows it.
 
-    silent_s: since when nothing came of it. battery_fraction: 0 to 1. setpoint_kind: position,
-    velocity, or empty. faults: of its estimator, in its own words. note: of its autonomy. pose_t_s:
-    when it was where position_ned_m and q_wxyz say.
+    silent_s: time since its last message. battery_fraction: 0 to 1. setpoint_kind: position,
+    velocity, or empty. faults: of its estimator, in the firmware's words. note: of its autonomy.
+    pose_t_s: time of position_ned_m and q_wxyz.
     """
 
     name: str
@@ -76,7 +76,7 @@ class MarginView(msgspec.Struct, frozen=True):
 
 
 class MixingView(msgspec.Struct, frozen=True):
-    """One mixture's figures in the live feed; the newest of each."""
+    """The newest figures of one mixture in the live feed."""
 
     name: str
     rate_hz: float | None
@@ -87,14 +87,14 @@ class MixingView(msgspec.Struct, frozen=True):
 
 
 class ObjectPose(Message, frozen=True):
-    """Where an object of the world is that a vehicle flies: NED metres, body to NED."""
+    """Pose of a world object that a vehicle flies: NED metres, body to NED."""
 
     position_ned_m: Vec3
     q_wxyz: Quat
 
 
 def flown_poses(history: RunHistory, t_s: float) -> dict[str, ObjectPose]:
-    """Return where the flown objects of a run are at a time, as far as it is known."""
+    """Return the known poses of a run's flown objects at a time."""
     poses = {name: track.pose_at(t_s) for name, track in history.tracks.items()}
     return {
         name: ObjectPose(pose.position_ned_m, pose.q_wxyz)
@@ -107,9 +107,9 @@ class RunView(Message, frozen=True):
     """The state of a run as the live feed shows it.
 
     run: its folder; name: case, mode and repetition. entered_s: when each stage was reached;
-    events: when what moves the world's objects happened.
-    fences: by vehicle, as plain values. reason: of the verdict so far. flown: where the objects of
-    the world are that vehicles fly.
+    events: times of the events that
+    move the world's objects. fences: by vehicle, as plain values. reason: of the verdict so far.
+    flown: poses of world objects that vehicles fly.
     """
 
     run: str
@@ -131,9 +131,9 @@ class RunView(Message, frozen=True):
 
 
 class EventView(Message, frozen=True):
-    """An event of a run in the live feed; number: counts up by one, so that a gap shows.
+    """An event of a run in the live feed. number: counts up by one, so that gaps are visible.
 
-    kind: stage, decisive, contact, flag, guard, operator or vehicle; word: which of that kind.
+    kind: stage, decisive, contact, flag, guard, operator or vehicle; word: the subtype.
     severity: of a STATUSTEXT, its MAV_SEVERITY.
     """
 
@@ -161,8 +161,8 @@ class FactsView(Message, frozen=True):
 class ImageView(Message, frozen=True):
     """An image of a run in the live feed. name: real, twin or mixed; age_s: when it was sent.
 
-    source, sensor, arrived_s: of the reading that it shows. alone: why nothing of the twin is in a
-    mixture; empty where it is.
+    source, sensor, arrived_s: of the reading that it shows. alone: why a mixture lacks the twin;
+    empty where it does not.
     """
 
     run: str

@@ -1,7 +1,7 @@
-"""Publishes a run's live feed by a thread of its own: the flight hands over and goes on.
+"""Publishes a run's live feed in a separate thread, so that the flight never waits.
 
-The flight's side of it only sets attributes. What is new replaces what was not sent yet; only
-events are kept until they are sent. A console that does not read, or is stopped, loses views.
+The flight only sets attributes. A new view or image replaces an unsent one; only events are queued.
+A console that does not read loses views.
 """
 
 import threading
@@ -29,21 +29,21 @@ from vehicles.readings import CameraReading
 from vehicles.tasks import FAULTS
 
 _SEARCH_S = 1.0
-"""How often consoles are looked for, by the wall."""
+"""Period of the search for consoles, wall clock."""
 _VIEW_S = 1.0 / 15.0
 _IMAGE_S = 1.0 / 30.0
 _IDLE_S = 0.25
 _JOIN_S = 2.0
-_KEPT_EVENTS = 1000
+_MOST_EVENTS = 1000
 _LONGEST_TEXT = 2000
-_NAMES = ("case", "mode", "rep", "seed", "epoch_ns", "clock")
+_SHORT_FACTS = ("case", "mode", "rep", "seed", "epoch_ns", "clock")
 
 Note = Callable[[str], None]
 
 
 @dataclass(slots=True)
 class _Console:
-    """A console that receives the feed. sent: the number of the newest event that it has."""
+    """A console that receives the feed. sent: the number of its newest event."""
 
     sender: FeedSender
     knows_facts: bool = False
@@ -53,8 +53,8 @@ class _Console:
 class FeedPublisher:
     """Publishes the live feed of one run to all consoles; a context manager.
 
-    time: of the run clock. facts: asked for once, by the thread, when there is a console. note:
-    given in words, when the context is left, why the feed ended early.
+    time: of the run clock. facts: called by the thread for each new console. note: receives the
+    reason, when the context is left, if the feed ended early.
     """
 
     def __init__(
@@ -70,11 +70,11 @@ class FeedPublisher:
         self._facts = facts
         self._note = note
         self._fault = ""
-        self._is_listened_to = False
+        self._has_consoles = False
         self._wants_view = False
         self._view: RunView | None = None
         self._images: dict[str, tuple[CameraReading, float, str]] = {}
-        self._events: deque[EventView] = deque(maxlen=_KEPT_EVENTS)
+        self._events: deque[EventView] = deque(maxlen=_MOST_EVENTS)
         self._count = 0
         self._woken = threading.Event()
         self._is_over = False
@@ -94,7 +94,7 @@ class FeedPublisher:
             self._note(self._fault)
 
     def tick(self, view: Callable[[], RunView]) -> None:
-        """Publish the run's state, if a console waits for one."""
+        """Publish the run's state, if a view is due for a console."""
         if not self._wants_view:
             return
         self._wants_view = False
@@ -105,8 +105,8 @@ class FeedPublisher:
         self._woken.set()
 
     def images(self, shown: PreviewImages) -> None:
-        """Publish the images of a mixture: the newest of each is enough."""
-        if not self._is_listened_to:
+        """Publish the images of a mixture; each replaces an unsent one."""
+        if not self._has_consoles:
             return
         readings = {"real": shown.real, "twin": shown.twin, "mixed": shown.perceived}
         if shown.perceived is shown.real:
@@ -130,23 +130,23 @@ class FeedPublisher:
         vehicle: str = "",
         severity: int | None = None,
     ) -> None:
-        """Publish an event: consoles that come later get it too."""
+        """Publish an event; later consoles get it too."""
         self._count += 1
         self._events.append(
             EventView(
                 self._run, self._count, t_s, kind, word, vehicle, text[:_LONGEST_TEXT], severity
             )
         )
-        if self._is_listened_to:
+        if self._has_consoles:
             self._woken.set()
 
     def _end(self, error: BaseException) -> None:
-        """End the feed by an exception of ours: no flight depends on it."""
+        """End the feed after an exception; the flight continues without it."""
         self._fault = f"the live feed ended: {type(error).__name__}: {error}"
-        self._is_listened_to = self._wants_view = False
+        self._has_consoles = self._wants_view = False
 
     def _work(self) -> None:
-        """Send to consoles until the run is over; the thread's whole life."""
+        """Send to consoles until the run is over (the thread's function)."""
         search_s = 0.0
         try:
             while not self._fault:
@@ -158,7 +158,7 @@ class FeedPublisher:
                     self._send_all(now_s)
                 if is_last:
                     break
-                self._woken.wait(self._patience_s(now_s, search_s))
+                self._woken.wait(self._sleep_s(now_s, search_s))
                 self._woken.clear()
         except FAULTS as error:
             self._end(error)
@@ -166,7 +166,7 @@ class FeedPublisher:
             for console in self._consoles.values():
                 console.sender.close()
 
-    def _patience_s(self, now_s: float, search_s: float) -> float:
+    def _sleep_s(self, now_s: float, search_s: float) -> float:
         """Return how long the thread may sleep unless it is woken."""
         if not self._consoles:
             return max(0.0, search_s - now_s)
@@ -174,7 +174,7 @@ class FeedPublisher:
         return min([_IDLE_S, *dues_s])
 
     def _find_consoles(self) -> None:
-        """Connect to the consoles that are there now."""
+        """Connect to new consoles, and drop those that are gone."""
         found = find_console_sockets()
         for path in self._consoles.keys() - found:
             self._consoles.pop(path).sender.close()
@@ -182,9 +182,9 @@ class FeedPublisher:
             try:
                 self._consoles[path] = _Console(FeedSender(path))
             except OSError:
-                continue  # Its process may just have ended.
-        self._is_listened_to = bool(self._consoles)
-        if not self._is_listened_to:
+                continue  # its process may just have ended
+        self._has_consoles = bool(self._consoles)
+        if not self._has_consoles:
             self._wants_view = False
             self._images = {}
 
@@ -213,28 +213,28 @@ class FeedPublisher:
         return True
 
     def _catch_up(self, console: _Console) -> None:
-        """Send a console the facts and events that it lacks, as far as it takes them."""
+        """Send a console the facts and events that it lacks, until its queue is full."""
         if not console.knows_facts:
             console.knows_facts = console.sender.send(self._encoded_facts())
             if not console.knows_facts:
                 return
         for event in tuple(self._events):
             if event.number > console.sent:
-                if not console.sender.send(_encode(event)):
+                if not console.sender.send(feed_codec.encode(event)):
                     return
                 console.sent = event.number
 
     def _encoded_facts(self) -> bytes:
-        """Return the run's facts as a datagram; of those that are too long only the names."""
+        """Return the run's facts as a datagram; only the short ones if they are too long."""
         facts = dict(self._facts())
-        datagram = _encode(FactsView(self._run, facts))
+        datagram = feed_codec.encode(FactsView(self._run, facts))
         if len(datagram) > LONGEST_DATAGRAM_BYTES:
-            named = {key: facts[key] for key in _NAMES if key in facts}
-            datagram = _encode(FactsView(self._run, named))
+            named = {key: facts[key] for key in _SHORT_FACTS if key in facts}
+            datagram = feed_codec.encode(FactsView(self._run, named))
         return datagram
 
     def _send(self, message: FeedMessage) -> None:
-        datagram = _encode(message)
+        datagram = feed_codec.encode(message)
         if len(datagram) > LONGEST_DATAGRAM_BYTES:
             return
         for path, console in tuple(self._consoles.items()):
@@ -242,8 +242,3 @@ class FeedPublisher:
                 console.sender.send(datagram)
             except OSError:
                 self._consoles.pop(path).sender.close()
-
-
-def _encode(message: FeedMessage) -> bytes:
-    """Return a message of the live feed as a datagram."""
-    return feed_codec.encode(message)

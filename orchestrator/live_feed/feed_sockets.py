@@ -1,4 +1,4 @@
-"""Where consoles listen: a datagram socket each, in the runtime folder of this user alone."""
+"""Sockets of the live feed: each console has a datagram socket in this user's runtime folder."""
 
 import contextlib
 import os
@@ -15,7 +15,7 @@ _RECEIVE_BYTES = 1 << 20
 
 
 def find_console_sockets() -> frozenset[Path]:
-    """Return where consoles of this user listen on this machine."""
+    """Return the socket paths of this user's consoles on this machine."""
     found: set[Path] = set()
     for folder in runtime_folders():
         with contextlib.suppress(OSError), os.scandir(folder) as entries:
@@ -45,7 +45,7 @@ def feed_receiver() -> Iterator[socket.socket]:
 
 
 class FeedSender:
-    """Sends the live feed to one console; never waits. Raises OSError when the socket is gone."""
+    """Sends the live feed to one console without blocking. Raises OSError if the socket is gone."""
 
     def __init__(self, path: Path) -> None:
         self._end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

@@ -1,4 +1,4 @@
-"""A process beside a campaign that shows it to somebody; neither waits for the other."""
+"""Runs a helper process, such as a console, beside a campaign that has no event loop yet."""
 
 import os
 import select
@@ -13,26 +13,26 @@ _OPEN_S = 30.0
 
 @contextmanager
 def process_beside(arguments: Sequence[str], *, lines: int, end_s: float) -> Iterator[list[str]]:
-    """Have a process of our interpreter until the context is left; yield its first lines.
+    """Run a process of this interpreter until the context is left; yield its first lines.
 
-    arguments: of the interpreter. lines: how many it prints once it serves; fewer are yielded where
-    it ended, or took 30 s. end_s: how long it may take to end once its standard input is closed; it
-    is killed then. Ctrl-C in the terminal is not for it.
+    arguments: of the interpreter. lines: the number that it prints once it is ready; fewer are
+    yielded if it ended, or after 30 s. end_s: how long it may take to end after its standard input
+    is closed, before it is killed. Ctrl-C in the terminal does not reach it.
     """
-    process = subprocess.Popen(  # noqa: S603 - our own interpreter
+    with subprocess.Popen(  # noqa: S603 - this interpreter
         [sys.executable, *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
-    )
-    try:
-        yield _first_lines(process, lines)
-    finally:
-        _end(process, end_s)
+    ) as process:
+        try:
+            yield _first_lines(process, lines)
+        finally:
+            _end(process, end_s)
 
 
 def _first_lines(process: "subprocess.Popen[bytes]", count: int) -> list[str]:
-    """Return the process's first lines, or what came of them."""
+    """Return the process's first lines, as far as they came."""
     assert process.stdout is not None  # noqa: S101 - it is a pipe
     data, give_up_s = b"", time.monotonic() + _OPEN_S
     while data.count(b"\n") < count:
@@ -46,7 +46,7 @@ def _first_lines(process: "subprocess.Popen[bytes]", count: int) -> list[str]:
 
 
 def _end(process: "subprocess.Popen[bytes]", end_s: float) -> None:
-    """Let the process end by itself; one that does not is killed."""
+    """Close the process's standard input; kill it if it does not end in time."""
     assert process.stdin is not None  # noqa: S101 - it is a pipe
     with suppress(OSError):
         process.stdin.close()
@@ -54,6 +54,3 @@ def _end(process: "subprocess.Popen[bytes]", end_s: float) -> None:
         process.wait(end_s)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.wait()
-    if process.stdout is not None:
-        process.stdout.close()

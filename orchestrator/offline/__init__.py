@@ -1,1 +1,1 @@
-"""Mixing without a flight: pictures, videos, and recordings that are mixed anew."""
+"""Mixing without a flight: of images and videos, and replay of recorded runs."""

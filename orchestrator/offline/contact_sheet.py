@@ -1,4 +1,4 @@
-"""A contact sheet of one mixture: both pictures, what each step made of them, the result."""
+"""A contact sheet of one mixture: both images, the output of each step, the result."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _COLUMNS = 3
 _SQUARE_PX = 12
 _ZOOM = 6
 _FAR_M = 20.0
-"""Distances from here on are drawn as the farthest."""
+"""Larger distances have the colour of this one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class _Tile:
 
 
 class ContactSheet:
-    """Draws a contact sheet of what the recipe's steps make of one frame; an observer.
+    """Draws a contact sheet of the outputs of a recipe's steps for one frame; an observer.
 
-    frame: which one, from 0. What a mask leaves out is shown as grey squares.
+    frame: its index from 0. Pixels that a mask leaves out are shown as grey squares.
     """
 
     def __init__(self, *, frame: int = 0) -> None:
@@ -52,20 +52,20 @@ class ContactSheet:
             self._step = 0
         if self._frame != self._wanted:
             return
-        picture = _to_bgr(view.work.reading)
-        if picture is None:
+        image = _to_bgr(view.work.reading)
+        if image is None:
             return
         if view.side is None:
-            self._tiles.append(_Tile(f"merge: {view.name}", picture.copy()))
-            self._zoom(picture)
+            self._tiles.append(_Tile(f"merge: {view.name}", image.copy()))
+            self._zoom(image)
         elif view.name == view.side:
-            self._tiles.append(_Tile(view.name, picture.copy()))
+            self._tiles.append(_Tile(view.name, image.copy()))
         else:
             self._step += 1
             mask = view.work.mask
             self._edge = _edge_of(mask) or self._edge
             label = f"{self._step}. {view.name} ({view.side})"
-            self._tiles.append(_Tile(label, _apply_mask(picture, mask)))
+            self._tiles.append(_Tile(label, _apply_mask(image, mask)))
 
     def draw(self) -> BgrImage:
         """Return the contact sheet (height, width, 3)."""
@@ -79,15 +79,15 @@ class ContactSheet:
             rows.append(np.hstack(cells))
         return np.vstack(rows).astype(np.uint8)
 
-    def _zoom(self, picture: BgrImage) -> None:
-        """Add an enlarged edge of the mask to the contact sheet: shows halos and seams."""
+    def _zoom(self, image: BgrImage) -> None:
+        """Add an enlarged edge of the mask to the contact sheet, to show halos and seams."""
         if self._edge is None:
             return
         row, column = self._edge
-        high, wide = picture.shape[0] // _ZOOM, picture.shape[1] // _ZOOM
-        top = int(np.clip(row - high // 2, 0, picture.shape[0] - high))
-        left = int(np.clip(column - wide // 2, 0, picture.shape[1] - wide))
-        cut = picture[top : top + high, left : left + wide]
+        high, wide = image.shape[0] // _ZOOM, image.shape[1] // _ZOOM
+        top = int(np.clip(row - high // 2, 0, image.shape[0] - high))
+        left = int(np.clip(column - wide // 2, 0, image.shape[1] - wide))
+        cut = image[top : top + high, left : left + wide]
         near = cv2.resize(cut, None, fx=_ZOOM, fy=_ZOOM, interpolation=cv2.INTER_NEAREST)
         self._tiles.append(_Tile(f"edge, {_ZOOM} times", near.astype(np.uint8)))
 
@@ -104,19 +104,17 @@ def _to_bgr(reading: Reading) -> BgrImage | None:
     return None
 
 
-def _apply_mask(picture: BgrImage, mask: Mask | None) -> BgrImage:
-    """Return an image with a chequered ground where its mask is off, for the contact sheet."""
+def _apply_mask(image: BgrImage, mask: Mask | None) -> BgrImage:
+    """Return an image with a chequered background where its mask is off."""
     if mask is None:
-        return picture.copy()
+        return image.copy()
     rows, columns = np.indices(mask.shape) // _SQUARE_PX
     squares = np.where((rows + columns) % 2 == 0, 96, 128).astype(np.uint8)
-    return np.where(mask[:, :, None] > 0, picture, squares[:, :, None]).astype(np.uint8)
+    return np.where(mask[:, :, None] > 0, image, squares[:, :, None]).astype(np.uint8)
 
 
-def _edge_of(
-    mask: Mask | None,
-) -> tuple[int, int] | None:
-    """Return a pixel on the upper edge of a mask to zoom in, row and column; None for no edge."""
+def _edge_of(mask: Mask | None) -> tuple[int, int] | None:
+    """Return row and column of a pixel on the upper edge of a mask; None without an edge."""
     if mask is None or not mask.any() or mask.all():
         return None
     columns = np.flatnonzero(mask.any(axis=0))
@@ -125,20 +123,20 @@ def _edge_of(
 
 
 def _draw_label(tile: _Tile) -> BgrImage:
-    """Return a contact sheet's tile scaled, with its label."""
+    """Return a tile scaled to its width, with its label."""
     height = round(tile.image_bgr.shape[0] * _TILE_PX / tile.image_bgr.shape[1])
     shrunk = tile.image_bgr.shape[1] > _TILE_PX
     how = cv2.INTER_AREA if shrunk else cv2.INTER_NEAREST
-    picture = cv2.resize(tile.image_bgr, (_TILE_PX, height), interpolation=how)
+    image = cv2.resize(tile.image_bgr, (_TILE_PX, height), interpolation=how)
     strip = np.full((_LABEL_PX, _TILE_PX, 3), 32, np.uint8)
     cv2.putText(
         strip, tile.label, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA
     )
-    return np.vstack([strip, picture]).astype(np.uint8)
+    return np.vstack([strip, image]).astype(np.uint8)
 
 
 def _pad_to(tile: BgrImage, height: int) -> BgrImage:
-    """Return a tile padded to a height of the contact sheet's row."""
+    """Return a tile padded to the height of its row."""
     missing = height - tile.shape[0]
     framed: BgrImage = cv2.copyMakeBorder(
         tile, 0, missing, 0, 0, cv2.BORDER_CONSTANT, value=(32, 32, 32)

@@ -1,5 +1,5 @@
-"""The one error of mixing without a flight."""
+"""The error of mixing without a flight."""
 
 
 class OfflineError(Exception):
-    """An offline input or output that is missing or unusable: what, where, what to do."""
+    """An input or output file is missing or unusable; the message says which, and what to do."""

@@ -1,8 +1,9 @@
-"""Mixing of files by a recipe: `wil-campaign mix`."""
+"""Mixes files by a recipe: `wil-campaign mix`."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -28,12 +29,12 @@ from worlds.frames import AT_ORIGIN, Pose
 from worlds.world_file.world import World
 
 _VIDEO_HZ = 30.0
-"""Of a mixed video, for its key pictures; each picture has a time of its own."""
+"""Nominal rate of a mixed video, for its key frames; each frame has its own time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideFiles:
-    """The files of one side to mix. fov_deg: of its camera where the file does not say."""
+    """The input files of one side. fov_deg: of its camera, where the file does not have it."""
 
     file: Path
     fov_deg: float = 69.0
@@ -42,10 +43,10 @@ class SideFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixOrder:
-    """What files to mix. sensor: None for the recipe's first camera, or for all recorded.
+    """The files to mix. sensor: None for the recipe's first camera, or for all recorded.
 
-    place: of the camera where the twin is a world. stages: where the contact sheet of the
-    `frame`th mixture goes.
+    place: of the camera where the twin is a world. stages: the file for the contact sheet of
+    mixture number `frame`.
     """
 
     recipe: Recipe
@@ -60,18 +61,18 @@ class MixOrder:
 
 @dataclass(frozen=True, slots=True)
 class CombinationReport:
-    """The report of one combination mixed from files. said: first reason of each kind."""
+    """The report of one combination mixed from files. reasons: the first of each kind."""
 
     name: str
     frames: int
     mixed: int
     dropped: Mapping[str, int]
     faults: Mapping[str, int]
-    said: tuple[str, ...]
+    reasons: tuple[str, ...]
 
     @property
     def complete(self) -> bool:
-        """Return whether all frames of the files are mixed, and there is one."""
+        """Return whether there are frames, and all of them were mixed."""
         return self.frames > 0 and self.mixed == self.frames
 
 
@@ -92,7 +93,7 @@ def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
         reports = tuple(_mix_pairs(name, mixer, inputs, output) for name, mixer in chosen)
     if sheet is not None and order.stages is not None:
         if sheet.is_empty:
-            raise OfflineError(f"{order.stages}: there is no picture {order.frame} to show")
+            raise OfflineError(f"{order.stages}: there is no frame {order.frame} to show")
         write_image(order.stages, sheet.draw())
     return reports
 
@@ -103,7 +104,7 @@ def _refuse_to_overwrite(order: MixOrder) -> None:
     taken = {file.resolve() for file in inputs if file is not None}
     for written in (order.out, order.stages):
         if written is not None and written.resolve() in taken:
-            raise OfflineError(f"{written}: is an input; write to another file")
+            raise OfflineError(f"{written}: is an input file; write to another file")
 
 
 def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
@@ -111,7 +112,7 @@ def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
     problems = recipe.unknown_objects(frozenset(objects))
     if problems and not objects:
         raise OfflineError(
-            f"{recipe.document.name}: keeps objects by name, and an image does not tell of them; "
+            f"{recipe.document.name}: keeps objects by name, but an image has no object names; "
             "give a world file or a recording as --twin"
         )
     if problems:
@@ -119,7 +120,7 @@ def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
 
 
 def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str, Mixer], ...]:
-    """Return the wanted mixers of a recipe, each with a unique name for its files."""
+    """Return the wanted mixers of a recipe, each with its unique name."""
     recorded = kind_of(order.real.file) == "recording"
     found = [mixer for mixer in mixers if order.sensor in (None, mixer.sensor)]
     if not recorded or order.out.suffix.lower() != ".mcap":
@@ -131,7 +132,7 @@ def _choose_names(mixers: tuple[Mixer, ...], order: MixOrder) -> tuple[tuple[str
 
 
 def names_of(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, Mixer]]:
-    """Yield each mixer with its file name: its sensor's, and its receivers' where several."""
+    """Yield each mixer with its name: the sensor, and its receivers if several share it."""
     sensors = [mixer.sensor for mixer in mixers]
     for mixer in mixers:
         several = sensors.count(mixer.sensor) > 1
@@ -140,11 +141,11 @@ def names_of(mixers: "list[Mixer] | tuple[Mixer, ...]") -> Iterator[tuple[str, M
 
 def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> CombinationReport:
     twins = inputs.twins(mixer)
-    said: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for pair in mixtures(mixer, inputs.reals(mixer), twins):
-        told = pair.mixed.provenance
-        if told.dropped is not None:
-            said.setdefault(told.dropped, told.detail)
+        provenance = pair.mixed.provenance
+        if provenance.dropped is not None:
+            reasons.setdefault(provenance.dropped, provenance.detail)
         output.take(name, pair)
     counts = mixer.counts()
     refused = twins.faults[:1] if isinstance(twins, StreamedTwins) else []
@@ -154,12 +155,12 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
         mixed=counts.mixed,
         dropped=dict(counts.dropped),
         faults=dict(counts.faults),
-        said=(*said.values(), *refused),
+        reasons=(*reasons.values(), *refused),
     )
 
 
 class _Inputs:
-    """Opens the input files of a mix order, as often as they are read."""
+    """Opens the input files of a mix order; each call reads them again."""
 
     def __init__(self, order: MixOrder) -> None:
         self._order = order
@@ -171,16 +172,18 @@ class _Inputs:
                 "or a recording"
             )
         if (real == "recording") != (twin == "recording"):
-            raise OfflineError("a recording is mixed with a recording: give both sides as one")
+            raise OfflineError(
+                "a recording can only be mixed with a recording: give recordings for both sides"
+            )
         if (real, twin) == ("image", "video"):
             raise OfflineError(
-                "the real side is an image and the twin's a video: give two of one kind"
+                "the real side is an image and the twin's a video: give two images or two videos"
             )
         self._world = World.parse(load(order.twin.file)) if twin == "world" else None
         self.objects: Mapping[str, int] = {}
         if self._world is not None:
-            things = self._world.scene("wil", "Wv").objects
-            self.objects = {thing.name: thing.object_id for thing in things}
+            objects = self._world.scene("wil", "Wv").objects
+            self.objects = {obj.name: obj.object_id for obj in objects}
         elif twin == "recording":
             file = recorded_inputs.recording_file(order.twin.file)
             self.objects = objects_in(recorded_inputs.facts_of_recording(file))
@@ -197,19 +200,14 @@ class _Inputs:
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
             found = _recorded_inputs(side.file, "twin", mixer.sensor)
-            return StreamedTwins(found, _offer_readings(mixer))
+            return StreamedTwins(found, partial(mixer.offer, "twin"))
         if self._world is not None:
             optics = Optics(side.fov_deg)
             camera = WorldCamera(world=self._world, pose=self._order.place, optics=optics)
             return DrawnTwins(camera.reading)
         if kind == "image":
             return HeldTwins(next(_image_inputs(side, True, "twin")))
-        return StreamedTwins(_image_inputs(side, False, "twin"), _offer_readings(mixer))
-
-
-def _offer_readings(mixer: Mixer) -> Callable[[Reading], str | None]:
-    """Return what offers the twin's readings of a file to a mixer."""
-    return lambda reading: mixer.offer("twin", reading)
+        return StreamedTwins(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
 
 
 def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
@@ -218,7 +216,7 @@ def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Readin
     found = recorded_inputs.readings(file, source, sensor)
     first = next(found, None)
     if first is None:
-        raise OfflineError(f"{file}: has no reading of '{sensor}' of {source}")
+        raise OfflineError(f"{file}: has no reading of sensor '{sensor}' of {source}")
     return chain([first], found)
 
 

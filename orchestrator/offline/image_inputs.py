@@ -1,4 +1,4 @@
-"""Readings of a camera from files: images, videos, depth beside them, a world drawn by us."""
+"""Camera readings from files: images, videos, depth files, and rendered worlds."""
 
 import math
 from collections.abc import Iterator
@@ -16,6 +16,7 @@ from vehicles.readings import BgrImage, CameraReading, DepthImage, Source
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.frame_stamps import check_image
 from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES, VideoFile
+from vehicles.sources.cameras.recorded_camera import ImageFile, Still
 from worlds.camera import Intrinsics
 from worlds.files.images import ImageError, read_image
 from worlds.files.limits import MAX_IMAGE_PIXELS
@@ -68,15 +69,18 @@ def _read(path: Path, flags: int) -> NDArray[Any]:
 
 
 def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
-    """Yield the images of a video file by their own times. Raises OfflineError."""
-    file = VideoFile(path=path)
+    """Yield the images of a video file at their times. Raises OfflineError."""
+    for seq, still in enumerate(stills(VideoFile(path=path))):
+        yield _reading_of(still.image_bgr, seq, still.offset_s, side, optics)
+
+
+def stills(file: ImageFile) -> Iterator[Still]:
+    """Yield the images of a video, a folder or an MCAP file. Raises OfflineError."""
     try:
         with closing(file):
             file.open()
-            seq = 0
             while (still := file.next()) is not None:
-                yield _reading_of(still.image_bgr, seq, still.offset_s, side, optics)
-                seq += 1
+                yield still
     except SourceError as error:
         raise OfflineError(str(error)) from error
 
@@ -97,9 +101,9 @@ def _reading_of(
 
 
 def depth(path: Path) -> DepthImage:
-    """Return a depth file: .npy in metres, or a 16-bit image in millimetres, 0 unknown.
+    """Return a depth file: .npy in metres, or a 16-bit image in millimetres, 0 for unknown.
 
-    What is unknown is infinitely far. Raises OfflineError.
+    Unknown depth is infinite. Raises OfflineError.
     """
     if not is_file(path):
         raise OfflineError(f"{path}: there is no such file")
@@ -107,7 +111,7 @@ def depth(path: Path) -> DepthImage:
         raise OfflineError(f"{path}: is larger than {_LARGEST_DEPTH_BYTES} bytes")
     if path.suffix.lower() == ".npy":
         try:
-            # Mapped: what the header claims and the file does not have is not allocated.
+            # Mapped: a header that claims more than the file has allocates nothing.
             metres = np.array(np.load(path, mmap_mode="r", allow_pickle=False))
         except (OSError, ValueError, EOFError) as error:
             raise OfflineError(f"{path}: cannot be read as an array: {error}") from error
@@ -119,7 +123,10 @@ def depth(path: Path) -> DepthImage:
             )
         metres = np.where(found == 0, np.inf, found / _MM_PER_M)
     if metres.ndim != 2 or metres.dtype.kind != "f":
-        raise OfflineError(f"{path}: depth is (height, width) of floats, this is {metres.shape}")
+        raise OfflineError(
+            f"{path}: depth must be (height, width) of floats, this is {metres.shape} of "
+            f"{metres.dtype}"
+        )
     found_m: DepthImage = metres.astype(np.float32)
     return found_m
 
@@ -129,7 +136,7 @@ def with_depth(reading: CameraReading, depth_m: DepthImage, path: Path) -> Camer
     size, wanted = depth_m.shape, reading.image_bgr.shape[:2]
     if size != wanted:
         raise OfflineError(
-            f"{path}: depth of {size[1]}x{size[0]} for a picture of {wanted[1]}x{wanted[0]}"
+            f"{path}: depth of {size[1]}x{size[0]} for an image of {wanted[1]}x{wanted[0]}"
         )
     return replace(reading, depth_m=depth_m)
 
@@ -143,7 +150,7 @@ class WorldCamera:
         self._optics = optics
 
     def reading(self, real: CameraReading) -> CameraReading:
-        """Return the rendered image with the size and time of a real one, depth and ids."""
+        """Return the rendered image with depth and ids, at the size and time of a real one."""
         lens = self._optics.of(real.image_bgr)
         seen = self._renderer.render(
             self._pose, lens, real.t_s, {"goal": 0.0}, want_depth=True, want_ids=True

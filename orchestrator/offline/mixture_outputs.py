@@ -1,4 +1,4 @@
-"""Where mixtures without a flight go: an image, a video, a recording."""
+"""Output files of mixtures without a flight: an image, a video, a recording."""
 
 from pathlib import Path
 from types import TracebackType
@@ -38,37 +38,33 @@ def write_image(path: Path, image_bgr: BgrImage) -> None:
     """Write an image atomically. Raises OfflineError, OSError."""
     coded, data = cv2.imencode(path.suffix.lower(), image_bgr)
     if not coded:
-        raise OfflineError(f"{path}: cannot be written as {path.suffix}; take .png or .jpg")
+        raise OfflineError(f"{path}: cannot be written as {path.suffix}; use .png or .jpg")
     write_whole(path, data.tobytes())
 
 
-class _Closing:
-    """An output of mixtures that is closed on exit."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        del error
-
-
-class ImageOut(_Closing):
+class ImageOut:
     """An output of one mixed image; frames without mixture are not written."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._taken = False
+        self._has_image = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Do nothing: the image is written at once."""
 
     def take(self, name: str, pair: MixedPair) -> None:
         """Write the first complete mixture as the image."""
         del name
         reading = pair.mixed.reading
-        if self._taken:
+        if self._has_image:
             raise OfflineError(
                 f"{self._path}: is a single image, and there are several to write; "
                 "name a video (.mp4)"
             )
-        self._taken = True
+        self._has_image = True
         if isinstance(reading, CameraReading) and pair.mixed.provenance.dropped is None:
             write_image(self._path, reading.image_bgr)
 
@@ -113,9 +109,9 @@ class RecordingOut:
 
     def take(self, name: str, pair: MixedPair) -> None:
         """Append a mixture to the MCAP output."""
-        told = pair.mixed.provenance
-        now_s = told.mixed_s if told.mixed_s is not None else pair.real.arrived_s
-        self._recorder.mixed(name, pair.mixed.reading, told, now_s=now_s)
+        provenance = pair.mixed.provenance
+        now_s = pair.real.arrived_s if provenance.mixed_s is None else provenance.mixed_s
+        self._recorder.mixed(name, pair.mixed.reading, provenance, now_s=now_s)
 
     def __exit__(
         self,
@@ -129,7 +125,7 @@ class RecordingOut:
 
 
 def output_for(path: Path, *, rate_hz: float, epoch_s: float) -> Output:
-    """Return the output for mixtures that a file's name asks for. Raises OfflineError."""
+    """Return the output for the suffix of a file. Raises OfflineError."""
     suffix = path.suffix.lower()
     if suffix in IMAGE_SUFFIXES:
         return ImageOut(path)

@@ -1,4 +1,4 @@
-"""Who meets whom where both worlds are on the disk: nobody waits, and nothing comes too late."""
+"""Pairs real readings with the twin's where both are in files: no waiting, no late readings."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -9,13 +9,13 @@ from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.pipeline import Mixer
 from vehicles.readings import CameraReading, Reading
 
-_KEPT = 64
+_NEAR_READINGS = 64
 
 
 class Twins(Protocol):
     """Pairs the twin's readings with real ones (protocol)."""
 
-    def meeting(self, real: Reading) -> Reading | None:
+    def match(self, real: Reading) -> Reading | None:
         """Return the twin's reading to pair with a real one; called in order of time."""
 
 
@@ -25,8 +25,8 @@ class HeldTwins:
 
     reading: Reading
 
-    def meeting(self, real: Reading) -> Reading:
-        """Return the held reading as if taken at the time of the real one."""
+    def match(self, real: Reading) -> Reading:
+        """Return the reading with the time of the real one."""
         return replace(self.reading, t_s=real.t_s, arrived_s=real.arrived_s, seq=real.seq)
 
 
@@ -36,7 +36,7 @@ class DrawnTwins:
 
     draw: Callable[[CameraReading], Reading]
 
-    def meeting(self, real: Reading) -> Reading | None:
+    def match(self, real: Reading) -> Reading | None:
         """Return the reading rendered for this real image."""
         return self.draw(real) if isinstance(real, CameraReading) else None
 
@@ -44,16 +44,16 @@ class DrawnTwins:
 class StreamedTwins:
     """Pairs real readings with a file's twin readings nearest in time.
 
-    offer: is handed each reading as it comes, and says what is wrong with it.
+    offer: takes each reading, and returns why the mixer refuses it; else None.
     """
 
     def __init__(self, readings: Iterator[Reading], offer: Callable[[Reading], str | None]) -> None:
         self._readings = readings
         self._offer = offer
-        self._near: deque[Reading] = deque(maxlen=_KEPT)
+        self._near: deque[Reading] = deque(maxlen=_NEAR_READINGS)
         self.faults: list[str] = []
 
-    def meeting(self, real: Reading) -> Reading | None:
+    def match(self, real: Reading) -> Reading | None:
         """Return the twin's reading nearest to the real one in time."""
         while not self._near or self._near[-1].t_s < real.t_s:
             following = next(self._readings, None)
@@ -82,10 +82,10 @@ class MixedPair:
 def mixtures(mixer: Mixer, reals: Iterator[Reading], twins: Twins) -> Iterator[MixedPair]:
     """Yield the mixture of each real reading with its paired twin's. Raises StepError.
 
-    It is mixed when both are there: latency is that of the later one.
+    The time of mixing is the arrival of the later one.
     """
     for real in reals:
-        twin = twins.meeting(real)
+        twin = twins.match(real)
         now_s = real.arrived_s if twin is None else max(real.arrived_s, twin.arrived_s)
         mixed: Mixed[Reading] = mixer.mix(real, twin, now_s=now_s, alignment="from files")
         yield MixedPair(real, twin, mixed)

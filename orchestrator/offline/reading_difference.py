@@ -1,4 +1,4 @@
-"""How far two readings of one sensor are apart; pure."""
+"""The difference between two readings of one sensor; pure."""
 
 import math
 from dataclasses import dataclass, fields
@@ -11,16 +11,16 @@ from vehicles.readings import CameraReading, Reading
 JPEG_MEAN_LEVELS = 2.0
 JPEG_FAR_LEVELS = 48
 JPEG_FAR_SHARE = 0.005
-"""What JPEG may do to pictures that were mixed of JPEG pictures: mean difference in grey levels,
-and the share of pixels that are farther apart than so many levels. Measured on the gate's runs at
-quality 85: means of up to 0.42, shares of up to 0.1 %, the edges of what was isolated."""
+"""Allowed JPEG loss of images mixed from JPEG images: mean difference in grey levels, and the
+share of pixels that differ by more than JPEG_FAR_LEVELS. Measured on the gate's runs at quality 85:
+means of up to 0.42, shares of up to 0.1 %, at the edges of isolated objects."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
     """The difference of two readings. share: of differing pixels or elements; worst: largest.
 
-    what: in words. worst and mean are in the reading's own unit; grey levels for pictures.
+    what: as text. worst and mean are in the reading's own unit; grey levels for images.
     """
 
     what: str
@@ -32,7 +32,7 @@ class Difference:
 def difference(recorded: Reading, again: Reading, *, exact: bool) -> Difference | None:
     """Return the difference of a replayed reading from the recorded one; None if equal.
 
-    exact: both come from inputs to the bit; else pictures may differ by what JPEG loses.
+    exact: the inputs were recorded losslessly; else images may differ by the loss of JPEG.
     """
     if type(recorded) is not type(again):
         return Difference(f"{type(again).__name__} instead of {type(recorded).__name__}")
@@ -54,8 +54,8 @@ def _beyond_jpeg(recorded: CameraReading, again: CameraReading) -> Difference | 
     far = float((levels.max(axis=2) > JPEG_FAR_LEVELS).mean())
     if found.mean <= JPEG_MEAN_LEVELS and far <= JPEG_FAR_SHARE:
         return None
-    said = f"{far:.2%} of its pixels by more than {JPEG_FAR_LEVELS} levels, beyond the loss of JPEG"
-    return Difference(said, far, found.mean, found.worst)
+    what = f"{far:.2%} of its pixels by more than {JPEG_FAR_LEVELS} levels, beyond the loss of JPEG"
+    return Difference(what, far, found.mean, found.worst)
 
 
 def _of_values(recorded: Any, again: Any, name: str) -> Difference | None:
@@ -80,14 +80,14 @@ def _of_arrays(recorded: Any, again: Any, name: str) -> Difference | None:
         share = float(differing.any(axis=2).mean())
     known = np.isfinite(levels)
     mean = float(levels[known].mean()) if known.any() else math.inf
-    said = f"{share:.2%} of {name}, by up to {levels.max():.4g}"
-    return Difference(said, share, mean, float(levels.max()))
+    what = f"{share:.2%} of {name}, by up to {levels.max():.4g}"
+    return Difference(what, share, mean, float(levels.max()))
 
 
 def _levels(recorded: Any, again: Any) -> Any:
     """Return the absolute differences of two arrays; equal infinities and NaNs count 0."""
     with np.errstate(invalid="ignore"):
         apart = np.abs(recorded.astype(np.float32) - again.astype(np.float32))
-    # Both infinite, or both no number: alike.
-    alike = (recorded == again) | (np.isnan(apart) & (np.isnan(recorded) == np.isnan(again)))
-    return np.where(alike, np.float32(0.0), np.where(np.isnan(apart), np.inf, apart))
+    # Both infinite, or both NaN: equal.
+    equal = (recorded == again) | (np.isnan(apart) & (np.isnan(recorded) == np.isnan(again)))
+    return np.where(equal, np.float32(0.0), np.where(np.isnan(apart), np.inf, apart))

@@ -1,6 +1,7 @@
-"""Recorded runs as inputs."""
+"""Reads recorded runs as inputs of mixing."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from orchestrator.offline.errors import OfflineError
@@ -12,7 +13,7 @@ from worlds.files.paths import is_file, is_folder
 
 
 def recording_file(path: Path) -> Path:
-    """Return the recording meant by a path: the file, or the one of a run's folder.
+    """Return the recording at a path: the file, or run.mcap in a run's folder.
 
     Raises OfflineError.
     """
@@ -24,25 +25,27 @@ def recording_file(path: Path) -> Path:
 
 def items(path: Path) -> Iterator[Recorded]:
     """Yield the items of a recording, in its order. Raises OfflineError."""
-    try:
+    with _offline_errors(path):
         yield from Recording(path)
-    except RecordingError as error:
-        raise OfflineError(str(error)) from error
-    except OSError as error:
-        raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def facts_of_recording(path: Path) -> Mapping[str, str]:
     """Return the run facts in a recording. Raises OfflineError."""
     recording = Recording(path)
+    with _offline_errors(path):
+        next(iter(recording), None)
+    return recording.facts
+
+
+@contextmanager
+def _offline_errors(path: Path) -> Iterator[None]:
+    """Raise the errors of reading a recording as OfflineError."""
     try:
-        for _ in recording:
-            break
+        yield
     except RecordingError as error:
         raise OfflineError(str(error)) from error
     except OSError as error:
         raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return recording.facts
 
 
 def readings(path: Path, source: Source, sensor: str) -> Iterator[Reading]:

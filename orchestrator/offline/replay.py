@@ -1,4 +1,4 @@
-"""A recorded run mixed anew: the same readings in the same order, by any recipe."""
+"""Replays the mixing of a recorded run: the same readings in the same order, by any recipe."""
 
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
@@ -20,9 +20,9 @@ from vehicles.readings import Reading
 from worlds.files.documents import BadInput
 from worlds.files.problems import printable
 
-_KEPT = 512
-"""Readings of a sensor that may still be mixed; a mixture comes some periods after its readings."""
-_KEPT_BYTES = 512 * 1024 * 1024
+_MOST_RECENT = 512
+"""Readings kept per sensor: a mixture is recorded some periods after its readings."""
+_MOST_BYTES = 512 * 1024 * 1024
 _COMPARED = ("dropped", "real_seq", "twin_seq", "skew_ms", "latency_ms", "alignment")
 
 Key = tuple[str, str]
@@ -41,8 +41,8 @@ class Divergence:
 class Replayed:
     """The report of one replayed combination.
 
-    frames: mixed again. compared: of them those that the recording has too. divergences: all of
-    them, in order. worst: that with the largest share, with both readings.
+    frames: mixed again. compared: those that the recording has too. divergences: in order. worst:
+    the one with the largest share, with both readings.
     """
 
     name: str
@@ -68,12 +68,7 @@ class ReplayReport:
         return bool(self.without) or any(one.divergences for one in self.combinations)
 
 
-Tell = Callable[[str, MixedPair], None]
-
-
-def _ignore_progress(name: str, pair: MixedPair) -> None:
-    """Ignore a replayed mixture: no output is wanted."""
-    del name, pair
+OnMixture = Callable[[str, MixedPair], None]
 
 
 def replay(
@@ -81,12 +76,12 @@ def replay(
     recipe: Recipe | None = None,
     *,
     trusted: bool = False,
-    tell: Tell = _ignore_progress,
+    on_mixture: OnMixture | None = None,
 ) -> ReplayReport:
     """Replay a recording's mixing and compare. recipe: None for the recorded one.
 
-    trusted: whether code that the recording names may run; a recipe that is given may run its own.
-    tell: takes each mixture. Raises OfflineError, BadInput, StepError.
+    trusted: whether code that the recording names may run; a given recipe may always run its own.
+    on_mixture: called with each mixture. Raises OfflineError, BadInput, StepError.
     """
     file = recorded_inputs.recording_file(path)
     facts = recorded_inputs.facts_of_recording(file)
@@ -96,13 +91,13 @@ def replay(
     if problems:
         raise BadInput(problems)
     mixers = compile_recipe(recipe, object_ids=objects)
-    anew = _Replay(dict(names_of(mixers)), tell)
+    replaying = _Replay(dict(names_of(mixers)), on_mixture)
     for item in recorded_inputs.items(file):
         if isinstance(item, RecordedReading):
-            anew.reading(item)
+            replaying.reading(item)
         elif isinstance(item, RecordedProvenance):
-            anew.mixture(item)
-    return anew.report()
+            replaying.mixture(item)
+    return replaying.report()
 
 
 def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> Recipe:
@@ -124,12 +119,12 @@ def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> 
 
 
 class _Replay:
-    """Replays a recording: gives mixers what they got in flight."""
+    """Replays a recording: gives mixers the readings that they got in flight."""
 
-    def __init__(self, mixers: Mapping[str, Mixer], tell: Tell) -> None:
+    def __init__(self, mixers: Mapping[str, Mixer], on_mixture: OnMixture | None) -> None:
         self._mixers = mixers
-        self._tell = tell
-        self._kept: dict[Key, OrderedDict[int, Reading]] = {}
+        self._on_mixture = on_mixture
+        self._recent: dict[Key, OrderedDict[int, Reading]] = {}
         self._inexact: set[Key] = set()
         self._recorded: dict[str, tuple[Reading, bool]] = {}
         self._replayed = {name: Replayed(name) for name in mixers}
@@ -144,24 +139,23 @@ class _Replay:
         key = (reading.source, item.sensor)
         if not item.exact:
             self._inexact.add(key)
-        kept = self._kept.setdefault(key, OrderedDict())
-        kept[reading.seq] = reading
-        while len(kept) > _most(reading):
-            kept.popitem(last=False)
+        recent = self._recent.setdefault(key, OrderedDict())
+        recent[reading.seq] = reading
+        while len(recent) > _most(reading):
+            recent.popitem(last=False)
         if reading.source == "twin":
             for mixer in self._mixers.values():
                 if mixer.sensor == item.sensor and mixer.pose_request is None:
                     mixer.offer("twin", reading)
 
     def mixture(self, item: RecordedProvenance) -> None:
-        """Mix again what was mixed here in flight, and compare with the recording."""
-        told = item.fields
+        """Repeat a recorded mixture, and compare the result with the recording."""
         recorded = self._recorded.pop(item.sensor, None)
         names = [name for name in self._mixers if _is_of(name, item.sensor)]
         if not names:
             self._without[item.sensor] += 1
         for name in names:
-            self._mix(name, self._mixers[name], told, recorded)
+            self._mix(name, self._mixers[name], item.fields, recorded)
 
     def report(self) -> ReplayReport:
         """Return the replay's report of all combinations."""
@@ -175,45 +169,45 @@ class _Replay:
         self,
         name: str,
         mixer: Mixer,
-        told: Mapping[str, Any],
+        provenance: Mapping[str, Any],
         recorded: tuple[Reading, bool] | None,
     ) -> None:
-        real = self._record_input("real", mixer.sensor, told.get("given_real_seq"))
-        twin = self._record_input("twin", mixer.sensor, told.get("given_twin_seq"))
+        real = self._recorded_input("real", mixer.sensor, provenance.get("given_real_seq"))
+        twin = self._recorded_input("twin", mixer.sensor, provenance.get("given_twin_seq"))
         mixed: Mixed[Reading] = mixer.mix(
-            real, twin, now_s=told["mixed_s"], alignment=told["alignment"]
+            real, twin, now_s=provenance["mixed_s"], alignment=provenance["alignment"]
         )
         replayed = self._replayed[name]
         frame = replayed.frames
         replayed.frames += 1
-        if real is not None:
-            self._tell(name, MixedPair(real, twin, mixed))
-        self._compare(replayed, frame, mixed, told, recorded)
+        if real is not None and self._on_mixture is not None:
+            self._on_mixture(name, MixedPair(real, twin, mixed))
+        self._compare(replayed, frame, mixed, provenance, recorded)
 
-    def _record_input(self, source: str, sensor: str, seq: int | None) -> Reading | None:
-        kept = self._kept.get((source, sensor))
-        return None if seq is None or kept is None else kept.get(seq)
+    def _recorded_input(self, source: str, sensor: str, seq: int | None) -> Reading | None:
+        recent = self._recent.get((source, sensor))
+        return None if seq is None or recent is None else recent.get(seq)
 
     def _compare(
         self,
         replayed: Replayed,
         frame: int,
         mixed: Mixed[Reading],
-        told: Mapping[str, Any],
+        provenance: Mapping[str, Any],
         recorded: tuple[Reading, bool] | None,
     ) -> None:
-        t_s = told.get("real_t_s")
+        t_s = provenance.get("real_t_s")
         replayed.compared += 1
         for key in _COMPARED:
-            again, before = getattr(mixed.provenance, key), told.get(key)
+            again, before = getattr(mixed.provenance, key), provenance.get(key)
             if again != before:
-                said = f"{key} is {again!r} instead of {before!r}"
-                replayed.divergences.append(Divergence(frame, t_s, Difference(said)))
+                what = f"{key} is {again!r} instead of {before!r}"
+                replayed.divergences.append(Divergence(frame, t_s, Difference(what)))
                 return
         if recorded is None or mixed.reading is None:
             if (recorded is None) != (mixed.reading is None):
-                said = "a mixture where there was none" if recorded is None else "no mixture"
-                replayed.divergences.append(Divergence(frame, t_s, Difference(said)))
+                what = "a mixture that was not recorded" if recorded is None else "no mixture"
+                replayed.divergences.append(Divergence(frame, t_s, Difference(what)))
             return
         reading, exact = recorded
         sensor = mixed.reading.sensor
@@ -229,16 +223,16 @@ class _Replay:
 
 
 def _most(reading: Reading) -> int:
-    """Return how many readings like this one the replay keeps."""
+    """Return how many readings of this size the replay keeps."""
     size = getattr(getattr(reading, "image_bgr", None), "nbytes", 0)
     size += getattr(getattr(reading, "depth_m", None), "nbytes", 0)
-    return min(_KEPT, max(8, _KEPT_BYTES // (size + 1024) // 4))
+    return min(_MOST_RECENT, max(8, _MOST_BYTES // (size + 1024) // 4))
 
 
 def _is_of(name: str, recorded: str) -> bool:
     """Return whether a replayed combination corresponds to a recorded one.
 
-    A sensor mixed for both vehicles alike in one recipe is compared with each one's in another.
+    A combination for both vehicles is compared with those for each of them.
     """
     sensor, of_recorded = name.partition(".")[0], recorded.partition(".")[0]
     return recorded in (name, sensor) or of_recorded == name

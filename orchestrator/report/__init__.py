@@ -1,1 +1,1 @@
-"""The report: one page of a campaign that needs nothing beside it, made from its results folder."""
+"""The report: one self-contained HTML page of a campaign, made from its results folder."""

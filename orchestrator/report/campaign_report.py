@@ -1,4 +1,4 @@
-"""Writes report.html of a results folder: reads all runs, at once where there are many."""
+"""Writes report.html of a results folder; reads the runs in parallel where there are many."""
 
 import base64
 import multiprocessing
@@ -34,16 +34,16 @@ from orchestrator.report.rendering.page import (
 
 FILE_NAME = "report.html"
 _ALONE = 8
-"""Up to so many runs one process is as fast as several."""
+"""Up to this many runs one process is as fast as several."""
 _FEW = 12
-"""Up to so many runs that went wrong have large frames: 7 of each, some 30 kB a frame."""
+"""Up to this many failed runs have large frames: 7 per run, some 30 kB a frame."""
 _VIDEO_BYTES = 6_000_000
-"""Of the videos that stand in the page itself, all together: of runs that did not pass."""
+"""Limit on the videos embedded in the page, in total: those of runs that did not pass."""
 
 
 @dataclass(frozen=True, slots=True)
 class WrittenReport:
-    """Where the report is. problems: what is not in it, because it is missing or damaged.
+    """The path of the report. problems: what is missing or damaged, so that the report lacks it.
 
     study: the campaign's statistics, as the page shows them.
     """
@@ -55,9 +55,9 @@ class WrittenReport:
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """One run to be rendered; picklable. embeds: whether its video stands in the page.
+    """One run to render; picklable. embeds: whether its video is embedded in the page.
 
-    stand_in: that no hardware flew as `real`; empty where it did.
+    stand_in: a text that no hardware flew as `real`; empty where it did.
     """
 
     folder: Path
@@ -71,13 +71,13 @@ class _Order:
 def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
     """Write the report of a results folder. out: the file; None: report.html in the folder.
 
-    What cannot be read is left out, and named in the page and in what is returned. Raises
-    ResultsFolderError for a folder of no campaign; OSError when the page cannot be written.
+    What is unreadable is left out, and listed in the page and in the returned problems. Raises
+    ResultsFolderError without a campaign in the folder; OSError when the page cannot be written.
     """
     campaign = read_campaign(folder)
     size = ImageSize.for_runs(len(campaign.entries))
     names = anchors(entry.name for entry in campaign.entries)
-    embedded = set(_embedded(folder, campaign.entries))
+    embedded = set(_runs_with_video(folder, campaign.entries))
     bad = {entry.name for entry in campaign.entries if went_wrong(entry.result)}
     large = bad if len(bad) <= _FEW else set()
     orders = [
@@ -104,16 +104,13 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
 def _study(folder: Path, campaign: CampaignDocuments) -> Study:
     try:
         return read_study(folder, campaign)
-    except Exception as error:  # noqa: BLE001 - what a file can make of us is not known to its end
+    except Exception as error:  # noqa: BLE001 - a damaged file may raise anything
         why = f"the gap cannot be measured: {type(error).__name__}: {error}"
         return Study(PassRates((), (), ()), Gap(left_out=(why,)))
 
 
-def _embedded(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
-    """Yield the runs whose video stands in the page: what went wrong, while there is room.
-
-    What decides the campaign comes first.
-    """
+def _runs_with_video(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
+    """Yield the failed runs whose videos fit into the page; runs that decide come first."""
     room = _VIDEO_BYTES
     for entry in sorted(entries, key=lambda one: not decides(one.result)):
         with suppress(OSError):
@@ -129,9 +126,9 @@ def _pages_and_study(
 ) -> tuple[list[RunPage], Study]:
     workers = min(os.cpu_count() or 1, len(orders))
     if len(orders) > _ALONE and workers > 1:
-        # Spawned: what flew before may have left threads, with which no process can be forked.
+        # Spawned, not forked: earlier flights may have left threads.
         context = multiprocessing.get_context("spawn")
-        # A script whose main module cannot be imported again, or a machine without memory for it.
+        # Workers fail if the main module cannot be imported again, or for lack of memory.
         with (
             suppress(BrokenProcessPool),
             ProcessPoolExecutor(workers, mp_context=context) as pool,
@@ -143,8 +140,8 @@ def _pages_and_study(
 
 def _page(order: _Order) -> RunPage:
     try:
-        return _whole_page(order)
-    except Exception as error:  # noqa: BLE001 - what a file can make of us is not known to its end
+        return _read_and_render(order)
+    except Exception as error:  # noqa: BLE001 - a damaged file may raise anything
         entry = order.entry
         why = f"the run cannot be shown: {type(error).__name__}: {error}"
         run = RunReport(
@@ -158,7 +155,7 @@ def _page(order: _Order) -> RunPage:
         return render_run(run, anchor=order.anchor, stand_in=order.stand_in)
 
 
-def _whole_page(order: _Order) -> RunPage:
+def _read_and_render(order: _Order) -> RunPage:
     run = read_run(order.folder, order.entry, order.size)
     video = None
     if order.embeds and run.video is not None:

@@ -1,4 +1,4 @@
-"""The reading model: what a report shows of a campaign and of its runs; values only.
+"""The reading model: the contents of a run's report, as values only.
 
 Times are on the run clock, seconds; positions NED metres in the world's local frame.
 """
@@ -17,7 +17,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class LogEvent:
-    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: of whom; text: for people."""
+    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: vehicle or operator."""
 
     t_s: float
     kind: str
@@ -27,9 +27,9 @@ class LogEvent:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where a vehicle was, at even times: the first at begin_s, then every step_s.
+    """The path of a vehicle at even times: from begin_s, every step_s.
 
-    source: where the poses come from, in words.
+    source: the origin of the poses, as text.
     """
 
     vehicle: str
@@ -61,9 +61,9 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class PlotLimit:
-    """What values are held against. is_upper: whether they are to stay beneath; None: not known.
+    """A limit on the values of a plot. is_upper: whether it is an upper limit; None: unknown.
 
-    span_s: when it holds; None for as long as the plot goes.
+    span_s: when it holds; None for the whole plot.
     """
 
     value: float
@@ -73,9 +73,9 @@ class PlotLimit:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Values over time. limits: what they are held against; note: how they were found.
+    """Values over time, with their limits. note: how the values are measured.
 
-    judged: the subject of the curve that the limits judge.
+    judged: the subject of the curve to which the limits apply.
     """
 
     title: str
@@ -88,9 +88,9 @@ class Plot:
 
 @dataclass(frozen=True, slots=True)
 class Closeup:
-    """The value that violated its limit, about the time when it did.
+    """A close-up of the value that violated its limit, around that time.
 
-    span_s: the time that is shown. crossed_s: when the limit was crossed; worst: when and what.
+    span_s: the time shown. crossed_s: when the limit was crossed; worst: time and value.
     """
 
     plot: Plot
@@ -101,9 +101,9 @@ class Closeup:
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """A thing of the world, seen from above (east, north) and from the side (along, up); metres.
+    """An object of the world, seen from above (east, north) and from the side (along, up); metres.
 
-    is_virtual: it stands in Wv and not in W. route_*: the way that it goes, where it moves.
+    is_virtual: it is in Wv and not in W. route_*: its path, where it moves.
     """
 
     name: str
@@ -118,7 +118,7 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class DrawnWorld:
-    """What stands round the vehicles. side_axis: what a view from the side has to the right."""
+    """The surroundings of the vehicles. side_axis: the axis to the right in the side view."""
 
     outlines: tuple[Outline, ...] = ()
     fences: Mapping[str, Fence] = field(default_factory=dict)
@@ -127,9 +127,9 @@ class DrawnWorld:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image for the page. jpeg: base64. t_s: exposure; delivered_s: when it was perceived.
+    """An image for the page. jpeg: base64. t_s: exposure; delivered_s: delivery to the autonomy.
 
-    view: whose camera it is of, and with which optics; None where that was not recorded.
+    view: the camera; None where it was not recorded.
     """
 
     source: str
@@ -143,9 +143,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """The camera of an image as recorded. vehicle: on which it sits.
+    """The camera of an image as recorded. vehicle: on which it is mounted.
 
-    camera_pose: where it was, NED; None where only the vehicle's pose is known.
+    camera_pose: NED; None where only the vehicle's pose is known.
     """
 
     vehicle: str
@@ -155,10 +155,10 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Where a thing of the world is in an image, by the recorded world and poses; pixels.
+    """The place of an object in an image, by the recorded world and poses; pixels.
 
-    box_px: left, top, right, bottom of what is in view; None where nothing of it is. outline_px: of
-    the part that was touched. distance_m: from the vehicle's body when the image was exposed.
+    box_px: left, top, right, bottom of its visible part; None where it is out of view. outline_px:
+    of the part that was touched. distance_m: from the vehicle's body at the exposure.
     """
 
     name: str
@@ -170,7 +170,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A planar lidar scan. Angles in radians, to the right from forward; None: nothing met."""
+    """A planar lidar scan. Angles in radians, to the right from forward; None: no return."""
 
     source: str
     t_s: float
@@ -183,10 +183,10 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What the autonomy perceived last before a time, and what that was mixed of.
+    """The newest reading of the autonomy at a time, and the readings it was mixed from (beside).
 
-    figures: of the mixture: skew, latency, registration error, what was left out; in words.
-    sensor: its name. marks: the things that matter, in the image.
+    figures: of the mixture: skew, latency, registration error, what was left out; as texts.
+    marks: the relevant objects in the image.
     """
 
     wanted_s: float
@@ -199,10 +199,10 @@ class Sight:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why a run is no PASS. violated: what; facts: measured, limit, by how much, when, where.
+    """Why a run is not a PASS. facts: measured, limit, by how much, when, where.
 
-    sequence: what happened in the order of its times, and how the flight ended; empty where there
-    was one thing alone.
+    sequence: the decisive events in order of time, and the end of the flight; empty for a single
+    event.
     """
 
     violated: str
@@ -216,7 +216,7 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The time that a page is about, and why."""
+    """The time that a run's page shows, and why."""
 
     t_s: float
     why: str
@@ -224,7 +224,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class VehicleAtMoment:
-    """A vehicle at the moment. facts: position, speed, mode, command, note; in words."""
+    """A vehicle at the moment. facts: position, speed, mode, command, note; as texts."""
 
     vehicle: str
     facts: tuple[tuple[str, str], ...]
@@ -232,10 +232,10 @@ class VehicleAtMoment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunReport:
-    """One run. result: None where it has none that can be read. problems: what cannot be shown.
+    """One run. result: None where it is missing or unreadable. problems: what cannot be shown.
 
-    notes: what the verdict does not rest on and a reader has to know: the twin, reported oracles.
-    files: in its folder, from the campaign's. overrides: what its case changes, in words.
+    notes: facts that did not decide the verdict: the end of the twin, reported oracles. files:
+    names in its folder. overrides: what its case changes, as texts.
     """
 
     name: str

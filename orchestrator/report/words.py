@@ -1,4 +1,4 @@
-"""Numbers and times as people read them; pure."""
+"""Texts of numbers, limits, times and positions; pure."""
 
 import math
 
@@ -11,7 +11,7 @@ MODES = {
     "wil": "the real vehicle and its twin; the autonomy perceives the mixture of their readings",
     "real": "the real vehicle alone, in the real world",
 }
-"""What flies in each mode."""
+"""The vehicles and worlds of each mode."""
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 3) -> str:
@@ -43,7 +43,7 @@ def limit_text(result: OracleResult) -> str:
 
 
 def _direction(result: OracleResult, limit: Limit) -> str:
-    """Return which way a single limit goes: by its margin, which is good when positive."""
+    """Return whether a single limit is upper or lower, derived from the margin's sign."""
     actual, margin = result.actual, result.margin
     if actual is None or margin is None or not isinstance(limit, float) or actual == limit:
         return ""
@@ -51,7 +51,7 @@ def _direction(result: OracleResult, limit: Limit) -> str:
 
 
 def time_text(t_s: float | None, goal_s: float | None) -> str:
-    """Return a time as it stands to the moment when the goal was given."""
+    """Return a time relative to the moment when the goal was given."""
     if t_s is None or not math.isfinite(t_s):
         return NOTHING
     if goal_s is None:
@@ -62,10 +62,10 @@ def time_text(t_s: float | None, goal_s: float | None) -> str:
 
 
 def short_time(t_s: float | None, goal_s: float | None) -> str:
-    """Return a time relative to the goal with its sign, as tables show it."""
+    """Return a signed time relative to the goal, for tables."""
     if t_s is None or not math.isfinite(t_s):
         return NOTHING
-    return f"{t_s - (goal_s or 0.0):+.2f} s" if goal_s is not None else f"{t_s:.2f} s"
+    return f"{t_s:.2f} s" if goal_s is None else f"{t_s - goal_s:+.2f} s"
 
 
 def place_text(position_ned_m: Vec3 | None) -> str:
@@ -74,7 +74,7 @@ def place_text(position_ned_m: Vec3 | None) -> str:
         return NOTHING
     north_m, east_m, down_m = position_ned_m
     axes = (("north", north_m), ("east", east_m), ("up", -down_m))
-    return ", ".join(f"{name} {_whole_zero(value):.2f} m" for name, value in axes)
+    return ", ".join(f"{name} {_unsigned_zero(value):.2f} m" for name, value in axes)
 
 
 def velocity_text(velocity_ned_m_s: Vec3 | None) -> str:
@@ -83,9 +83,9 @@ def velocity_text(velocity_ned_m_s: Vec3 | None) -> str:
         return NOTHING
     north, east, down = velocity_ned_m_s
     axes = (("north", north), ("east", east), ("up", -down))
-    return ", ".join(f"{name} {_whole_zero(value):+.2f}" for name, value in axes) + " m/s"
+    return ", ".join(f"{name} {_unsigned_zero(value):+.2f}" for name, value in axes) + " m/s"
 
 
-def _whole_zero(value: float) -> float:
-    """Return a number in which what is shown as zero has no sign."""
+def _unsigned_zero(value: float) -> float:
+    """Return a number without the sign of a rounded zero."""
     return 0.0 if abs(value) < 0.005 else value

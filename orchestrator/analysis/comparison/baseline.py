@@ -1,4 +1,4 @@
-"""The flights that others are compared with: of one results folder, or of the last ones in it."""
+"""Baseline flights of a comparison: of one results folder, or of the last ones beneath a folder."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.model.results import RunResult
 
 _DOCUMENTS = ("campaign.json", "summary.json")
-"""Of a results folder: one of them is there, unless both were lost."""
+"""A results folder has at least one of them, unless both were lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlownSet:
-    """Flights of one or several results folders. folders: which; problems: what is damaged."""
+    """Flights of one or several results folders, in the order of `folders`."""
 
     folders: tuple[Path, ...]
     campaigns: tuple[CampaignDocuments, ...]
@@ -41,7 +41,7 @@ class FlownSet:
 
     @property
     def endings(self) -> list[str]:
-        """Return what ended campaigns outside of their runs, each with its folder."""
+        """Return why campaigns ended early, each with its folder."""
         return [
             f"{folder}: {campaign.summary.ending}"
             for folder, campaign in zip(self.folders, self.campaigns, strict=True)
@@ -57,7 +57,7 @@ def read_flown(folder: Path) -> FlownSet:
 def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
     """Return the flights of a results folder, or of the last campaigns beneath it before another.
 
-    last: how many at most, by the time they were started; never the folder `before` itself.
+    last: the largest number of campaigns, newest by start time; `before` itself is excluded.
     Raises ResultsFolderError, ComparisonError.
     """
     if is_results_folder(folder) or not folder.is_dir():
@@ -71,9 +71,11 @@ def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
     ]
     campaigns.sort(key=lambda pair: _started(pair[1]) or "")
     if not campaigns and not results_folders(folder):
-        raise ResultsFolderError(f"{folder} is no results folder of a campaign, and holds none")
+        raise ResultsFolderError(
+            f"{folder} is not the results folder of a campaign, and contains none"
+        )
     if not campaigns:
-        raise ComparisonError(f"{folder} holds no campaign that was flown before {before}")
+        raise ComparisonError(f"{folder} contains no campaign that was flown before {before}")
     chosen: Sequence[tuple[Path, CampaignDocuments]] = campaigns[-last:]
     return FlownSet(tuple(path for path, _ in chosen), tuple(one for _, one in chosen))
 

@@ -1,4 +1,4 @@
-"""Did a case become worse: beyond chance, and beyond a size that somebody cares about; pure."""
+"""Regression test of cases: worse beyond chance, and by more than a given size; pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ Cells = Mapping[tuple[str, str], Sequence[RunResult]]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What counts as worse. pass_rate: a loss from 0 to 1; margin: in the oracle's unit.
+    """Losses that count as worse. pass_rate: from 0 to 1; margin: in the oracle's unit.
 
     confidence: over all tests of a comparison together.
     """
@@ -32,9 +32,9 @@ class Limits:
 class Change:
     """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
 
-    before, after: pass rates, or median margins in `unit`; flights: how many each rests on. loss:
-    positive is worse. p: one-sided, corrected for the number of tests; 0 where equal runs of both
-    sides differ, which no chance explains; None where it could not be tested, as `why` says.
+    before, after: pass rates, or median margins in `unit`; flights: their numbers. loss: positive
+    is worse. p: one-sided, corrected for the number of tests; 0 where equal runs of both
+    sides differ, which chance cannot explain; None where untestable; `why` has the reason.
     """
 
     case: str
@@ -52,13 +52,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What two sets of flights share, and how it changed.
+    """The changes between two sets of flights, before and after.
 
     only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
-    that proved nothing in one of them. fewer_proven: cells of whose flights a larger share proves
-    nothing than before, in words: what rates and margins rest on are the others. flips: runs whose
-    verdict changed under the same seed. removed_oracles: oracles that judged a shared cell before
-    and do not any more, or are only reported now, in words.
+    without a PASS or FAIL on one side. fewer_proven: cells with a larger share of INVALID, ERROR or
+    ABORTED flights than before, which rates and margins leave out; as texts. flips: runs whose
+    verdict changed under the same seed. removed_oracles: oracles that judged a shared cell before,
+    and are gone or only reported now; as texts.
     """
 
     changes: tuple[Change, ...]
@@ -71,7 +71,7 @@ class Comparison:
 
     @property
     def is_less(self) -> bool:
-        """Return whether something was judged before that is not judged any more."""
+        """Return whether less is judged now than before."""
         return bool(self.only_before or self.removed_oracles)
 
     @property
@@ -96,7 +96,7 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
         had, has = (
             ", ".join("/".join(one) for one in each) or "nothing" for each in (before, after)
         )
-        raise ComparisonError(f"they share no case and mode: {had}; and {has}")
+        raise ComparisonError(f"the campaigns have no case and mode in common: {had}; and {has}")
     changes: list[Change] = []
     unproven: list[str] = []
     fewer_proven: list[str] = []
@@ -123,7 +123,7 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
 def _removed_oracles(
     cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
 ) -> list[str]:
-    """Return in words the oracles of a cell that judge it no longer, or require nothing now."""
+    """Return the oracles of a cell that no longer judge it, or are only reported now; as texts."""
     had, has = _oracles(old), _oracles(new)
     where = "/".join(cell)
     found = [f"{where}: {name} of {vehicle}" for name, vehicle in had if (name, vehicle) not in has]
@@ -135,9 +135,9 @@ def _removed_oracles(
 
 
 def _oracles(runs: Sequence[RunResult]) -> dict[tuple[str, str], bool]:
-    """Return the oracles that judged any of some runs, by name and vehicle: whether required.
+    """Return the oracles of runs by name and vehicle, and whether each was required.
 
-    A run that came to no flight has none.
+    A run without a flight has none.
     """
     found: dict[tuple[str, str], bool] = {}
     for one in (one for run in runs for one in run.oracles):
@@ -149,7 +149,7 @@ def _oracles(runs: Sequence[RunResult]) -> dict[tuple[str, str], bool]:
 def _fewer_proven(
     cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
 ) -> list[str]:
-    """Return in words that more of a cell's flights prove nothing than before; empty if not."""
+    """Return a text if a larger share of a cell's flights is unproven than before; else nothing."""
     was, now = (sum(not is_proven(run) for run in runs) for runs in (old, new))
     if now * len(old) <= was * len(new):
         return []
@@ -159,7 +159,7 @@ def _fewer_proven(
 def _cell_changes(
     cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult], limits: Limits
 ) -> list[Change]:
-    """Return the changes of a case and mode, with p not corrected yet."""
+    """Return the changes of a case and mode, with uncorrected p."""
     counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in (old, new)]
     was, now = (one.passed / one.flown for one in counts)
     flights = (len(old), len(new))
@@ -175,7 +175,7 @@ def _cell_changes(
         if name not in margins[1] or margins[1][name][0] != unit:
             continue
         other = margins[1][name][1]
-        p, why = _testable(old, new, values != other)
+        p, why = _testable(old, new, set(values) != set(other))
         if not why and p is None:
             p = permutation_p(other, values)
         found.append(
@@ -198,7 +198,7 @@ def _cell_changes(
 def _testable(
     old: Sequence[RunResult], new: Sequence[RunResult], differ: bool
 ) -> tuple[float | None, str]:
-    """Return p and why there is none, where one of both is flights that are equal."""
+    """Return p, or why it is untestable, where the flights of a side are all equal."""
     equal = [are_equal(runs) for runs in (old, new)]
     if all(equal):
         return (0.0 if differ else 1.0), ""
@@ -208,7 +208,7 @@ def _testable(
 
 
 def _margins(runs: Sequence[RunResult]) -> dict[str, tuple[str, list[float]]]:
-    """Return by oracle its unit and the judged vehicle's margins, one of each run."""
+    """Return the unit and margins of each required oracle of the judged vehicle."""
     found: dict[str, tuple[str, list[float]]] = {}
     for run in runs:
         for one in run.oracles:
@@ -218,7 +218,7 @@ def _margins(runs: Sequence[RunResult]) -> dict[str, tuple[str, list[float]]]:
 
 
 def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
-    """Return the changes with p corrected for their number, and what each comes to."""
+    """Return the changes with p corrected for multiple tests, and their outcomes."""
     tested = [one.p for one in changes if one.p is not None]
     corrected = iter(holm(tested))
     found = []
@@ -236,7 +236,7 @@ def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
 
 
 def _flips(old: Sequence[RunResult], new: Sequence[RunResult]) -> list[str]:
-    """Return runs whose seed was flown before with another verdict, always the same one."""
+    """Return runs whose verdict differs from the one that their seed always had before."""
     by_seed: dict[int, set[str]] = {}
     for run in old:
         if is_proven(run):

@@ -1,1 +1,1 @@
-"""The gap between modes: distances of flights, split by where they arise."""
+"""The gap between modes: distances of flights, split into perception and actuation."""

@@ -10,9 +10,9 @@ from orchestrator.analysis.pass_rates import is_proven
 
 
 def read_gap(folder: Path, entries: Iterable[RunEntry]) -> Gap:
-    """Return the gap of a campaign's runs; what cannot be compared is named in it.
+    """Return the gap of a campaign's runs, with the runs that cannot be compared.
 
-    Nothing is read of a campaign that did not fly reality and another mode.
+    Empty for a campaign that did not fly reality and another mode.
     """
     runs = [entry for entry in entries if entry.result is not None and entry.result.control is None]
     if "real" not in (modes := {entry.mode for entry in runs}) or len(modes) == 1:

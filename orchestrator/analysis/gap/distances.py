@@ -1,11 +1,13 @@
-"""All distances between the flights of one case by one measure; pure."""
+"""Distances between all flights of one case by one measure; pure."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from campaigns.statistics.proportions import Interval
 from campaigns.statistics.trajectory_distances import IntArray
 from orchestrator.analysis.gap.measures import Measure
 from orchestrator.analysis.gap.motion import RunMotion
@@ -13,7 +15,7 @@ from worlds.jit import F64
 
 MODES = ("real", "sim", "wil")
 _RESOLUTION = 1e-9
-"""Distances below it are none: rounding."""
+"""Smaller distances are rounding errors, and count as 0."""
 
 Flights = Mapping[tuple[str, str], Sequence[RunMotion]]
 """Motions by case and mode."""
@@ -21,10 +23,10 @@ Flights = Mapping[tuple[str, str], Sequence[RunMotion]]
 
 @dataclass(frozen=True, slots=True)
 class CaseDistances:
-    """Distances of one case. seeds: of the flights of each mode, as their rows stand.
+    """Distances of one case. seeds: of the flights of each mode, in the order of the rows.
 
-    sim, wil (real flights, flights of the mode): from reality to the mode. within: by mode the
-    distances among its flights, (flights, flights). None: not flown, or not recorded by all.
+    sim, wil (real flights, flights of the mode): from reality to the mode. within: by mode, between
+    its flights, (flights, flights). None: not flown, or not recorded by all.
     """
 
     seeds: Mapping[str, IntArray]
@@ -39,7 +41,7 @@ class CaseDistances:
         return real, sim, wil
 
     def mean_within(self, mode: str) -> float | None:
-        """Return the mean distance of two flights of a mode; None where there are no two."""
+        """Return the mean distance of two flights of a mode; None for fewer than two."""
         found = self.within[mode]
         if found is None or len(found) < 2:
             return None
@@ -77,3 +79,16 @@ def _within(motions: Sequence[RunMotion], measure: Measure) -> F64 | None:
 def _rounded(distances: F64) -> F64:
     distances[distances < _RESOLUTION] = 0.0
     return distances
+
+
+def mean_of_cases(values: Sequence[float | None]) -> float | None:
+    """Return the mean of one value per case; None where any is missing or not finite."""
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
+
+
+def is_nearer(interval: Interval | None) -> bool | None:
+    """Return whether an interval is above 0; None where it contains 0, or without one."""
+    if interval is None:
+        return None
+    return True if interval.low > 0.0 else False if interval.high < 0.0 else None

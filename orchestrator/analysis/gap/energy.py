@@ -1,11 +1,11 @@
-"""How far modes are from reality when the spread of each is taken into account; pure.
+"""Energy distance of each mode to reality: the gap corrected for the spread of each mode; pure.
 
 The mean distance between flights of two modes is small where one of them has little spread, though
-its flights are not like the other's. The energy distance (Szekely and Rizzo 2013) takes that out:
+its flights are not like the other's. The energy distance (Szekely and Rizzo 2013) corrects for it:
 twice the mean distance between two modes less the mean distances within both, 0 for modes that fly
 alike. Repetitions of one number have one seed in all modes, and so the same gusts and the same
 walk: pairs of flights of one seed are left out, as a flight is not compared with itself. The
-estimate is unbiased, and so it may be a little below 0.
+estimate is unbiased, so it may be slightly below 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,20 +16,20 @@ import numpy as np
 from campaigns.statistics.bootstrap import Statistic, bootstrap_interval
 from campaigns.statistics.proportions import Interval
 from campaigns.statistics.trajectory_distances import IntArray
-from orchestrator.analysis.gap.distances import MODES, CaseDistances
+from orchestrator.analysis.gap.distances import MODES, CaseDistances, is_nearer, mean_of_cases
 from orchestrator.analysis.gap.measures import Measure, Part
 from worlds.jit import F64
 
 _SEED = 20130830
 _LEAST_SEEDS = 3
-"""Flights of a mode: half the resamples of two hold one flight twice, which is no pair."""
+"""Seeds of a mode: half the resamples of two contain one flight twice, which is not a pair."""
 
 
 @dataclass(frozen=True, slots=True)
 class EnergyFigure:
     """One measure of one case. within_*: mean distance of two flights of one mode.
 
-    sim, wil: energy distance of the mode to reality; None where there are no two flights of both.
+    sim, wil: energy distance of the mode to reality; None without two flights of each.
     nearer_by: sim less wil. nearer_interval: by resampling seeds; None where flights are equal or
     too few. holds: whether wil is nearer beyond chance; None where the interval contains 0, or
     where there is none.
@@ -50,7 +50,7 @@ class EnergyFigure:
 
 def energy_figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> EnergyFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
-    within = {mode: _mean([one.mean_within(mode) for one in parts]) for mode in MODES}
+    within = {mode: mean_of_cases([one.mean_within(mode) for one in parts]) for mode in MODES}
     sim, wil = (_observed(parts, mode) for mode in ("sim", "wil"))
     nearer = interval = None
     if sim is not None and wil is not None:
@@ -71,9 +71,7 @@ def energy_figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -
         wil=wil,
         nearer_by=nearer,
         nearer_interval=interval,
-        holds=None
-        if interval is None or interval.low <= 0.0 <= interval.high
-        else interval.low > 0.0,
+        holds=is_nearer(interval),
     )
 
 
@@ -82,19 +80,14 @@ def _observed(parts: Sequence[CaseDistances], mode: str) -> float | None:
     found = []
     for one in parts:
         energy = _energy(one, mode, {of: np.ones((1, len(one.seeds[of]))) for of in MODES})
-        found.append(None if energy is None or not np.isfinite(energy[0]) else float(energy[0]))
-    return _mean(found)
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known and len(known) == len(values) else None
+        found.append(None if energy is None else float(energy[0]))
+    return mean_of_cases(found)
 
 
 def _energy(one: CaseDistances, mode: str, weights: Mapping[str, F64]) -> F64 | None:
     """Return the energy distance for each row of weights of real and of the mode.
 
-    NaN where no pair is left. None where the mode was not flown or did not record it.
+    NaN without a pair. None where the mode was not flown or did not record the measure.
     """
     between = one.sim if mode == "sim" else one.wil
     real, own = one.within["real"], one.within[mode]
@@ -120,7 +113,7 @@ def _pair_mean(distances: F64, rows: tuple[IntArray, F64], columns: tuple[IntArr
 
 
 def _units(one: CaseDistances) -> IntArray:
-    """Return the seeds of a case: what is resampled."""
+    """Return the seeds of a case, which the bootstrap resamples."""
     return np.unique(np.concatenate([one.seeds[mode] for mode in MODES]))
 
 

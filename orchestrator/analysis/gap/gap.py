@@ -1,11 +1,10 @@
-"""The gap: is the behaviour in `wil` nearer to reality than in `sim`, and by how much; pure.
+"""The gap to reality: by how much `wil` is nearer to it than `sim` is; pure.
 
 diff(B(S), B(Sm)) < diff(B(S), B(Sv)): each diff is the mean distance over all pairs of a flight of
 reality and one of the other mode. Intervals resample flights, never pairs: a pair shares its
 flights with others.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,13 @@ import numpy as np
 
 from campaigns.statistics.bootstrap import Statistic, bootstrap_interval
 from campaigns.statistics.proportions import Interval
-from orchestrator.analysis.gap.distances import CaseDistances, Flights, case_distances
+from orchestrator.analysis.gap.distances import (
+    CaseDistances,
+    Flights,
+    case_distances,
+    is_nearer,
+    mean_of_cases,
+)
 from orchestrator.analysis.gap.energy import EnergyFigure, energy_figure
 from orchestrator.analysis.gap.measures import MEASURES, Measure, Part
 from worlds.jit import F64
@@ -28,8 +33,8 @@ class GapFigure:
 
     closed_percent: how much of the gap of `sim` is closed in `wil`: 100 for all, negative where it
     is wider. nearer_by: real_to_sim less real_to_wil. The intervals are None where flights are
-    equal or single, as `basis` says. holds: whether wil is nearer, beyond chance; None where the
-    interval of nearer_by contains 0, or where there is none.
+    equal or single; `basis` has the reason. holds: whether wil is nearer beyond chance; None where
+    the interval of nearer_by contains 0, or without one.
     """
 
     case: str
@@ -49,10 +54,10 @@ class GapFigure:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """The gap of a campaign. flights: how many were compared, by case and mode as "small/wil".
+    """The gap of a campaign. flights: their number by case and mode, as "small/wil".
 
-    energies: the same figures with the spread of each mode taken into account. left_out: runs that
-    could not be compared, and why.
+    energies: the same figures as energy distances. left_out: runs that could not be compared, and
+    why.
     """
 
     figures: tuple[GapFigure, ...] = ()
@@ -62,7 +67,7 @@ class Gap:
 
 
 def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
-    """Return the gap of flights: each case with reality and another mode, and all that have all."""
+    """Return the gap of each case with reality and another mode, and of all complete cases."""
     cases = [
         case
         for case in dict.fromkeys(case for case, _ in flights)
@@ -88,8 +93,8 @@ def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
 
 def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
-    sim = _mean([None if one.sim is None else float(one.sim.mean()) for one in parts])
-    wil = _mean([None if one.wil is None else float(one.wil.mean()) for one in parts])
+    sim = mean_of_cases([None if one.sim is None else float(one.sim.mean()) for one in parts])
+    wil = mean_of_cases([None if one.wil is None else float(one.wil.mean()) for one in parts])
     closed = nearer = None
     closed_interval = nearer_interval = None
     if sim is not None and wil is not None:
@@ -106,33 +111,22 @@ def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapF
         text=measure.text,
         real_to_sim=sim,
         real_to_wil=wil,
-        real_to_real=_mean([one.mean_within("real") for one in parts]),
+        real_to_real=mean_of_cases([one.mean_within("real") for one in parts]),
         closed_percent=closed,
         closed_interval=closed_interval,
         nearer_by=nearer,
         nearer_interval=nearer_interval,
-        holds=_beyond_chance(nearer_interval),
+        holds=is_nearer(nearer_interval),
         basis=_basis(parts, nearer, nearer_interval),
     )
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None and math.isfinite(value)]
-    return sum(known) / len(known) if known and len(known) == len(values) else None
-
-
-def _beyond_chance(interval: Interval | None) -> bool | None:
-    if interval is None:
-        return None
-    return True if interval.low > 0.0 else False if interval.high < 0.0 else None
-
-
 def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Interval | None) -> str:
-    """Return what a figure rests on, in words: the number of flights, and why no interval."""
+    """Return the number of flights behind a figure, and why it has no interval."""
     real, sim, wil = (sum(one.sizes[place] for one in parts) for place in range(3))
     counted = f"{real} real, {sim} sim, {wil} wil"
     if nearer is None:
-        return f"{counted}; not all of them recorded it" if sim and wil else counted
+        return f"{counted}; not all recorded the measure" if sim and wil else counted
     if interval is not None:
         return counted
     single = all(size == 1 for one in parts for size in one.sizes)
@@ -141,7 +135,7 @@ def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Inter
 
 
 def _means(parts: Sequence[CaseDistances], weights: Sequence[F64]) -> tuple[F64, F64]:
-    """Return of each resample the mean distances from reality to sim and to wil."""
+    """Return for each resample the mean distances from reality to sim and to wil."""
     sims, wils = [], []
     for index, one in enumerate(parts):
         real, sim, wil = weights[3 * index : 3 * index + 3]

@@ -1,10 +1,10 @@
-"""How far two flights are apart, as a whole and by where that arises; pure.
+"""Distance measures between two flights: behaviour, perception, actuation; pure.
 
-behaviour: where the vehicle was. Along the alignment of dynamic time warping, that is where both
-flights were at matching places: perception, how differently the autonomy commanded there (it is the
-same program, so what differs is what it perceived), and actuation, how differently the vehicle
-answered what it was commanded. The split is that of Lambertenghi, Flores Valdez and Stocco
-(arXiv 2509.22379), in quantities that every recorded flight has.
+behaviour: the positions of the vehicle. perception and actuation are measured along the alignment
+of dynamic time warping, where both flights were at matching places. perception: the difference of
+the autonomy's commands (it is the same program, so its perception differs). actuation: the
+difference of the vehicle's response to its commands. The split is that of Lambertenghi, Flores
+Valdez and Stocco (arXiv 2509.22379), in quantities that every recorded flight has.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ Part = Literal["behaviour", "perception", "actuation"]
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A distance between two flights. between: None where one of them did not record it."""
+    """A distance between two flights. between: None where a flight did not record it."""
 
     name: str
     part: Part
@@ -39,7 +39,7 @@ def _command_difference(one: RunMotion, other: RunMotion) -> float | None:
     return _rms_along(one, other, one.commands, other.commands)
 
 
-def _answer_difference(one: RunMotion, other: RunMotion) -> float | None:
+def _response_difference(one: RunMotion, other: RunMotion) -> float | None:
     first, second = one.answers - one.commands, other.answers - other.commands
     return _rms_along(one, other, first, second)
 
@@ -48,8 +48,8 @@ def _rms_along(one: RunMotion, other: RunMotion, first: F64, second: F64) -> flo
     """Return the root mean square difference of two quantities at matching places."""
     if not one.kind or one.kind != other.kind:
         return None
-    ours, theirs = alignment(one.positions_ned_m, other.positions_ned_m)
-    return float(np.sqrt(np.mean(np.sum((first[ours] - second[theirs]) ** 2, axis=1))))
+    places, others = alignment(one.positions_ned_m, other.positions_ned_m)
+    return float(np.sqrt(np.mean(np.sum((first[places] - second[others]) ** 2, axis=1))))
 
 
 MEASURES = (
@@ -80,7 +80,7 @@ MEASURES = (
     Measure(
         "answers",
         "actuation",
-        "difference of the vehicle's answer to its commands, m/s or m",
-        _answer_difference,
+        "difference of the vehicle's response to its commands, m/s or m",
+        _response_difference,
     ),
 )

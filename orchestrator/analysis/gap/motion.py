@@ -1,4 +1,4 @@
-"""The motion of a run under its goal, on even times; of judged.msgpack and trajectory.csv."""
+"""The motion of a run under its goal at even times, from judged.msgpack and trajectory.csv."""
 
 import bisect
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from worlds.jit import F64
 
 STEP_S = 0.1
 _LEAST, _MOST = 5, 3000
-"""Samples of a motion: below there is nothing to compare, above a comparison takes too long."""
+"""Samples of a motion: fewer cannot be compared, more take too long to compare."""
 
 
 class MotionError(Exception):
-    """The motion of a run cannot be compared; says why."""
+    """The motion of a run cannot be compared; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ def read_motion(folder: Path, vehicle: str, seed: int) -> RunMotion:
     if judged.problems:
         raise MotionError(judged.problems[0])
     if not poses or begin_s is None:
-        raise MotionError(f"it has no poses of {vehicle} under the goal")
+        raise MotionError(f"no poses of {vehicle} under the goal")
     ends = [judged.stages[name] for name in ("done", "land", "end") if name in judged.stages]
     times = _even_times(begin_s, min([*ends, poses[-1][0]]))
     rows = read_trajectory(folder / "trajectory.csv")
@@ -58,9 +58,9 @@ def read_motion(folder: Path, vehicle: str, seed: int) -> RunMotion:
 def _even_times(begin_s: float, end_s: float) -> F64:
     count = int((end_s - begin_s) / STEP_S + 1e-6) + 1
     if count < _LEAST:
-        raise MotionError(f"its goal was flown for {max(0.0, end_s - begin_s):.1f} s")
+        raise MotionError(f"the goal was flown for only {max(0.0, end_s - begin_s):.1f} s")
     if count > _MOST:
-        raise MotionError(f"its goal was flown for {end_s - begin_s:.0f} s: longer than compared")
+        raise MotionError(f"the goal was flown for {end_s - begin_s:.0f} s: too long to compare")
     return begin_s + STEP_S * np.arange(count, dtype=np.float64)
 
 
@@ -74,7 +74,7 @@ def _commands(rows: Sequence[Commanded], times: F64) -> tuple[str, F64, F64]:
     """Return kind, commands and answers: the newest row at each time."""
     nothing = np.zeros((0, 3))
     stamps = [row.t_s for row in rows]
-    # Before the first command there is none: the first is taken, a tick early.
+    # A time before the first command takes the first command, a tick early.
     newest = [max(0, bisect.bisect_right(stamps, t_s + 1e-6) - 1) for t_s in times]
     chosen = [rows[index] for index in newest] if rows else []
     kinds = {row.setpoint_kind for row in chosen}

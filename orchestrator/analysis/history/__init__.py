@@ -1,1 +1,1 @@
-"""Campaigns over time."""
+"""History of campaigns: one line per flight, and its changes over time."""

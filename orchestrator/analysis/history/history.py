@@ -1,4 +1,4 @@
-"""Campaigns over time: pass rates, margins, durations; flaky and stochastic flights; pure."""
+"""History of campaigns: pass rates, margins, durations; flaky and stochastic flights; pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ Kind = Literal["flaky", "stochastic"]
 class HistoryRow:
     """A case and mode of one campaign. margin, duration_s: medians; None without one.
 
-    interval: of the pass rate; None where several flights have equal figures. ending: what ended
-    the campaign outside of its runs, in words; None where nobody wrote it down.
+    interval: of the pass rate; None where several flights have equal figures. ending: why the
+    campaign ended early, else empty; None where it was not recorded.
     """
 
     campaign: str
@@ -35,10 +35,10 @@ class HistoryRow:
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """Flights of a case and mode with the same inputs that ended differently.
+    """Flights of a case and mode with the same inputs and different verdicts.
 
     flaky: under one seed of the virtual clock, which must repeat: a defect of program or test.
-    stochastic: under different seeds, which is what seeds are for.
+    stochastic: under different seeds, as expected.
     """
 
     kind: Kind
@@ -58,10 +58,9 @@ def history_rows(records: Iterable[FlightRecord]) -> list[HistoryRow]:
 
 
 def variations(records: Iterable[FlightRecord]) -> list[Variation]:
-    """Return what varied though its inputs were the same: flaky first.
+    """Return flights that varied under the same inputs: flaky first.
 
-    Under another clock than the virtual one the same seed does not make the same flight, and
-    nothing can be called flaky.
+    Under any clock but the virtual one a seed does not repeat a flight, so nothing is flaky.
     """
     groups: dict[tuple[str, str, str, str], list[FlightRecord]] = {}
     for one in records:

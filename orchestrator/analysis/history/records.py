@@ -1,6 +1,6 @@
-"""One line for each flight of the past: read from results folders, kept in a file of JSON lines.
+"""The history file: one JSON line per flight, taken from results folders.
 
-The file is appended to and outlives the folders: a CI job keeps it, and not the recordings.
+The file is appended to and outlives the folders: a CI job keeps it instead of the recordings.
 """
 
 import hashlib
@@ -20,12 +20,12 @@ _MOST_BYTES = 256 * 1024 * 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRecord:
-    """One flight of the past.
+    """One flight of the history.
 
-    inputs: a digest of all that it read and of the versions; the same seed and inputs are the same
-    flight again. margin: the smallest of the judged vehicle's required oracles in
-    metres (else in any unit), None without one. ending: in words what ended its campaign outside of
-    its runs, empty for its own end; None where nobody wrote it down.
+    inputs: a digest of all files read and of the versions; a flight with the same seed and inputs
+    is a repetition. margin: the smallest of the judged vehicle's required oracles in metres (else
+    in any unit), None without one. ending: why its campaign ended early, else empty; None where
+    that was not recorded.
     """
 
     campaign: str
@@ -49,7 +49,7 @@ def _record_model() -> TypeAdapter[FlightRecord]:
 
 
 class HistoryFileError(Exception):
-    """A history file that cannot be read or written; says which and why."""
+    """A history file cannot be read or written; the message says which and why."""
 
 
 def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
@@ -78,7 +78,7 @@ def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
 
 
 def read_records(path: Path) -> list[FlightRecord]:
-    """Return the flights that a history file keeps; none where there is no file.
+    """Return the flights of a history file; empty without the file.
 
     Raises HistoryFileError, with the line.
     """
@@ -100,7 +100,7 @@ def read_records(path: Path) -> list[FlightRecord]:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
             raise HistoryFileError(
-                f"{path}:{number} is damaged, or not a line of a history: {where} {first['msg']}"
+                f"{path}:{number} is damaged, or not a history line: {where} {first['msg']}"
             ) from error
     return found
 
@@ -115,7 +115,7 @@ def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
 
 
 def flight_key(one: FlightRecord) -> tuple[str, str, str, str, str]:
-    """Return what makes a record that of one flight and no other."""
+    """Return the key that identifies a flight."""
     return (one.campaign, one.started_utc, one.case, one.mode, one.rep)
 
 

@@ -1,1 +1,1 @@
-"""Reads results folders: what can be read is, and what cannot is named."""
+"""Reads results folders as far as possible, and reports what is missing or damaged."""

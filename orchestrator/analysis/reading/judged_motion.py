@@ -1,4 +1,4 @@
-"""Where the vehicles were by the source that they were judged by: judged.msgpack."""
+"""The motion of vehicles as the oracles judged it, from judged.msgpack."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,10 +12,10 @@ from worlds.scene.track import RunHistory
 
 @dataclass(slots=True)
 class JudgedMotion:
-    """By vehicle the judged poses with their times, and the velocities (NED, m/s) of each.
+    """Judged poses by vehicle with their times, and the velocities (NED, m/s) at each.
 
-    world_events: when each happened, and where actors flew. fences: in force at the end,
-    where they were changed in flight.
+    world_events: their times, and the poses of actors. fences: those changed in flight, as in force
+    at the end.
     """
 
     poses: dict[str, list[tuple[float, Pose]]] = field(default_factory=dict)
@@ -27,7 +27,7 @@ class JudgedMotion:
 
 
 def read_judged_motion(path: Path) -> JudgedMotion:
-    """Return what a judge log tells of motion, up to where it can be read."""
+    """Return the motion in a judge log, as far as the file is readable."""
     found = JudgedMotion()
     try:
         with path.open("rb") as stream:

@@ -6,13 +6,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
 from orchestrator.campaign.resuming.run_ledger import open_orders
 from orchestrator.model.campaign_results import Summary
-from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import result_model, summary_model
 from worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
@@ -20,36 +19,38 @@ T = TypeVar("T")
 
 MODES = ("sim", "wil", "real")
 _LONGEST_NAME = 255
-"""Bytes of one folder's name: more no file system takes."""
+"""Bytes of a folder name that file systems allow."""
 _OF_THE_MANIFEST = {"campaign": str, "started_utc": str, "runs": list, "document": dict}
-"""What campaign.json has at least, each with its type."""
+"""Keys that campaign.json must have, each with its type."""
 _SHOWN = 60
 _BEGUN = (
-    "it was begun and has no result: it flies still, or was lost with its program, which `run "
-    "--resume` accounts for"
+    "the run was started and has no result: it is still flying, or its program died; `run "
+    "--resume` resolves it"
 )
 _OF_A_RUN = ("result.json", "log.jsonl", "run.mcap", "trajectory.csv", "judged.msgpack")
 
 
 class UnreadableError(Exception):
-    """A document that cannot be used; says which and why."""
+    """A document cannot be used; the message says which and why."""
 
 
 def read_campaign(folder: Path) -> CampaignDocuments:
-    """Return what the documents of a results folder tell. Raises ResultsFolderError."""
+    """Return the documents of a results folder. Raises ResultsFolderError."""
     _require_campaign(folder)
     problems: list[str] = []
     found = _read_document(folder / "campaign.json", _mapping, problems)
     manifest = {} if found is None else found
     if found is not None:
         problems += _manifest_problems(found)
-    summary = _read_document(folder / "summary.json", _parse_summary, problems)
+    summary = _read_document(
+        folder / "summary.json", lambda text: _validate(summary_model(), text), problems
+    )
     entries = tuple(_entries(folder, manifest, summary))
     if not entries:
-        problems.append("no run was begun in this folder")
+        problems.append("no run was started in this folder")
     unfinished = sum(entry.result is None for entry in entries)
     if unfinished:
-        problems.append(f"{unfinished} of {len(entries)} runs have no result that can be read")
+        problems.append(f"{unfinished} of {len(entries)} runs have no readable result")
     named = manifest.get("campaign")
     name = named if isinstance(named, str) else summary.campaign if summary else folder.name
     return CampaignDocuments(
@@ -73,12 +74,13 @@ def _require_campaign(folder: Path) -> None:
         return
     if any((folder / name).is_file() for name in _OF_A_RUN):
         raise ResultsFolderError(
-            f"{folder} is the folder of one run; give the campaign's, three above it"
+            f"{folder} is the folder of one run; give the campaign's folder, three levels above"
         )
     newest = max(folder.glob("*/campaign.json"), default=None)
     hint = "" if newest is None else f"; did you mean {newest.parent}?"
     raise ResultsFolderError(
-        f"{folder} is no results folder of a campaign: it has neither campaign.json nor runs{hint}"
+        f"{folder} is not the results folder of a campaign: it has no campaign.json and no "
+        f"runs{hint}"
     )
 
 
@@ -94,14 +96,14 @@ def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) ->
         case, mode, rep = name.split("/")
         problems: list[str] = []
         path = folder / name / "result.json"
-        result = _read_document(path, _parse_result, problems)
+        result = _read_document(path, lambda text: _validate(result_model(), text), problems)
         if not path.exists() and (name in orders or _is_begun(folder / name)):
             problems.append(_BEGUN)
         yield RunEntry(name, case, mode, rep, result or summarised.get(name), tuple(problems))
 
 
 def _open_orders(folder: Path) -> frozenset[str]:
-    """Return the runs that a campaign's ledger has no outcome of; none where it is unreadable."""
+    """Return the runs without an outcome in the campaign's ledger; none if it is unreadable."""
     try:
         return frozenset(open_orders(folder))
     except OSError:
@@ -137,7 +139,7 @@ def _run_names_on_disk(folder: Path) -> Iterator[str]:
 
 
 def _is_run_name(name: str) -> bool:
-    """Return whether a name is case/mode/repetition, and leads nowhere else."""
+    """Return whether a name is case/mode/repetition, and no path elsewhere."""
     parts = name.split("/")
     plain = all(part and part not in {".", ".."} and "\0" not in part for part in parts)
     is_short = all(len(part.encode()) <= _LONGEST_NAME for part in parts)
@@ -145,14 +147,14 @@ def _is_run_name(name: str) -> bool:
 
 
 def _manifest_problems(manifest: dict[str, Any]) -> Iterator[str]:
-    """Yield what campaign.json lacks, and the runs that it names and that cannot be any."""
+    """Yield what campaign.json lacks, and its run names that are invalid."""
     lacking = [
         name for name, kind in _OF_THE_MANIFEST.items() if not isinstance(manifest.get(name), kind)
     ]
     if lacking:
         yield (
             "campaign.json is damaged or of another version: it lacks "
-            f"{', '.join(lacking)}, or has something else there"
+            f"{', '.join(lacking)}, or they have the wrong type"
         )
     runs = manifest.get("runs")
     named = [*_names_in(manifest)]
@@ -187,7 +189,7 @@ def read_data(path: Path) -> bytes:
     """Return the bytes of a file, up to a limit. Raises UnreadableError."""
     try:
         if path.exists() and not path.is_file():
-            raise UnreadableError(f"{path.name} is no file")
+            raise UnreadableError(f"{path.name} is not a file")
         return read_limited(path)
     except JsonLimitError as error:
         raise UnreadableError(f"{path.name} cannot be read: {error}") from error
@@ -197,21 +199,15 @@ def read_data(path: Path) -> bytes:
         raise UnreadableError(f"{path.name} cannot be read: {error.strerror or error}") from error
 
 
-def _parse_result(text: str) -> RunResult:
-    found = result_model().validate_json(text)
-    _require_numbers(text)
+def _validate(model: TypeAdapter[T], text: str) -> T:
+    found = model.validate_json(text)
+    _load_json(text)
     return found
 
 
-def _parse_summary(text: str) -> Summary:
-    found = summary_model().validate_json(text)
-    _require_numbers(text)
-    return found
-
-
-def _require_numbers(text: str) -> None:
-    """Raise ValueError for NaN and infinities, which are no JSON and no value of ours."""
-    json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
+def _load_json(text: str) -> Any:
+    """Return a JSON value. Raises ValueError for NaN and infinities, which JSON does not have."""
+    return json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
 
 
 def _refuse_constant(text: str) -> None:
@@ -225,10 +221,10 @@ def _finite(text: str) -> float:
 
 
 def _mapping(text: str) -> dict[str, Any]:
-    found = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
+    found = _load_json(text)
     if not isinstance(found, dict):
         raise ValueError("it is not a JSON object")  # noqa: TRY004 - a document, not an argument
-    # Half a surrogate pair is valid JSON and no text: nothing could be written with it.
+    # Half a surrogate pair is valid JSON, but cannot be encoded as UTF-8.
     whole = json.dumps(found, ensure_ascii=False).encode("utf-8", errors="replace")
     replaced: dict[str, Any] = json.loads(whole)
     return replaced

@@ -1,4 +1,4 @@
-"""trajectory.csv: estimates, truths, setpoints and notes; a row that is none is counted."""
+"""Reads trajectory.csv: estimates, true positions, setpoints, notes; counts damaged rows."""
 
 import csv
 import math
@@ -18,7 +18,7 @@ _NEEDED = frozenset({"t_s", "vehicle", "stage"})
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row whose cells are decoded when they are asked for: few of them are shown."""
+    """A row of trajectory.csv; its cells are decoded on demand, because few rows are shown."""
 
     t_s: float
     vehicle: str
@@ -26,7 +26,7 @@ class Row:
     line: Sequence[str]
 
     def decoded(self) -> Commanded:
-        """Return all that the row tells."""
+        """Return the row with all cells decoded."""
         cells = _Cells(self.columns, self.line)
         return Commanded(
             t_s=self.t_s,
@@ -45,7 +45,7 @@ class Row:
 
     @property
     def note(self) -> str:
-        """Return what the autonomy noted, without the rest of the row."""
+        """Return the autonomy's note, without decoding the rest of the row."""
         return _Cells(self.columns, self.line).get("note") or ""
 
 
@@ -58,7 +58,7 @@ class TrajectoryRows:
 
 
 def read_trajectory(path: Path) -> TrajectoryRows:
-    """Return the rows of a trajectory, as far as they can be read."""
+    """Return the readable rows of a trajectory."""
     try:
         data = read_data(path).replace(b"\0", b"")
     except UnreadableError as error:
@@ -68,9 +68,8 @@ def read_trajectory(path: Path) -> TrajectoryRows:
     try:
         columns = {name: number for number, name in enumerate(next(reader, ()))}
         if not columns.keys() >= _NEEDED:
-            return TrajectoryRows(
-                problems=(f"{path.name} is no trajectory: no columns t_s, vehicle, stage",)
-            )
+            why = f"{path.name} is not a trajectory: it has no columns t_s, vehicle, stage"
+            return TrajectoryRows(problems=(why,))
         lines = (line for line in reader if line)
         found = [_row(columns, line) for line in islice(lines, MAX_TRAJECTORY_ROWS)]
         is_longer = next(lines, None) is not None

@@ -217,7 +217,7 @@ def _draw(board: Board, path: Path) -> int:
 def _as_text(found: CalibrationPart, seen: BoardViews, path: Path) -> str:
     """Return a calibration's result in words."""
     camera, quality = found.camera, found.quality
-    lines = [f"the board was seen in {len(seen.sightings)} of {seen.looked} pictures"]
+    lines = [f"the board was seen in {len(seen.sightings)} of {seen.searched} pictures"]
     if quality is not None:
         lines.append(
             f"optics: fx {camera.fx_px:.1f}, fy {camera.fy_px:.1f}, middle {camera.cx_px:.1f}, "

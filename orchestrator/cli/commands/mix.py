@@ -146,7 +146,7 @@ def _as_text(report: CombinationReport) -> str:
     left_out = {**report.dropped, **report.faults}
     if left_out:
         said += " (" + ", ".join(f"{what} {count}" for what, count in left_out.items()) + ")"
-    return "\n  ".join([said, *report.said])
+    return "\n  ".join([said, *report.reasons])
 
 
 def _as_json(reports: Sequence[CombinationReport]) -> str:
@@ -158,7 +158,7 @@ def _as_json(reports: Sequence[CombinationReport]) -> str:
             "mixed": report.mixed,
             "dropped": dict(report.dropped),
             "faults": dict(report.faults),
-            "said": list(report.said),
+            "said": list(report.reasons),
         }
         for report in reports
     ]

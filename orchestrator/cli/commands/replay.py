@@ -55,7 +55,7 @@ def replay_run(
         else:
             out_.mkdir(parents=True, exist_ok=True)
             with _Film(out_ / "mixed.mp4") as film:
-                report = replay(run, other, trusted=trust, tell=film.take)
+                report = replay(run, other, trusted=trust, on_mixture=film.take)
             _write_worst(report, out_)
     except OfflineError as error:
         err(error)

@@ -1,14 +1,13 @@
 // @ts-check
-// Buttons and keys that command: each is one POST, and its reply is shown.
+// Command buttons and keys: each sends one POST, and shows its reply.
+
+import { by } from "./panels/dom.js";
 
 /** @typedef {import("./model.js").Model} Model */
 
 const WAIT_MS = 5000;
 
-/** @param {string} id */
-const by = (id) => /** @type {HTMLButtonElement} */ (document.getElementById(id));
-
-/** Send a request; return its reply, also where the server is not there.
+/** Send a request; return its reply, or a failure if the server does not answer.
  * @param {string} path @param {any} body @returns {Promise<{ok: boolean, text: string}>} */
 export async function showReply(path, body) {
   try {
@@ -33,7 +32,7 @@ export function wireCommands(model) {
   const send = async (command) => {
     model.say(true, `${command}: sent`);
     const reply = await showReply("/command", { command });
-    // What an abort comes to is followed by the head.
+    // The head shows the progress of an abort.
     if (command === "abort" && reply.ok) model.reply = null;
     else model.say(reply.ok, reply.text);
     model.changes += 1;

@@ -1,6 +1,6 @@
 // @ts-check
-// How often, and how finely, a view is drawn: as its graphics take it. A view that is slow to draw, as
-// every one is without a graphics processor, leaves most of the time to the images and to the flight.
+// Adapts a view's frame rate and resolution to its drawing time, so that slow graphics leave most of
+// the processor to the images and to the flight.
 
 const SHARE = 0.08;
 const SMOOTH = 0.3;
@@ -11,9 +11,9 @@ const LEAST_SCALE = 0.7;
 
 export class DrawPace {
   constructor() {
-    /** What a drawing takes, smoothed, ms. */
+    /** Drawing time, smoothed, ms. */
     this.took_ms = 0;
-    /** Of the screen's own resolution. */
+    /** Share of the screen's resolution. */
     this.scale = 1;
     this.begunAt = -Infinity;
     this.isDrawing = false;
@@ -35,7 +35,7 @@ export class DrawPace {
     else if (this.took_ms < FINE_MS) this.scale = Math.min(1, this.scale * 1.1);
   }
 
-  /** When the next drawing may begin, ms after the last began; turned by hand, it waits for nothing else.
+  /** Whether the next drawing may begin; a view turned by hand waits only for its last drawing.
    * @param {number} now @param {boolean} isTurned */
   isDue(now, isTurned) {
     if (this.isDrawing) return now - this.begunAt > LONGEST_MS;

@@ -1,6 +1,6 @@
 // @ts-check
-// A fence drawn on the plan: corners dragged, sent as a campaign's geofence; the old one is shown
-// by the views until the runs have answered.
+// Editor of a fence on the plan: drag its corners, send it as the campaign's geofence. The views show
+// the old fence until the runs have answered.
 
 import { showReply } from "./commands.js";
 import { campaignOf, hasEnded } from "./flight_state.js";
@@ -21,7 +21,7 @@ export class FenceEditor {
     this.model = model;
     this.views = views;
     this.plan = views.plan;
-    /** Corners as east, north; null while nothing is drawn. @type {number[][] | null} */
+    /** Corners as east, north; null while not editing. @type {number[][] | null} */
     this.corners = null;
     this.grabbed = -1;
     this.plan.overlay = (context, projection) => this.draw(context, projection);
@@ -51,7 +51,7 @@ export class FenceEditor {
     const fence = /** @type {any} */ (fences[0]);
     const [drawn, ...more] = fence?.inclusions ?? [];
     if (!drawn?.corners_m || more.length || fence.exclusions.length) {
-      this.model.say(false, "The present fence is not one polygon: use wil-campaign fence.");
+      this.model.say(false, "The present fence is not a single polygon: use wil-campaign fence.");
       return;
     }
     this.corners = drawn.corners_m.map((/** @type {number[]} */ one) => [one[1], one[0]]);

@@ -1,5 +1,5 @@
 // @ts-check
-// What the model means: which verdict holds, what is in the air, what an abort has come to; no drawing.
+// Derives texts from the model: verdict, vehicles in the air, progress of an abort; no drawing.
 
 import { clock } from "./panels/dom.js";
 
@@ -25,7 +25,7 @@ export function hasEnded(model, run) {
   return run.view?.stage === "end" || finalOf(model, run) !== "";
 }
 
-/** The verdict that a run has for good; empty while there is none. @param {Model} model @param {Run} run @returns {string} */
+/** The final verdict of a run; empty before it has one. @param {Model} model @param {Run} run @returns {string} */
 export function finalOf(model, run) {
   if (model.mode === "recorded") return run.view?.stage === "end" ? run.view.verdict_so_far : "";
   const campaign = campaignOf(model, run.key);
@@ -33,7 +33,7 @@ export function finalOf(model, run) {
   return campaign?.flying?.[name] ? "" : (campaign?.finished?.[name] ?? "");
 }
 
-/** What the head says of a run: nothing is a pass before its verdict is final.
+/** The verdict in the head; never PASS before the verdict is final.
  * @param {Model} model @param {Run | undefined} run @returns {Verdict} */
 export function verdictOf(model, run) {
   const view = run?.view;
@@ -46,7 +46,7 @@ export function verdictOf(model, run) {
   const open = { label: "Verdict so far", kind: "planned", reason: view?.reason ?? "", isFinal: false };
   if (!view) return { ...open, text: "–" };
   if (view.verdict_so_far && view.verdict_so_far !== "PASS") return { ...open, text: view.verdict_so_far, kind: view.verdict_so_far };
-  if (model.mode === "recorded") return { ...open, text: "at its end" };
+  if (model.mode === "recorded") return { ...open, text: "at the end" };
   if (view.stage === "end") return { ...open, text: campaign?.is_over || model.isOver ? "no verdict" : "being judged" };
   const isMeasured = view.margins.some((/** @type {any} */ one) => one.required && one.actual !== null);
   return { ...open, text: isMeasured ? "no failure so far" : "not measured" };
@@ -54,14 +54,14 @@ export function verdictOf(model, run) {
 
 /** @typedef {{run: Run, name: string, isUp: boolean, armed: boolean, hasLink: boolean, age_s: number}} Aloft */
 
-/** What is known of a run's vehicles, in the order of its state, whichever was heard first.
+/** The known states of a run's vehicles, in the order of its newest state.
  * @param {Run} run */
 function flownOf(run) {
   const names = (run.view?.vehicles ?? []).map((/** @type {any} */ one) => one.name);
   return [...run.flown].toSorted(([one], [other]) => names.indexOf(one) - names.indexOf(other));
 }
 
-/** All vehicles of all runs that are off the ground or armed, as far as is known. @param {Model} model @returns {Aloft[]} */
+/** All vehicles of all runs that are known to be off the ground or armed. @param {Model} model @returns {Aloft[]} */
 export function aloft(model) {
   const now = performance.now();
   const runs = model.mode === "recorded" ? [model.run].filter((one) => one !== undefined) : [...model.runs.values()];
@@ -70,9 +70,9 @@ export function aloft(model) {
       one.isUp || one.armed ? [{ run, name, isUp: one.isUp, armed: one.armed, hasLink: one.hasLink, age_s: (now - run.at) / 1000 }] : []));
 }
 
-/** What is off the ground, in words, over all runs of this console. @param {Model} model */
+/** The vehicles in the air over all runs of this console, as text. @param {Model} model */
 export function airText(model) {
-  if (!model.runs.size) return "nothing seen";
+  if (!model.runs.size) return "no data";
   const all = aloft(model);
   const up = all.filter((one) => one.isUp);
   if (!up.length) {
@@ -87,17 +87,17 @@ export function airText(model) {
   return `${model.mode === "recorded" ? "then: " : ""}${texts.join("; ")}`;
 }
 
-/** A vehicle with what has to be said of it: hardware, a lost link, or old data.
+/** A vehicle's name with warnings: hardware, a lost link, or old data.
  * @param {Model} model @param {Aloft} one */
 function nameOf(model, one) {
   const isAttached = one.run.scene?.kinds?.[one.name]?.startsWith("attached");
   const isOld = model.mode === "live" && one.age_s > OLD_S;
-  const marks = [isAttached && "may be hardware", isOld ? `last seen so ${one.age_s.toFixed(0)} s ago` : !one.hasLink && "link LOST"];
-  const said = marks.filter(Boolean).join(", ");
-  return said ? `${one.name} (${said})` : one.name;
+  const marks = [isAttached && "may be hardware", isOld ? `data ${one.age_s.toFixed(0)} s old` : !one.hasLink && "link LOST"];
+  const text = marks.filter(Boolean).join(", ");
+  return text ? `${one.name} (${text})` : one.name;
 }
 
-/** Whether it is known that nothing flies: then an abort has nothing to land. @param {Model} model */
+/** Whether nothing flies for certain, so that an abort has nothing to land. @param {Model} model */
 export function isIdle(model) {
   if (model.isOver || model.mode === "recorded") return true;
   const { status } = model;
@@ -105,7 +105,7 @@ export function isIdle(model) {
   return !status.guards.length && status.campaigns.every((/** @type {any} */ one) => one.is_over);
 }
 
-/** What an abort has come to, per vehicle; null where there was none.
+/** The progress of an abort, per vehicle; null without one.
  * @param {Model} model @returns {{ok: boolean, text: string} | null} */
 export function abortText(model) {
   const { abort } = model;
@@ -122,29 +122,29 @@ export function abortText(model) {
   if (armed.length) return { ok: true, text: `${by}: on the ground, still armed: ${armed.join(", ")}` };
   if (!all.length) return { ok: true, text: `${by}: all vehicles land; this page has seen none in the air` };
   const known = runs.flatMap((run) => run.view.vehicles.map((/** @type {any} */ one) => ({ run, name: one.name })));
-  const unheard = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
-  if (unheard.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; nothing was ever heard of ${unheard.join(", ")}` };
+  const silent = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
+  if (silent.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; no data was ever received of ${silent.join(", ")}` };
   const at = Math.max(...all.map(({ one }) => one.downAt));
   const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`);
   return { ok: true, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each.join(", ")})` };
 }
 
-/** When a run was seen last, where that is a while ago. @param {Run} run */
+/** The time of a run's newest state, if it is old. @param {Run} run */
 function oldText(run) {
-  return performance.now() - run.at > OLD_S * 1000 ? ` (last seen so at ${clock(run.seenAt)})` : "";
+  return performance.now() - run.at > OLD_S * 1000 ? ` (as of ${clock(run.seenAt)})` : "";
 }
 
-/** How many runs have which verdict. @param {any} campaign */
+/** The number of runs by verdict. @param {any} campaign */
 export function countsText(campaign) {
   const verdicts = Object.values(campaign.finished ?? {});
   const kinds = [...new Set(verdicts)].map((kind) => `${verdicts.filter((one) => one === kind).length} ${kind}`);
   return `${verdicts.length} of ${campaign.total ?? "?"} runs judged${kinds.length ? `: ${kinds.join(", ")}` : ""}`;
 }
 
-/** What the campaign does now, in words. @param {Model} model @param {any} campaign @returns {string} */
+/** The present state of the campaign, as text. @param {Model} model @param {any} campaign @returns {string} */
 export function stateText(model, campaign) {
-  if (!model.you) return "not joined: this page knows nothing of what flies yet";
-  if (!campaign && model.mode === "recorded") return "nothing flies: this was flown";
+  if (!model.you) return "not joined: this page has no data yet";
+  if (!campaign && model.mode === "recorded") return "recorded run, nothing in flight";
   if (!campaign) return model.isOfMachine ? "waiting for a flight on this machine" : "waiting for its first flight";
   const flying = (model.status?.campaigns ?? []).filter((/** @type {any} */ one) => !one.is_over);
   const more = flying.length > 1 ? `${flying.length} campaigns on this console (${flying.map((/** @type {any} */ one) => one.name).join(", ")}); shown: ` : "";
@@ -154,11 +154,11 @@ export function stateText(model, campaign) {
 /** @param {Model} model @param {any} campaign */
 function wordOf(model, campaign) {
   const isGuarded = (model.status?.guards ?? []).some((/** @type {any} */ one) => one.folder.startsWith(`${campaign.folder}/`));
-  if (campaign.is_over && isGuarded) return "the program has ended; its guard lands what it flew";
+  if (campaign.is_over && isGuarded) return "the program has ended; its guard lands the vehicles";
   if (campaign.is_over || model.isOver) return campaign.stopped ? "ended, aborted" : "ended";
   if (!campaign.is_answering) return `the campaign does not answer: ${campaign.problem}`;
   const isUp = aloft(model).some((one) => one.isUp && one.run.key.startsWith(`${campaign.folder}/`));
-  if (campaign.stopped) return isUp ? "landing, nothing more is flown" : "aborted, nothing in the air";
+  if (campaign.stopped) return isUp ? "aborted: landing, no further runs" : "aborted, nothing in the air";
   if (campaign.held) return "HELD by the operator";
   if (isUp) return "flying";
   return Object.keys(campaign.flying ?? {}).length ? "on the ground, nothing in the air" : "between runs, nothing in the air";

@@ -1,6 +1,6 @@
 // @ts-check
-// Camera images: drawn as they come, the newest of each camera first, with age and rate; real and mixed
-// one over the other.
+// Camera images: the newest of each camera is drawn, with age and rate; and the mixed over the real
+// image.
 
 import { hasEnded } from "./flight_state.js";
 import { colours } from "./world.js";
@@ -15,7 +15,7 @@ const KIND = "image/jpeg";
 const MOST_RUNS = 8;
 
 /** @typedef {VideoFrame | ImageBitmap} Decoded */
-/** @typedef {{head: any, jpeg: Uint8Array<ArrayBuffer>, at: number}} Kept */
+/** @typedef {{head: any, jpeg: Uint8Array<ArrayBuffer>, at: number}} Received */
 /** @typedef {{image: Decoded, head: any, at: number, times: number[]}} Shown */
 
 export class Images {
@@ -27,10 +27,10 @@ export class Images {
     this.run = "";
     /** The newest image of each camera. @type {Map<string, any>} */
     this.newest = new Map();
-    /** The newest images of each run, as they came: a run chosen again shows its last ones.
-     * @type {Map<string, Map<string, Kept>>} */
-    this.kept = new Map();
-    /** What is decoded of each camera. @type {Map<string, Promise<unknown>>} */
+    /** The newest images of each run, to show when a run is chosen again.
+     * @type {Map<string, Map<string, Received>>} */
+    this.received = new Map();
+    /** The running decoding of each camera. @type {Map<string, Promise<unknown>>} */
     this.decoding = new Map();
     this.hasBegun = false;
     this.isOverlayDue = false;
@@ -39,21 +39,21 @@ export class Images {
     this.blend.addEventListener("input", () => this.drawOverlay());
   }
 
-  /** Draw an image, unless a newer one of its camera is there before it can be decoded.
+  /** Draw an image, unless a newer one of its camera arrives before it is decoded.
    * @param {any} head @param {Uint8Array<ArrayBuffer>} jpeg */
   async take(head, jpeg) {
     const at = performance.now();
-    this.keep(head, jpeg, at);
+    this.remember(head, jpeg, at);
     if (head.run === this.model.chosen) await this.present(head, jpeg, at);
   }
 
   /** @param {any} head @param {Uint8Array<ArrayBuffer>} jpeg @param {number} at */
-  keep(head, jpeg, at) {
-    const kept = this.kept.get(head.run) ?? new Map();
-    this.kept.set(head.run, kept);
-    kept.set(head.name, { head, jpeg, at });
-    for (const run of this.kept.keys()) {
-      if (this.kept.size > MOST_RUNS && run !== head.run) this.kept.delete(run);
+  remember(head, jpeg, at) {
+    const received = this.received.get(head.run) ?? new Map();
+    this.received.set(head.run, received);
+    received.set(head.name, { head, jpeg, at });
+    for (const run of this.received.keys()) {
+      if (this.received.size > MOST_RUNS && run !== head.run) this.received.delete(run);
     }
   }
 
@@ -69,7 +69,7 @@ export class Images {
     else image.close();
   }
 
-  /** @param {any} head @param {Decoded} image @param {number} at when it came */
+  /** @param {any} head @param {Decoded} image @param {number} at arrival, ms */
   show(head, image, at) {
     if (this.run !== head.run) this.forget(head.run);
     const before = this.shown.get(head.name);
@@ -94,7 +94,7 @@ export class Images {
     }
   }
 
-  /** Draw the overlay behind the images themselves, and less often: it costs as much as they do. */
+  /** Draw the overlay after the images, and less often: it costs as much as they do. */
   refreshOverlay() {
     if (this.isOverlayDue) return;
     this.isOverlayDue = true;
@@ -119,14 +119,14 @@ export class Images {
     if (!this.hasBegun || this.run !== this.model.chosen) {
       this.hasBegun = true;
       this.forget(this.model.chosen);
-      for (const one of this.kept.get(this.run)?.values() ?? []) void this.present(one.head, one.jpeg, one.at);
+      for (const one of this.received.get(this.run)?.values() ?? []) void this.present(one.head, one.jpeg, one.at);
     }
     const { run } = this.model;
     const isEnded = run !== undefined && (hasEnded(this.model, run) || this.model.isOver);
     const now = performance.now();
     let isOverlayStale = false;
     for (const name of NAMES) {
-      const figure = /** @type {HTMLElement} */ (document.querySelector(`.picture[data-age=${name}]`));
+      const figure = /** @type {HTMLElement} */ (document.querySelector(`.camera[data-age=${name}]`));
       const one = this.shown.get(name);
       const [rate, age] = [figure.querySelector(".rate"), figure.querySelector(".age")];
       if (!rate || !age) continue;
@@ -139,18 +139,18 @@ export class Images {
       const hz = one.times.length > 1 ? ((one.times.length - 1) * 1000) / (now - one.times[0]) : 0;
       const old = one.head.age_s + (now - one.at) / 1000;
       rate.textContent = `${hz.toFixed(0)} Hz${one.head.rendered ? ", rendered" : ""}`;
-      age.textContent = isEnded ? "the last one, as at the end" : `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
+      age.textContent = isEnded ? "last image of the run" : `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
       if (isEnded) rate.textContent = one.head.rendered ? "rendered" : "";
       figure.classList.toggle("stale", !isEnded && old > STALE_S);
       figure.classList.toggle("alone", Boolean(one.head.alone));
-      if (one.head.alone) rate.textContent = `NOTHING OF THE TWIN IN IT (${one.head.alone.replaceAll("_", " ")})`;
+      if (one.head.alone) rate.textContent = `TWIN MISSING IN THE MIXTURE (${one.head.alone.replaceAll("_", " ")})`;
       isOverlayStale ||= name !== "twin" && !isEnded && old > STALE_S;
     }
     canvas("image-overlay").closest("figure")?.classList.toggle("stale", isOverlayStale);
   }
 }
 
-/** An image of a JPEG. A decoder takes it where it is; a blob goes by way of the browser's own process.
+/** Decode a JPEG. ImageDecoder reads it in place; a blob passes through the browser process.
  * @param {Uint8Array<ArrayBuffer>} jpeg @returns {Promise<Decoded>} */
 async function decoded(jpeg) {
   if (!("ImageDecoder" in window)) return await createImageBitmap(new Blob([jpeg], { type: KIND }));

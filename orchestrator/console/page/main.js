@@ -1,5 +1,5 @@
 // @ts-check
-// The page's beginning: joins by the token of the link, connects, and hands on what comes.
+// Entry point of the page: joins with the link's token, connects, and dispatches messages.
 
 import { Connection } from "./connection.js";
 import { showReply, wireCommands } from "./commands.js";
@@ -27,7 +27,7 @@ const connection = new Connection({
 wireCommands(model);
 connection.onChange = (text, isLost) => panels.lost(text, isLost);
 
-/** Refresh what shows time: ages, and panels that changed. */
+/** Refresh ages and changed panels. */
 function refresh() {
   connection.check();
   panels.refresh();

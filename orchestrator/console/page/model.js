@@ -1,5 +1,5 @@
 // @ts-check
-// What the page knows: runs, their newest states, events and trails; no drawing here.
+// The page's data: runs, their newest states, events and trails; no drawing.
 
 const TRAIL_POINTS = 1500;
 const TRAIL_STEP_M = 0.02;
@@ -9,10 +9,10 @@ const MOST_RUNS = 24;
 const LATE_MS = 5000;
 const DOWN = /: down\b/;
 
-/** What is known of a vehicle, and since when it is down (ms since 1970).
+/** The known state of a vehicle; downAt: since when it is down (ms since 1970).
  * @typedef {{isUp: boolean, armed: boolean, hasLink: boolean, downAt: number}} Flown */
 
-/** at: when the newest state came, on the page's clock; seenAt: the same, ms since 1970.
+/** at: arrival of the newest state, on the page's clock; seenAt: the same, ms since 1970.
  * @typedef {{key: string, scene: any, view: any, at: number, seenAt: number, flown: Map<string, Flown>, trails: Map<string, number[][]>,
  *   margins: Map<string, number[]>, largest: Map<string, number>, contacts: number[][], poses: Map<string, number[]>}} Run */
 
@@ -20,7 +20,7 @@ export class Model {
   constructor() {
     /** @type {any} */ this.you = null;
     this.mode = "live";
-    /** Whether commands go to all that flies on the machine, or to one program's or folder's. */
+    /** Whether commands go to all flights on the machine, or to those of one program or folder. */
     this.isOfMachine = true;
     /** @type {Map<string, Run>} */ this.runs = new Map();
     this.chosen = "";
@@ -40,7 +40,7 @@ export class Model {
     this.changes = 0;
   }
 
-  /** Forget everything: the server sends it anew. */
+  /** Clear all data: the server sends it again. */
   clear() {
     const { reply, chosen, isChosenByHand } = this;
     const changes = this.changes + 1;
@@ -109,11 +109,11 @@ export class Model {
   takeCommand(message) {
     const when = (message.at_s ?? Date.now() / 1000) * 1000;
     this.note({ ...message, kind: "command", run: "", t_s: null, when });
-    // Who aborts again changes nothing of the first.
+    // A second abort does not replace the first.
     if (message.command === "abort" && !this.abort?.ok) this.abort = { who: message.who, at: when, ok: message.ok, texts: message.texts };
   }
 
-  /** Guards know that a vehicle is down also when their program is dead. @param {any} status */
+  /** Guards report that a vehicle is down even if their program is dead. @param {any} status */
   takeGuards(status) {
     for (const guard of status.guards) {
       for (const [name, phase] of Object.entries(guard.vehicles ?? {})) {
@@ -129,7 +129,7 @@ export class Model {
     run.flown.set(name, { isUp: false, armed: false, hasLink: true, downAt: at });
   }
 
-  /** Note what runs answered to a change of the fence. @param {any} status */
+  /** Record the answers of runs to a change of the fence. @param {any} status */
   takeAnswers(status) {
     for (const campaign of status.campaigns) {
       for (const answer of campaign.answers ?? []) {
@@ -183,7 +183,7 @@ export class Model {
     run.at = performance.now();
     run.seenAt = Date.now();
     for (const vehicle of view.vehicles) {
-      // Who arms after an abort begins another flight.
+      // Arming after an abort begins another flight.
       if (takeFlown(run, vehicle)) this.abort = null;
       const place = vehicle.position_ned_m;
       if (!place || place.some((/** @type {any} */ one) => one === null)) continue;
@@ -213,11 +213,11 @@ export class Model {
       const place = run.poses.get(event.vehicle);
       if (place) run.contacts.push(place);
     }
-    // The newest state may be from just before the run's end.
+    // The newest state may be slightly older than the run's end.
     if (event.kind === "stage" && run.view && event.t_s >= run.view.t_s) run.view.stage = event.word;
     const when = timeOf(event, run);
     const isDown = (event.kind === "guard" && DOWN.test(event.text)) || (event.kind === "vehicle" && event.word === "disarmed");
-    // An event may come after states that are newer than it.
+    // An event may arrive after newer states.
     if (isDown && event.vehicle && run.view && event.t_s >= run.view.t_s) this.takeDown(run, event.vehicle, when);
     this.note({ ...event, when });
   }
@@ -229,7 +229,7 @@ export class Model {
   }
 }
 
-/** Note whether a vehicle is up, or since when it is down; of one never heard nothing is known.
+/** Record whether a vehicle is up, or since when it is down; nothing before its first message.
  * @param {Run} run @param {any} vehicle @returns {boolean} whether it was down, and is armed now */
 function takeFlown(run, vehicle) {
   if (vehicle.silent_s === null) return false;
@@ -239,11 +239,11 @@ function takeFlown(run, vehicle) {
   const wasDown = before && !before.isUp && !before.armed;
   const downAt = isDown ? (wasDown ? before.downAt : run.seenAt) : 0;
   run.flown.set(vehicle.name, { isUp, armed: vehicle.armed, hasLink: vehicle.link_up, downAt });
-  // A state may be a little older than what its guard said.
+  // A state may be slightly older than its guard's message.
   return before !== undefined && Boolean(wasDown) && !isDown && run.seenAt - before.downAt > LATE_MS;
 }
 
-/** When an event was, ms since 1970: by the run's clock where that is the wall's, else when it came.
+/** The time of an event, ms since 1970: by the run's clock if that is the wall clock, else its arrival.
  * @param {any} event @param {Run} run */
 function timeOf(event, run) {
   const epoch = run.scene?.epoch_s;

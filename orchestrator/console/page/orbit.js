@@ -1,5 +1,5 @@
 // @ts-check
-// From where the view in space is seen: turned and zoomed by pointer, wheel, fingers and keys.
+// The camera of the 3D view: turned and zoomed by pointer, wheel, fingers and keys.
 
 const AZIMUTH = (205 * Math.PI) / 180;
 const ELEVATION = (32 * Math.PI) / 180;
@@ -25,7 +25,7 @@ export class Orbit {
       canvas.addEventListener(end, (event) => this.down.delete(/** @type {PointerEvent} */ (event).pointerId));
     }
     canvas.addEventListener("wheel", (event) => {
-      // Without a key the wheel scrolls the page, as everywhere on it.
+      // Without a modifier key the wheel scrolls the page.
       if (!event.ctrlKey && !event.metaKey) return;
       event.preventDefault();
       this.nearer(Math.exp(-event.deltaY * 0.001));

@@ -1,5 +1,5 @@
 // @ts-check
-// All panels of the page: refreshed when what they show has changed.
+// All panels of the page; they are refreshed when their data changes.
 
 import { hasEnded } from "./flight_state.js";
 import { showCampaign, showGuards } from "./panels/campaign.js";
@@ -24,7 +24,7 @@ export class Panels {
     by("events-all").addEventListener("change", () => (model.changes += 1));
   }
 
-  /** A console that has ended with its campaign is no lost one: the head says so. @param {string} text @param {boolean} isLost */
+  /** Show a lost connection; not after the console has ended with its campaign. @param {string} text @param {boolean} isLost */
   lost(text, isLost) {
     by("lost").hidden = !isLost || this.model.isOver;
     if (isLost) by("lost-text").textContent = text;

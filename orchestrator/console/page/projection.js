@@ -5,7 +5,7 @@ const MARGIN_PX = 22;
 
 /** @typedef {{right: number[], up: number[], near: number[]}} Axes */
 
-/** The directions of a view: to the right, up, and towards who looks.
+/** The directions of a view: right, up, and towards the viewer.
  * @param {string} kind @param {number[][]} points @param {number} azimuth @param {number} elevation
  * @returns {Axes} */
 export function axes(kind, points, azimuth, elevation) {
@@ -49,12 +49,12 @@ export class Projection {
     return [this.size[0] / 2 + (x - this.middle[0]) * this.scale, this.size[1] / 2 - (y - this.middle[1]) * this.scale];
   }
 
-  /** Where a point of the screen is, on axes right and up. @param {number} x @param {number} y */
+  /** The place of a screen point on the axes right and up. @param {number} x @param {number} y */
   lifted(x, y) {
     return [this.middle[0] + (x - this.size[0] / 2) / this.scale, this.middle[1] - (y - this.size[1] / 2) / this.scale];
   }
 
-  /** How near a point is to who looks. @param {number[]} point */
+  /** How near a point is to the viewer. @param {number[]} point */
   depth(point) {
     return dot(point, this.directions.near);
   }

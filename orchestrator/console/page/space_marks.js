@@ -1,12 +1,12 @@
 // @ts-check
-// Marks of the view in space that keep their size on the screen: lines of some width, and texts.
+// Marks of the 3D view with a constant size on the screen: wide lines, texts and rings.
 
 import * as THREE from "./vendor/three/three.module.min.js";
 
 /** @typedef {{position: THREE.Vector3, metresPerPx: number}} Eye
  * metresPerPx: at one metre from the eye */
 
-/** Polylines as bands that face whoever looks; WebGL's own lines are one pixel wide. */
+/** Polylines as bands that face the viewer; WebGL lines are only one pixel wide. */
 export class Bands extends THREE.Mesh {
   /** @param {string} colour @param {number} width_px */
   constructor(colour, width_px) {
@@ -80,7 +80,7 @@ export function dashes(line, dash_m) {
 const TEXT_PX = 12;
 const SHARPER = 2;
 
-/** A picture of a size on the screen, over everything: a text, or a ring. */
+/** A sprite of constant screen size, drawn over everything: a text or a ring. */
 export class Mark extends THREE.Sprite {
   /** @param {HTMLCanvasElement} canvas @param {[number, number]} centre */
   constructor(canvas, centre) {
@@ -95,9 +95,9 @@ export class Mark extends THREE.Sprite {
   /** @param {string} text @param {string} colour @param {string} around */
   static text(text, colour, around) {
     const font = `600 ${TEXT_PX * SHARPER}px system-ui, sans-serif`;
-    const measure = picture(1, 1);
+    const measure = canvasContext(1, 1);
     measure.font = font;
-    const context = picture(Math.ceil(measure.measureText(text).width) + 12, TEXT_PX * SHARPER + 12);
+    const context = canvasContext(Math.ceil(measure.measureText(text).width) + 12, TEXT_PX * SHARPER + 12);
     context.font = font;
     context.textBaseline = "middle";
     context.lineWidth = 5;
@@ -113,7 +113,7 @@ export class Mark extends THREE.Sprite {
   /** @param {string} colour @param {number} radius_px */
   static ring(colour, radius_px) {
     const middle = (radius_px + 2) * SHARPER;
-    const context = picture(2 * middle, 2 * middle);
+    const context = canvasContext(2 * middle, 2 * middle);
     context.strokeStyle = colour;
     context.lineWidth = 3 * SHARPER;
     context.beginPath();
@@ -129,7 +129,7 @@ export class Mark extends THREE.Sprite {
 }
 
 /** @param {number} width @param {number} height */
-function picture(width, height) {
+function canvasContext(width, height) {
   const canvas = document.createElement("canvas");
   canvas.width = width;
   canvas.height = height;

@@ -1,5 +1,5 @@
 // @ts-check
-// What stands in the view in space: ground, objects, fences, and per vehicle its body, trail and
+// The contents of the 3D view: ground, objects, fences, and per vehicle its body, trail and
 // setpoint. The scene's axes are the world's: north, east, down.
 
 import * as THREE from "./vendor/three/three.module.min.js";
@@ -13,8 +13,8 @@ const ARM_M = 0.28;
 const LEAST_PX = 9;
 const SHARP_DEG = 25;
 
-/** What stands still, or moves as the world says. */
-export class Surroundings extends THREE.Group {
+/** The world around the vehicles: static objects, and those that the world moves. */
+export class WorldModel extends THREE.Group {
   /** @param {Run} run @param {Colours} colours */
   constructor(run, colours) {
     super();
@@ -90,7 +90,7 @@ export class Surroundings extends THREE.Group {
   }
 }
 
-/** A vehicle: body, trail, setpoint, and the line that shows where it is above. */
+/** A vehicle: body, trail, setpoint, and a vertical line to the ground. */
 export class VehicleModel extends THREE.Group {
   /** @param {string} name @param {Colours} colours */
   constructor(name, colours) {
@@ -102,7 +102,7 @@ export class VehicleModel extends THREE.Group {
     this.plumb = new Bands(colour, 1);
     this.target = Mark.ring(colour, 4);
     this.label = Mark.text(name, colour, colours.page);
-    // Beside the other where both are in one place.
+    // Labels on opposite sides, for vehicles at the same place.
     if (name === "twin") this.label.center.set(1.3, 0.5);
     if (name === "real") this.label.center.set(-0.3, 0.5);
     this.add(this.body, this.trail, this.pointer, this.plumb, this.target, this.label);
@@ -130,7 +130,7 @@ export class VehicleModel extends THREE.Group {
   }
 }
 
-/** Free what a part of the scene holds of the graphics' memory. @param {THREE.Object3D} part */
+/** Free the graphics memory of a part of the scene. @param {THREE.Object3D} part */
 export function free(part) {
   part.traverse((one) => {
     const { geometry, material } = /** @type {any} */ (one);
@@ -156,7 +156,7 @@ function thinLines(lines, colour) {
   return new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: colour }));
 }
 
-/** The walls between two rings, nearly clear. @param {number[][]} low @param {number[][]} high @param {string} colour */
+/** The walls between two rings, nearly transparent. @param {number[][]} low @param {number[][]} high @param {string} colour */
 function walls(low, high, colour) {
   const faces = low.slice(1).flatMap((next, at) => [low[at], next, high[at], next, high[at + 1], high[at]]);
   const geometry = new THREE.BufferGeometry();

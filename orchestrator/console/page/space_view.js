@@ -1,12 +1,12 @@
 // @ts-check
-// The world in three dimensions, by WebGL; what it shows is the model's newest run.
+// The 3D view of the chosen run, drawn by WebGL.
 
 import * as THREE from "./vendor/three/three.module.min.js";
 import { DrawPace } from "./draw_pace.js";
 import { Orbit } from "./orbit.js";
 import { axes } from "./projection.js";
 import { Bands, Mark } from "./space_marks.js";
-import { free, Surroundings, VehicleModel } from "./space_scene.js";
+import { free, WorldModel, VehicleModel } from "./space_scene.js";
 import { colours, extent } from "./world.js";
 
 /** @typedef {import("./model.js").Model} Model */
@@ -35,10 +35,10 @@ export class SpaceView {
     this.scene.add(sun, new THREE.AmbientLight("white", 1.5));
     this.camera = new THREE.PerspectiveCamera((FIELD * 180) / Math.PI);
     this.camera.up.set(0, 0, -1);
-    /** What the present parts were made of; made anew when it changes. */
+    /** The data behind the present parts; they are rebuilt when it changes. */
     this.madeOf = "";
-    /** @type {Surroundings | null} */
-    this.surroundings = null;
+    /** @type {WorldModel | null} */
+    this.world = null;
     /** @type {Map<string, VehicleModel>} */
     this.vehicles = new Map();
     this.contacts = new THREE.Group();
@@ -69,7 +69,7 @@ export class SpaceView {
     this.awaitDrawn();
   }
 
-  /** What comes last is drawn too, however busy the graphics are when it comes. */
+  /** Draw again later, so that the newest state is drawn even if the graphics are busy now. */
   drawLater() {
     if (this.later) return;
     this.later = setTimeout(() => {
@@ -78,7 +78,7 @@ export class SpaceView {
     }, LATER_MS);
   }
 
-  /** A size that is set anew makes all buffers anew. @param {number} width @param {number} height @param {number} ratio */
+  /** Set the size only when it changes: that recreates all buffers. @param {number} width @param {number} height @param {number} ratio */
   fit(width, height, ratio) {
     const fitted = `${width} ${height} ${ratio}`;
     if (fitted === this.fitted) return;
@@ -87,13 +87,13 @@ export class SpaceView {
     this.renderer.setSize(width, height, false);
   }
 
-  /** Take the time until the graphics have drawn, without waiting for them. */
+  /** Measure the drawing time of the graphics without blocking. */
   awaitDrawn() {
     const fence = this.context.fenceSync(this.context.SYNC_GPU_COMMANDS_COMPLETE, 0);
     if (!fence) return this.pace.end(performance.now());
     this.context.flush();
     const look = () => {
-      // Of a context that was lost meanwhile it is neither.
+      // For a lost context the status is neither signaled nor unsignaled.
       if (this.context.getSyncParameter(fence, this.context.SYNC_STATUS) === this.context.UNSIGNALED) {
         setTimeout(look, LOOK_MS);
         return;
@@ -115,10 +115,10 @@ export class SpaceView {
       this.shownScene = run.scene;
       this.shownRun = run.key;
       this.clear();
-      this.surroundings = new Surroundings(run, page);
-      this.scene.add(this.surroundings);
+      this.world = new WorldModel(run, page);
+      this.scene.add(this.world);
     }
-    this.surroundings?.move(run);
+    this.world?.move(run);
     for (const point of extent(run)) this.box.expandByPoint(new THREE.Vector3(...point));
     for (const vehicle of run.view?.vehicles ?? []) {
       let shown = this.vehicles.get(vehicle.name);
@@ -143,7 +143,7 @@ export class SpaceView {
   }
 
   clear() {
-    for (const part of [this.surroundings, ...this.vehicles.values()]) {
+    for (const part of [this.world, ...this.vehicles.values()]) {
       if (!part) continue;
       free(part);
       this.scene.remove(part);
@@ -169,7 +169,7 @@ export class SpaceView {
     for (let round = 0; round < ROUNDS; round += 1) {
       const points = boxCorners(this.box).map((one) => one.sub(middle)).map((one) => [one.dot(right), one.dot(up), one.dot(near)]);
       away = Math.max(1, ...points.map(([x, y, z]) => z + Math.max(Math.abs(x) / slopes[0], Math.abs(y) / slopes[1])));
-      // What is nearer looks larger: the middle of the picture is not that of the box.
+      // Perspective: the middle of the image is not that of the box.
       const [x, y] = [0, 1].map((axis) => centre(points.map((one) => one[axis] / (away - one[2]))) * away);
       middle.addScaledVector(right, x).addScaledVector(up, y);
     }

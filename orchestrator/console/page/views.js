@@ -1,6 +1,6 @@
 // @ts-check
-// Views of the world from above and from the side, and in space where the browser has no WebGL: one
-// drawing, three directions.
+// Views of the world from above and from the side, and the 3D view in browsers without WebGL: one
+// drawing with three directions.
 
 import { Orbit } from "./orbit.js";
 import { axes, Projection, rotate } from "./projection.js";
@@ -69,7 +69,7 @@ class Drawing {
     for (const target of run.scene?.targets ?? []) this.cross(target, this.colours.dim, 4);
     for (const [name, trail] of run.trails) this.line(trail, this.colours[name] ?? this.colours.ink, 1.5);
     for (const place of run.contacts) this.ring(place, this.colours.bad, 9, 3);
-    // The twin below, and wider: where both are in one place, both are seen.
+    // The twin first, and wider: both stay visible at the same place.
     const vehicles = run.view?.vehicles ?? [];
     for (const vehicle of vehicles.toSorted((/** @type {any} */ one) => (one.name === "twin" ? -1 : 1))) this.vehicle(vehicle);
   }
@@ -86,7 +86,7 @@ class Drawing {
     this.corner(step);
   }
 
-  /** What the grid measures, and where north and east are, in a corner of the picture.
+  /** The grid size and the directions of north and east, in a corner of the view.
    * @param {number} step */
   corner(step) {
     const [width, height] = this.projection.size;
@@ -107,7 +107,7 @@ class Drawing {
     this.context.fillText("E", x + 25, y + 4);
   }
 
-  /** Below the ground nothing flies, wherever a fence's floor is. */
+  /** Shade the area below the ground, whatever the fence's floor is. */
   soil() {
     const [, height] = this.projection.size;
     const [, y] = this.projection.flat([0, 0, 0]);
@@ -271,7 +271,7 @@ export class Views {
     new ResizeObserver(() => this.draw()).observe(this.plan.canvas);
   }
 
-  /** Add the view in space: the other two, and the commands, wait for no library. @param {Model} model */
+  /** Add the 3D view; the other views and the commands do not wait for its library. @param {Model} model */
   async openSpace(model) {
     const canvas = /** @type {HTMLCanvasElement} */ (document.getElementById("space"));
     const note = /** @type {HTMLElement} */ (document.getElementById("space-note"));
@@ -283,7 +283,7 @@ export class Views {
       note.textContent = "no WebGL in this browser: drawn without perspective";
       this.views.push(new View(model, "space", "space"));
     }
-    canvas.addEventListener("webglcontextlost", () => (note.textContent = "STOPPED by the browser: its graphics were lost"));
+    canvas.addEventListener("webglcontextlost", () => (note.textContent = "STOPPED: the browser lost its graphics context"));
     canvas.addEventListener("webglcontextrestored", () => (note.textContent = ""));
     this.draw();
   }

@@ -1,6 +1,5 @@
 // @ts-check
-// What the views of the world share: where everything is, circles, colours of the page; pure but
-// for the colours.
+// Geometry and colours shared by the views of the world; pure except for the colours.
 
 import { rotate } from "./projection.js";
 
@@ -9,7 +8,7 @@ import { rotate } from "./projection.js";
 const PAD_M = 0.7;
 const SAMPLES = 40;
 
-/** Where everything of a run is that has to be seen. @param {Run} run @returns {number[][]} */
+/** Points that a view of a run has to contain. @param {Run} run @returns {number[][]} */
 export function extent(run) {
   /** @type {number[][]} */
   const points = [[-PAD_M, -PAD_M, 0], [PAD_M, PAD_M, 0]];
@@ -66,7 +65,7 @@ export function boxEdges(vertices) {
   return [...rings, ...flat.map(([n, e]) => [[n, e, low[2]], [n, e, high[2]]])];
 }
 
-/** The end of a vehicle's setpoint: a place, or where its velocity leads in a second.
+/** The end of a vehicle's setpoint: its position, or the place after a second of its velocity.
  * @param {any} vehicle @returns {number[] | null} */
 export function setpointEnd(vehicle) {
   if (!isPoint(vehicle.setpoint) || !isPoint(vehicle.position_ned_m)) return null;

@@ -1,1 +1,1 @@
-"""Reads a results folder into the reading model; what cannot be read becomes a problem in words."""
+"""Reads a run of a results folder into the reading model; what is unreadable becomes a problem."""

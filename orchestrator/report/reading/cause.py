@@ -1,4 +1,4 @@
-"""Why a run is no PASS, and the moment that its page is about; pure."""
+"""The cause of a run's verdict, and the moment that its page shows; pure."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ SAME_MOMENT_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A contact: the vehicle's speed then, and when it was over; None where not known.
+    """A contact: the vehicle's speed at its start, and its end; None where not known.
 
-    recorded_s: the last time of which anything is known of it; None where nothing is.
+    recorded_s: the last recorded time of the vehicle; None without a recording.
     """
 
     speed_m_s: float | None = None
@@ -29,12 +29,12 @@ class Contact:
 
 
 ContactAt = Callable[[str, float], Contact]
-"""What is known of the contact of a vehicle that began at a time."""
+"""Returns the contact of a vehicle that began at a time."""
 
 
 @dataclass(frozen=True, slots=True)
 class NearestPass:
-    """When the vehicle was nearest to the first gate or the place of its goal, and how near."""
+    """Time and distance of the vehicle's nearest pass of its goal's first gate or position."""
 
     t_s: float
     distance_m: float
@@ -52,8 +52,8 @@ def cause_of(
 ) -> Cause | None:
     """Return what was violated, when and by how much; None for a PASS.
 
-    passed: where the vehicle was nearest to what it should have reached; None where not known.
-    formulas: of the oracles that have one. outcome: how the flight went on and ended, with times.
+    passed: the nearest pass of the target; None where not known. formulas: by oracle. outcome: how
+    the flight continued and ended, with times.
     """
     if result.verdict == "PASS":
         return None
@@ -83,7 +83,7 @@ def cause_of(
 
 
 def _contact_text(contact: Contact, at_s: float | None) -> str:
-    """Return how hard a contact was and how long it lasted, as far as the record has it."""
+    """Return speed and duration of a contact, as far as they were recorded."""
     text = "contact"
     if contact.speed_m_s is not None:
         text += f" at {number_text(contact.speed_m_s, 'm/s', digits=2)}"
@@ -91,15 +91,15 @@ def _contact_text(contact: Contact, at_s: float | None) -> str:
         text += f" for {number_text(contact.until_s - at_s, 's', digits=2)}"
     elif contact.recorded_s is not None and at_s is not None:
         text += (
-            f" to the end of the record, {number_text(contact.recorded_s - at_s, 's', digits=2)}"
+            f" to the end of the recording, {number_text(contact.recorded_s - at_s, 's', digits=2)}"
         )
-    return f"{text}: any touch is a violation"
+    return f"{text}: any contact is a violation"
 
 
 def _sequence(
     result: RunResult, at_s: float | None, outcome: Iterable[tuple[float, str]]
 ) -> tuple[tuple[float, str], ...]:
-    """Return the decisive events in the order of their times; empty for one alone."""
+    """Return the decisive events in order of time; empty for a single one."""
     found = [(one.at_s, f"{one.verdict}: {one.reason}") for one in result.also[:_MOST_EVENTS]]
     if at_s is None or not found:
         return ()
@@ -110,9 +110,9 @@ def _sequence(
 def _time_facts(
     oracle: OracleResult | None, at_s: float | None, goal_s: float | None, *, first: str
 ) -> list[tuple[str, str]]:
-    """Return when a limit was crossed, and when the worst was where that is another moment.
+    """Return when a limit was crossed, and the time of the worst value where it differs.
 
-    first: the name of the time where there is one alone.
+    first: the title of a single time.
     """
     if at_s is None:
         return [("when", "at the end of the run")]
@@ -123,9 +123,9 @@ def _time_facts(
 
 
 def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> tuple[str, ...]:
-    """Return what happened beside what was judged: the twin's end, and reported oracles.
+    """Return facts that did not decide the verdict: the twin's end, and reported oracles.
 
-    at_s: when what decided the run happened; None for a PASS, or where that is not known.
+    at_s: time of the decisive event; None for a PASS, or where it is not known.
     """
     found = []
     left = None if result.twin is None else result.twin.dropped_out
@@ -133,7 +133,7 @@ def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> 
         text = f"The twin dropped out {time_text(left.at_s, goal_s)}"
         if at_s is not None:
             word = "before" if left.at_s < at_s else "after"
-            text += f", {abs(at_s - left.at_s):.2f} s {word} what decided the run"
+            text += f", {abs(at_s - left.at_s):.2f} s {word} the decisive event"
         found.append(f"{text}: {left.reason}")
     reported = [
         f"{one.name} of {one.vehicle} {one.verdict}{f' ({one.detail})' if one.detail else ''}"
@@ -141,7 +141,7 @@ def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> 
         if not one.required and one.verdict != "PASS"
     ]
     if reported:
-        found.append(f"Reported only, and did not pass: {'; '.join(reported)}")
+        found.append(f"Reported oracles that did not pass: {'; '.join(reported)}")
     return tuple(found)
 
 
@@ -150,9 +150,9 @@ def _is_contact(oracle: OracleResult) -> bool:
 
 
 def deciding_oracle(result: RunResult) -> OracleResult | None:
-    """Return the oracle that made the verdict; None where something else did.
+    """Return the oracle that decided the verdict; None where something else did.
 
-    A physical contact fails a run by itself; the oracle that judged the same contact explains it.
+    A physical contact alone fails a run; the oracle that judged the same contact explains it.
     """
     if result.decided_by.startswith(_CONTACT):
         vehicle = result.decided_by.removeprefix(_CONTACT)
@@ -181,7 +181,7 @@ def _violated(result: RunResult, oracle: OracleResult | None) -> str:
 
 def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
     distance = number_text(passed.distance_m, "m", digits=2)
-    return f"{distance} from the goal's first gate or place, {time_text(passed.t_s, goal_s)}"
+    return f"{distance} from the goal's first gate or position, {time_text(passed.t_s, goal_s)}"
 
 
 def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tuple[str, str]]:
@@ -194,15 +194,15 @@ def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tupl
     if _is_contact(oracle) and oracle.margin == 0.0:
         found.append(("by how much", contact))
     elif oracle.margin == 0.0:
-        # A worst value, a limit and a distance of 0 m each would say it three times.
-        found.append(("by how much", f"{worst}: reaching the limit is a violation already"))
+        # Worst value, limit and distance of 0 m would repeat the same fact.
+        found.append(("by how much", f"{worst}: reaching the limit is a violation"))
     else:
         found += [("at worst", worst), ("limit", limit)]
         if oracle.margin is not None:
             found.append(("by how much", _margin_text(oracle)))
     part, is_formula, _ = oracle.detail.partition(" is violated")
     if is_formula and formula:
-        # Its figures stand above: what is left is which part of the formula they are of.
+        # The figures are listed above; this is the part of the formula that they belong to.
         found.append(("broken part", part))
     elif oracle.detail:
         found.append(("where", oracle.detail))
@@ -212,7 +212,7 @@ def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tupl
 def _margin_text(oracle: OracleResult) -> str:
     margin = oracle.margin or 0.0
     if margin > 0.0:
-        return f"{number_text(margin, oracle.unit)} inside of the limit"
+        return f"{number_text(margin, oracle.unit)} inside the limit"
     return f"{number_text(-margin, oracle.unit)} beyond the limit"
 
 
@@ -225,7 +225,7 @@ def _decided_s(
             for one in events
             if one.kind == "flag" and one.subject == oracle.vehicle and oracle.name in one.text
         ]
-        # Where it was worst may be later than where it failed.
+        # The worst value may come after the violation.
         return min([oracle.at_s, *flagged])
     decisive = (
         one.t_s for one in events if one.kind == "decisive" and result.bare_reason in one.text
@@ -241,14 +241,11 @@ def moment_of(
     passed: NearestPass | None,
     end_s: float | None,
 ) -> Moment | None:
-    """Return the time that the page of a run shows; None where nothing was recorded.
-
-    passed: where the vehicle was nearest to what it should have reached.
-    """
+    """Return the time that the page of a run shows; None where nothing was recorded."""
     if cause is not None and cause.at_s is not None:
         return Moment(cause.at_s, cause.violated)
     if cause is not None and cause.oracle == "reached" and passed is not None:
-        return Moment(passed.t_s, "nearest to what was to be reached")
+        return Moment(passed.t_s, "nearest pass of the target")
     if result is not None and cause is None:
         tight = _tightest(result)
         if tight is not None and tight.at_s is not None:
@@ -256,11 +253,11 @@ def moment_of(
     for stage in ("done", "land", "goal", "takeoff"):
         if stage in stages:
             return Moment(stages[stage], f"stage {stage}")
-    return None if end_s is None else Moment(end_s, "the last that was recorded")
+    return None if end_s is None else Moment(end_s, "the end of the recording")
 
 
 def _tightest(result: RunResult) -> OracleResult | None:
-    """Return the required oracle with the smallest margin in metres, which shows in an image."""
+    """Return the required oracle with the smallest margin in metres, which an image can show."""
     near = [
         one
         for one in result.oracles

@@ -1,4 +1,4 @@
-"""The value that violated its limit, about the time when it did; pure."""
+"""The close-up plot of the value that violated its limit; pure."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ _BEFORE_S, _AFTER_S = 1.0, 1.5
 _LONGEST_S = 20.0
 _MOST_POINTS = 300
 _NEAR = 0.02
-"""Of the value that was judged: what was found anew may be off by so much, else it is not shown."""
+"""Relative tolerance between recomputed and judged value; a larger difference is not shown."""
 _FAR_M = 1e4
 
 _OF_POSE: Mapping[str, Callable[[PoseSample], float]] = {
@@ -41,7 +41,7 @@ _TITLES = {"up_m": "height", "clearance_m": "clearance", "fence_margin_m": "marg
 
 @dataclass(frozen=True, slots=True)
 class JudgedFlight:
-    """What the values of a flight are found from. fences: by vehicle, in force at the end."""
+    """Input to recompute the values of a flight. fences: by vehicle, in force at the end."""
 
     motion: JudgedMotion
     scene: Scene
@@ -54,9 +54,9 @@ def closeup_of(
     limits: Sequence[HeldLimit],
     flight: JudgedFlight,
 ) -> Closeup | None:
-    """Return the violated value over the time of its limit; None where the record has none.
+    """Return the violated value over the time of its limit; None where it is not recorded.
 
-    It is found anew from the judged poses, and shown only where it comes to what was judged.
+    It is recomputed from the judged poses, and shown only if it matches the judged value.
     """
     if cause is None or cause.at_s is None or oracle is None or oracle.actual is None:
         return None
@@ -98,7 +98,7 @@ def _closeup(
 
 
 def _shown_span(limit: HeldLimit, crossed_s: float, worst_s: float | None) -> Point:
-    """Return the whole interval where it is short, else the time about the violation."""
+    """Return the interval of the limit if it is short, else the time around the violation."""
     first_s, last_s = limit.span_s
     if not limit.is_whole and last_s - first_s <= _LONGEST_S:
         return first_s - _BEFORE_S, last_s + _AFTER_S
@@ -109,7 +109,7 @@ def _shown_span(limit: HeldLimit, crossed_s: float, worst_s: float | None) -> Po
 def _values_of(
     signal: str, vehicle: str, flight: JudgedFlight
 ) -> Callable[[PoseSample], float] | None:
-    """Return how a pose gives a signal's value; None for what poses do not give."""
+    """Return the function from pose to a signal's value; None if poses do not determine it."""
     if signal in _OF_POSE:
         return _OF_POSE[signal]
     if signal == "fence_margin_m" and vehicle in flight.fences:

@@ -1,4 +1,4 @@
-"""Distances over time: to what stands in the judged world, to the fence, between the vehicles."""
+"""Distances over time: to the judged world, to the fence, between the vehicles."""
 
 import itertools
 import math
@@ -13,10 +13,10 @@ from worlds.frames import Pose
 from worlds.scene.scene import Scene
 
 SHOWN_WITHIN_M = 2.0
-"""Clearances beyond are not told: the curve is at its top."""
+"""Larger clearances are capped at this value."""
 
 _EVERY = 2
-"""Poses of a track from one sweep to the next; what is nearest in between is swept all the same."""
+"""Poses of a track per sweep; a sweep covers all that is between two poses."""
 
 TimedPose = tuple[float, Pose]
 
@@ -38,7 +38,7 @@ def clearances(
 
 
 def fence_margins(poses: Sequence[TimedPose], fence: Fence) -> tuple[Point, ...]:
-    """Return the distance to the boundary of a fence, negative outside of it."""
+    """Return the distance to the boundary of a fence, negative outside."""
     return tuple(
         (t_s, fence.margin_m(pose.position_ned_m))
         for t_s, pose in poses
@@ -62,10 +62,9 @@ def separations(real: Sequence[TimedPose], twin: Sequence[TimedPose]) -> tuple[P
 def contact_until_s(
     poses: Sequence[TimedPose], scene: Scene, events: Mapping[str, float], touched_s: float
 ) -> float | None:
-    """Return when a contact that began at a time was over; None where it never was.
+    """Return the end of a contact that began at touched_s; None if it did not end.
 
-    As `collision` counts one contact: it is over when the clearance exceeds 2 cm. Floors are left
-    out.
+    As for `collision`, a contact ends when the clearance exceeds 2 cm. Floors are left out.
     """
     probe = ClearanceProbe(scene, BODY, floors=False, within_m=2.0 * CLEAR_AGAIN_M)
     after = [one for one in poses if one[0] >= touched_s]

@@ -1,22 +1,20 @@
-"""Poses as they came, put on even times; pure."""
+"""Resamples poses to even times; pure."""
 
 import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from orchestrator.report.model import Point, Track
-from worlds.frames import Pose
-
-TimedPose = tuple[float, Pose]
+from orchestrator.report.reading.distances import TimedPose
 
 _STEP_S = 0.05
 _MOST = 500
-"""Poses of a track: a longer flight has them farther apart."""
+"""Poses of a track; a longer flight has a larger step."""
 
 
 @dataclass(frozen=True, slots=True)
 class EvenTimes:
-    """Times from begin_s on, every step_s, count of them."""
+    """Times from begin_s, every step_s; count: their number."""
 
     begin_s: float
     step_s: float
@@ -24,7 +22,7 @@ class EvenTimes:
 
     @classmethod
     def over(cls, span_s: Point) -> "EvenTimes":
-        """Return the times of a span: twenty in a second, fewer where it is long."""
+        """Return the times of a span: twenty per second, fewer for a long span."""
         length_s = max(0.0, span_s[1] - span_s[0])
         step_s = max(_STEP_S, length_s / _MOST)
         return cls(span_s[0], step_s, int(length_s / step_s) + 1)
@@ -35,7 +33,7 @@ class EvenTimes:
 
 
 def even_poses(poses: Sequence[TimedPose], times: EvenTimes) -> list[TimedPose]:
-    """Return the newest pose at each time, the first one before that, none after the last."""
+    """Return the newest pose at each time; the first one before it, none after the last."""
     if not poses:
         return []
     stamps = [t_s for t_s, _ in poses]

@@ -1,4 +1,4 @@
-"""log.jsonl as lines for people; a line that is none is counted, not believed."""
+"""Reads log.jsonl into events with readable texts; counts damaged lines."""
 
 import math
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from orchestrator.report.model import LogEvent
 from worlds.files.limited_json import loads_limited
 
 MOST_EVENTS = 400
-"""What a page shows of a run; a vehicle that repeats itself would drown the rest."""
+"""Events shown of a run; a vehicle that repeats a message would hide the rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventLog:
-    """What happened in a run. stages: when each was reached first. left_out: lines not kept."""
+    """The events of a run. stages: first time of each. left_out: events beyond the limit."""
 
     events: tuple[LogEvent, ...] = ()
     preflight: tuple[LogEvent, ...] = ()
@@ -28,7 +28,7 @@ class EventLog:
 
 
 def read_event_log(path: Path) -> EventLog:
-    """Return what a log tells, as far as it can be read."""
+    """Return the events of a log, as far as the file is readable."""
     try:
         data = read_data(path)
     except UnreadableError as error:
@@ -36,7 +36,7 @@ def read_event_log(path: Path) -> EventLog:
     kept: dict[str, list[LogEvent]] = {"preflight": [], "before_arming": [], "": []}
     stages: dict[str, float] = {}
     found = damaged = left_out = 0
-    for line in BytesIO(data):  # not split: a long file would stand in memory three times
+    for line in BytesIO(data):  # not split(): a long file would be in memory three times
         if not line.strip():
             continue
         found += 1
@@ -54,7 +54,7 @@ def read_event_log(path: Path) -> EventLog:
             if kind == "stage":
                 stages.setdefault(event.text, t_s)
         left_out += group is kept[""] and not is_kept
-    problems = (f"{path.name}: {damaged} lines are no events",) if damaged else ()
+    problems = (f"{path.name}: {damaged} lines are not events",) if damaged else ()
     return EventLog(
         events=tuple(kept[""]),
         preflight=tuple(kept["preflight"]),
@@ -66,7 +66,7 @@ def read_event_log(path: Path) -> EventLog:
 
 
 def _parse(line: bytes) -> tuple[float, str, dict[str, Any]] | None:
-    """Return time, kind and fields of a line; None for one that is no event."""
+    """Return time, kind and fields of a line; None for a damaged one."""
     try:
         fields = loads_limited(line.decode("utf-8", "replace").encode())
         t_s, kind = float(fields["t_s"]), fields["event"]
@@ -88,12 +88,12 @@ def _first_text(fields: dict[str, Any], *names: str) -> str:
 
 
 def _words(kind: str, fields: dict[str, Any]) -> Iterator[str]:
-    """Yield what an event tells: its main words bare, anything else with its name."""
+    """Yield the values of an event: the main ones alone, others with their names."""
     bare = {"stage", "text", "reason", "message"} | ({"kind"} if kind != "decisive" else set())
     if kind == "preflight":
         bare |= {"check", "outcome"}
     if kind == "fence" or fields.get("step") == "fence":
-        yield "the autopilot's own fence, wider than the campaign's by its margin"
+        yield "the autopilot's own fence, larger than the campaign's by its margin"
         fields = {name: value for name, value in fields.items() if name != "step"}
     if kind == "before_arming":
         bare |= {"step"}

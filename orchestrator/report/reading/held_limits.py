@@ -1,7 +1,7 @@
-"""Which value an oracle holds against which limit, and when, by the campaign file as flown; pure.
+"""The limits of a campaign's oracles and when they hold, from the campaign file as flown; pure.
 
-Only what must hold at each time of an interval is told: of a formula the comparisons of a signal
-with a number under `always` and `and`. What may hold some time has no line to be drawn.
+Only limits that must hold throughout an interval: of a formula the comparisons of a signal with a
+number under `always` and `and`. A condition that may hold at some time has no limit line.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,9 +23,9 @@ _SPEEDS = {
 
 @dataclass(frozen=True, slots=True)
 class HeldLimit:
-    """A limit of an oracle. signal: as formulas name it; text: the comparison of a formula.
+    """A limit of an oracle. signal: its name in formulas; text: the comparison of a formula.
 
-    span_s: when it holds, run clock. is_whole: as long as the oracle judges.
+    span_s: when it holds, run clock. is_whole: whether that is the oracle's whole window.
     """
 
     oracle: str
@@ -42,7 +42,7 @@ class HeldLimit:
         return PlotLimit(self.value, self.is_upper, self.span_s)
 
     def excess(self, value: float) -> float:
-        """Return by how much a value is beyond the limit; negative where it is inside."""
+        """Return by how much a value is beyond the limit; negative inside."""
         return value - self.value if self.is_upper else self.value - value
 
 
@@ -63,7 +63,7 @@ def held_limits(
 def _window(
     kind: str, part: Mapping[str, Data], stages: Mapping[str, float], end_s: float
 ) -> Point | None:
-    """Return when an oracle judges; None where it never began, or its kind is not known."""
+    """Return the window of an oracle; None where it never began, or its kind is not known."""
     spec = registry.get(kind)
     if spec is None:
         return None
@@ -88,7 +88,7 @@ def _limits(
     signal, low, high = _band(kind, part)
     if signal and high is not None:
         yield HeldLimit(name, signal, high, is_upper=True, span_s=span_s)
-    # What a vehicle may not do in the air it does when it takes off and lands.
+    # During takeoff and landing a vehicle is below its lower limits.
     low_s = span_s if kind == "distance" else air_s
     if signal and low is not None and low_s is not None:
         yield HeldLimit(name, signal, low, is_upper=False, span_s=low_s)
@@ -146,7 +146,7 @@ def _limits_of_formula(name: str, text: str, window_s: Point) -> Iterator[HeldLi
 def _always(
     formula: Formula, from_s: float, until_s: float | None
 ) -> Iterator[tuple[Comparison, float, float | None]]:
-    """Yield what must hold from one time of the window to another; None: to its end."""
+    """Yield comparisons that must hold, with the interval in the window; None: to its end."""
     match formula:
         case Comparison():
             yield formula, from_s, until_s

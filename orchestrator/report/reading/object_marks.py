@@ -1,6 +1,6 @@
-"""Where the things that matter are in an image, by the recorded world, poses and optics; pure.
+"""Marks of relevant objects in an image, projected from the recorded world and poses; pure.
 
-Nothing is looked for in the picture: a thing that something else hides is marked where it stands.
+There is no detection in the image: a hidden object is marked where the record has it.
 """
 
 import bisect
@@ -28,9 +28,9 @@ from worlds.scene.scene import Scene, SceneObject
 
 _MOST = 3
 _NEAR_M = 0.02
-"""What is nearer in front of the camera is not projected."""
+"""Points nearer to the camera are not projected."""
 _BETWEEN = 6
-"""Points between each two corners, so that a part that begins behind the camera is seen."""
+"""Points between each two corners, for parts that are partly behind the camera."""
 _MOST_CORNERS = 24
 _FAR_M = 1e3
 
@@ -39,9 +39,9 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SeenWorld:
-    """What marks are found from. poses: by vehicle, as judged. events: of the world.
+    """Input of marks. poses: by vehicle, as judged. events: of the world.
 
-    campaign, recipe: as flown. physical: the names of what stands in the real world.
+    campaign, recipe: as flown. physical: names of the objects in the real world.
     """
 
     scene: Scene
@@ -55,43 +55,43 @@ class SeenWorld:
 def marks_of(
     frame: Frame, sensor: str, world: SeenWorld, *, of_interest: Iterable[str], touched: str = ""
 ) -> tuple[Mark, ...]:
-    """Return where some things are in an image; without any where the record does not tell.
+    """Return the marks of objects in an image; empty where the record is not sufficient.
 
-    of_interest: names of things. touched: a part, as "gate.left".
+    of_interest: names of objects. touched: a part, as "gate.left".
     """
     view = frame.view
     names = [name for name in dict.fromkeys(of_interest) if name in world.scene]
-    things = [world.scene[name] for name in names if not world.scene[name].is_room][:_MOST]
-    if view is None or not things:
+    objects = [world.scene[name] for name in names if not world.scene[name].is_room][:_MOST]
+    if view is None or not objects:
         return ()
-    distances = _distances(view.vehicle, frame.t_s, world, things)
+    distances = _distances(view.vehicle, frame.t_s, world, objects)
     found = []
-    for thing in things:
-        camera = _camera_pose(frame, sensor, thing, world)
+    for obj in objects:
+        camera = _camera_pose(frame, sensor, obj, world)
         if camera is not None:
-            part = touched.removeprefix(f"{thing.name}.") if touched.startswith(thing.name) else ""
-            parts = list(_seen_parts(frame, camera, thing, world.events))
-            found.append(_mark(thing, distances.get(thing.name), parts, part))
+            part = touched.removeprefix(f"{obj.name}.") if touched.startswith(obj.name) else ""
+            parts = list(_seen_parts(frame, camera, obj, world.events))
+            found.append(_mark(obj, distances.get(obj.name), parts, part))
     return tuple(found)
 
 
-def _camera_pose(frame: Frame, sensor: str, thing: SceneObject, world: SeenWorld) -> Pose | None:
-    """Return where the camera was that a thing is seen by; None where that is not recorded.
+def _camera_pose(frame: Frame, sensor: str, obj: SceneObject, world: SeenWorld) -> Pose | None:
+    """Return the pose of the camera that shows an object; None where it is not recorded.
 
-    In a mixture what is virtual was drawn from where the recipe says.
+    In a mixture the recipe decides from which pose virtual objects were rendered.
     """
-    assert frame.view is not None  # noqa: S101 - the caller looked
+    assert frame.view is not None  # noqa: S101 - checked by the caller
     if frame.view.camera_pose is not None:
         return frame.view.camera_pose
     vehicle = frame.view.vehicle
-    if frame.source == "mixed" and thing.name not in world.physical:
+    if frame.source == "mixed" and obj.name not in world.physical:
         vehicle = _registered_to(world.recipe, sensor)
     body, mount = _pose_at(world.poses.get(vehicle, ()), frame.t_s), _mount(vehicle, sensor, world)
     return None if body is None or mount is None else mount.camera_pose(body)
 
 
 def _registered_to(recipe: str, sensor: str) -> str:
-    """Return from whose pose the twin's readings of a sensor were taken; by itself from its own."""
+    """Return the vehicle from whose pose the twin's sensor was rendered; by default the twin."""
     try:
         document = json.loads(recipe)
         steps = [
@@ -108,7 +108,7 @@ def _registered_to(recipe: str, sensor: str) -> str:
 
 
 def _mount(vehicle: str, sensor: str, world: SeenWorld) -> CameraMount | None:
-    """Return how a camera sits on its vehicle; None where another file says that."""
+    """Return the mount of a camera; None where a calibration file defines it."""
     found: Data = dict(world.campaign)
     for key in ("vehicles", vehicle, "sensors", sensor.split(" ", maxsplit=1)[0]):
         found = found.get(key) if isinstance(found, dict) else None
@@ -122,7 +122,7 @@ def _mount(vehicle: str, sensor: str, world: SeenWorld) -> CameraMount | None:
 
 
 def _pose_at(poses: Sequence[TimedPose], t_s: float) -> Pose | None:
-    """Return a pose between the two that were judged about a time; None outside of them."""
+    """Return the interpolated pose at a time; None outside the judged poses."""
     after = bisect.bisect_left(poses, t_s, key=lambda one: one[0])
     if after == len(poses) or (after == 0 and poses[0][0] != t_s):
         return None
@@ -133,13 +133,13 @@ def _pose_at(poses: Sequence[TimedPose], t_s: float) -> Pose | None:
 
 
 def _distances(
-    vehicle: str, t_s: float, world: SeenWorld, things: Sequence[SceneObject]
+    vehicle: str, t_s: float, world: SeenWorld, objects: Sequence[SceneObject]
 ) -> dict[str, float]:
-    """Return how far things are from a vehicle's body at a time."""
+    """Return the distances of objects from a vehicle's body at a time."""
     pose = _pose_at(world.poses.get(vehicle, ()), t_s)
     if pose is None:
         return {}
-    wanted = {thing.name for thing in things}
+    wanted = {obj.name for obj in objects}
     others = [name for name in world.scene.names if name not in wanted]
     probe = ClearanceProbe(world.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
     nearest: dict[str, float] = {}
@@ -150,11 +150,11 @@ def _distances(
 
 
 def _seen_parts(
-    frame: Frame, camera: Pose, thing: SceneObject, events: Mapping[str, float]
+    frame: Frame, camera: Pose, obj: SceneObject, events: Mapping[str, float]
 ) -> Iterator[tuple[str, shapely.Geometry]]:
-    """Yield the parts of a thing that are in view, each with its shape in the image."""
+    """Yield the visible parts of an object, each with its shape in the image."""
     screen = shapely.box(0.0, 0.0, frame.width_px, frame.height_px)
-    for body in thing.bodies:
+    for body in obj.bodies:
         pose = body.pose_at(frame.t_s, events)
         for part in body.shape.parts:
             seen = shapely.intersection(_silhouette(vertices_of(part), pose, camera, frame), screen)
@@ -163,7 +163,7 @@ def _seen_parts(
 
 
 def _mark(
-    thing: SceneObject,
+    obj: SceneObject,
     distance_m: float | None,
     parts: Sequence[tuple[str, shapely.Geometry]],
     touched: str,
@@ -174,18 +174,18 @@ def _mark(
     if parts:
         left, top, right, bottom = shapely.total_bounds([shape for _, shape in parts]).tolist()
         box = (left, top, right, bottom)
-    return Mark(thing.name, distance_m, box, touched, outline)
+    return Mark(obj.name, distance_m, box, touched, outline)
 
 
 def _silhouette(corners: Points, pose: Pose, camera: Pose, frame: Frame) -> shapely.Geometry:
-    """Return the hull of a part's points in the image, in its pixels; empty where none is ahead."""
+    """Return the hull of a part in the image, pixels; empty where it is behind the camera."""
     world = corners @ matrix_from_quat(pose.q_wxyz).T + np.array(pose.position_ned_m)
     seen = (world - np.array(camera.position_ned_m)) @ matrix_from_quat(camera.q_wxyz)
     seen = _with_points_between(seen)
     seen = seen[seen[:, 0] > _NEAR_M]
     if not len(seen):
         return shapely.Point()
-    assert frame.view is not None  # noqa: S101 - the caller looked
+    assert frame.view is not None  # noqa: S101 - checked by the caller
     optics = frame.view.intrinsics
     scale = frame.width_px / optics.width_px
     matrix = np.array(
@@ -200,7 +200,7 @@ def _silhouette(corners: Points, pose: Pose, camera: Pose, frame: Frame) -> shap
 
 
 def _with_points_between(corners: Points) -> Points:
-    """Return corners, and where some are behind the camera points on the lines between them."""
+    """Return the corners; if some are behind the camera, with points on the lines between."""
     if len(corners) > _MOST_CORNERS or (corners[:, 0] > _NEAR_M).all():
         return corners
     shares = np.linspace(0.0, 1.0, _BETWEEN + 2)[:, None, None, None]
@@ -209,13 +209,13 @@ def _with_points_between(corners: Points) -> Points:
 
 
 def touched_part(detail: str) -> str:
-    """Return the part that a contact names: "gate.left" of "touched gate.left"; else empty."""
+    """Return the touched part in a detail: "gate.left" in "touched gate.left"; else empty."""
     _, is_touched, part = detail.partition("touched ")
     return part.split(";")[0].strip() if is_touched else ""
 
 
-def named_things(scene: Scene, texts: Iterable[str]) -> list[str]:
-    """Return the things of a scene that texts name, as a word or as the thing of a part."""
+def named_objects(scene: Scene, texts: Iterable[str]) -> list[str]:
+    """Return the objects of a scene that are named in texts, alone or as "object.part"."""
     words = {word.strip(".,;:'\"()") for text in texts for word in text.split()}
     words |= {word.partition(".")[0] for word in words}
     return [name for name in scene.names if name in words]

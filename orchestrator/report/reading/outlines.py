@@ -1,4 +1,4 @@
-"""The things of a world as outlines from above and from the side; pure."""
+"""Outlines of a world's objects from above and from the side; pure."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -14,14 +14,14 @@ from worlds.scene.scene import Scene, SceneObject
 from worlds.scene.shapes import Shape
 
 _MOST_FACES = 4000
-"""Of a surface that is drawn by its triangles; a larger one by its hull."""
+"""A surface with more faces is drawn as its hull."""
 _FINE_M = 0.02
 _ROUTE_STEPS = 60
 _PLAIN_RGB = (128, 128, 128)
 
 Points = NDArray[np.float64]
 _View = tuple[tuple[int, int], tuple[float, float]]
-"""Which axes of NED a view has to the right and up, and their signs."""
+"""NED axes to the right and up in a view, and their signs."""
 _ABOVE: _View = ((1, 0), (1.0, 1.0))
 _BESIDE: tuple[_View, _View] = (((0, 2), (1.0, -1.0)), ((1, 2), (1.0, -1.0)))
 
@@ -35,53 +35,52 @@ def outlines_of(
     events: Mapping[str, float],
     span_s: Point,
 ) -> tuple[Outline, ...]:
-    """Return the outlines of a scene as it stands at t_s.
+    """Return the outlines of a scene at t_s.
 
-    physical: names of what stands in W. span_s: the time for which the way of a thing is drawn.
+    physical: names of the objects in W. span_s: the time for which an object's path is drawn.
     """
     return tuple(
         _outline(
-            thing,
-            is_virtual=thing.name not in physical,
+            obj,
+            is_virtual=obj.name not in physical,
             side=1 if side_axis == "east" else 0,
-            pose=thing.pose_at(t_s, events),
-            route=_route(thing, events, span_s),
+            pose=obj.pose_at(t_s, events),
+            route=_route(obj, events, span_s),
         )
-        for thing in judged.objects
+        for obj in judged.objects
     )
 
 
-def _route(thing: SceneObject, events: Mapping[str, float], span_s: Point) -> Points:
-    if thing.motion is None:
+def _route(obj: SceneObject, events: Mapping[str, float], span_s: Point) -> Points:
+    if obj.motion is None:
         return np.empty((0, 3))
     times = np.linspace(*span_s, _ROUTE_STEPS)
-    return np.array([thing.pose_at(float(t), events).position_ned_m for t in times])
+    return np.array([obj.pose_at(float(t), events).position_ned_m for t in times])
 
 
 def _outline(
-    thing: SceneObject, *, is_virtual: bool, side: int, pose: Pose, route: Points
+    obj: SceneObject, *, is_virtual: bool, side: int, pose: Pose, route: Points
 ) -> Outline:
-    materials = thing.shape.mesh.materials
+    materials = obj.shape.mesh.materials
     return Outline(
-        name=thing.name,
+        name=obj.name,
         is_virtual=is_virtual,
-        is_room=thing.is_room,
+        is_room=obj.is_room,
         rgb=materials[0].rgb if materials else _PLAIN_RGB,
-        above_m=_flat_outlines(thing, pose, _ABOVE),
-        side_m=_flat_outlines(thing, pose, _BESIDE[side]),
+        above_m=_flat_outlines(obj, pose, _ABOVE),
+        side_m=_flat_outlines(obj, pose, _BESIDE[side]),
         route_above_m=_as_points(_flat(route, _ABOVE)),
         route_side_m=_as_points(_flat(route, _BESIDE[side])),
     )
 
 
-def _flat_outlines(thing: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
-    """Return what the parts of a thing cover, as polygons without their holes' fill.
+def _flat_outlines(obj: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
+    """Return the areas of an object's parts as polygons.
 
-    A hole would need a rule of filling: bars round an opening stay parts of their own, so that an
-    opening stays open.
+    Each part is its own polygon, without a union: an opening between bars stays open.
     """
     ((right_m, up_m),) = _flat(np.array([pose.position_ned_m]), view).tolist()
-    found = _turned_outlines(thing.shape, thing.is_room, pose.q_wxyz, view)
+    found = _turned_outlines(obj.shape, obj.is_room, pose.q_wxyz, view)
     return tuple(tuple((x + right_m, y + up_m) for x, y in points) for points in found)
 
 
@@ -92,11 +91,11 @@ def _turned_outlines(
     q_wxyz: Quat,
     view: _View,
 ) -> tuple[tuple[Point, ...], ...]:
-    """Return the outlines of a shape about its origin; the runs of a campaign share a few."""
+    """Return the outlines of a shape about its origin; cached, as runs share shapes."""
     parts = [part for part in shape.parts if not part.is_floor]
     clouds = [(vertices_of(part), _faces(part)) for part in parts]
     if is_room:
-        # A room is seen from inside: one line round it, not its walls.
+        # A room is seen from inside: draw one line around it instead of its walls.
         clouds = [(shape.mesh.vertices_m, None)]
     turned = Pose((0.0, 0.0, 0.0), q_wxyz)
     found: list[tuple[Point, ...]] = []
@@ -112,7 +111,7 @@ def _turned_outlines(
 
 
 def _flat(points: Points, view: _View) -> Points:
-    """Return the points to the right and up of a view."""
+    """Return points projected on a view's axes, right and up."""
     (right, up), (sign_right, sign_up) = view
     return np.stack([sign_right * points[:, right], sign_up * points[:, up]], axis=1)
 
@@ -123,7 +122,7 @@ def _moved(pose: Pose, points: Points) -> Points:
 
 
 def vertices_of(part: Part) -> Points:
-    """Return corners of a part in its thing's frame."""
+    """Return the vertices of a part in its object's frame."""
     match part.shape:
         case BoxShape(half_m):
             signs = np.array([(n, e, d) for n in (-1, 1) for e in (-1, 1) for d in (-1, 1)])
@@ -142,7 +141,7 @@ def _ball(radius_m: float) -> Points:
 
 
 def _faces(part: Part) -> NDArray[np.int32] | None:
-    """Return the triangles of a part that is not convex; None for its hull."""
+    """Return the triangles of a part; None to use its hull."""
     shape = part.shape
     if isinstance(shape, BoxShape | SphereShape) or len(shape.faces) > _MOST_FACES:
         return None

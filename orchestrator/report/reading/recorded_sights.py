@@ -1,7 +1,7 @@
-"""What was perceived at given times, and the figures of all mixtures: one pass over run.mcap.
+"""Picks the perceived readings at given times, and all provenances, in one pass over run.mcap.
 
-Thin: of some ten thousand messages only the provenances and the few readings that are shown are
-decoded. A cut or damaged file is read up to there.
+Only provenances and the few shown readings are decoded, of some ten thousand messages. A truncated
+or damaged file is read up to the damage.
 """
 
 import bisect
@@ -17,15 +17,15 @@ from mcap.records import Channel, Message, Metadata
 from orchestrator.recording.errors import RecordingError
 from orchestrator.recording.mcap.mcap_chunks import RecordStream
 
-_KEPT = 12
-"""Readings of each stream that are kept until the mixture which was made of them has come."""
+_RECENT = 12
+"""Readings of each stream that are kept until the mixture made from them arrives."""
 _PERCEIVED = {"sim": "twin", "real": "real"}
-"""Which readings the autonomy of a mode perceives; "mixed" in any other."""
+"""Source of the readings that the autonomy perceives, by mode; "mixed" in all others."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedSight:
-    """A perceived reading, undecoded. beside: what it was mixed of. provenance: its fields."""
+    """A perceived reading, undecoded. beside: the readings it was mixed from."""
 
     wanted_s: float
     perceived: Message
@@ -35,9 +35,9 @@ class RecordedSight:
 
 @dataclass(slots=True)
 class RecordedSights:
-    """What a recording holds. sights: by sensor. provenances: by sensor, with run-clock times.
+    """Readings of a recording. sights: by sensor. provenances: by sensor, with run-clock times.
 
-    facts: what stands at the file's beginning. epoch_s: UTC of the run clock's zero.
+    facts: of the file's beginning. epoch_ns: UTC of the run clock's zero, nanoseconds.
     """
 
     sights: dict[str, list[RecordedSight]] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class RecordedSights:
 
 
 def read_facts(path: Path) -> Mapping[str, str]:
-    """Return the facts at a recording's beginning; empty for a file without."""
+    """Return the facts at a recording's beginning; empty without them."""
     try:
         for record in RecordStream(path):
             if not isinstance(record, Metadata):
@@ -61,7 +61,7 @@ def read_facts(path: Path) -> Mapping[str, str]:
 
 
 def read_sights(path: Path, *, mode: str, wanted_s: Iterable[float]) -> RecordedSights:
-    """Return what was perceived last before each of the wanted times, and all provenances."""
+    """Return the last reading perceived before each wanted time, and all provenances."""
     found = RecordedSights()
     facts = read_facts(path)
     found.facts = facts
@@ -85,13 +85,13 @@ def read_sights(path: Path, *, mode: str, wanted_s: Iterable[float]) -> Recorded
 
 
 class _Picker:
-    """Takes messages in order and keeps those that were the last before a wanted time."""
+    """Takes messages in order and picks the last ones before each wanted time."""
 
-    def __init__(self, perceived: str, wanted_s: Sequence[float], found: RecordedSights) -> None:
+    def __init__(self, perceived: str, wanted_s: Sequence[float], sights: RecordedSights) -> None:
         self.channels: dict[int, Channel] = {}
         self._perceived = perceived
         self._wanted_s = wanted_s
-        self._found = found
+        self._sights = sights
         self._last: dict[str, Message] = {}
         self._recent: dict[tuple[str, str], deque[Message]] = {}
         self._provenance: dict[str, Mapping[str, Any]] = {}
@@ -110,15 +110,15 @@ class _Picker:
             if source == self._perceived:
                 self._pick(sensor, self._seconds(message))
                 self._last[sensor] = message
-            self._recent.setdefault((source, sensor), deque(maxlen=_KEPT)).append(message)
+            self._recent.setdefault((source, sensor), deque(maxlen=_RECENT)).append(message)
 
     def finish(self) -> None:
-        """Keep what was last for the times after the end of the file."""
+        """Pick the last readings for times after the end of the file."""
         for sensor in list(self._last):
             self._pick(sensor, float("inf"))
 
     def _seconds(self, message: Message) -> float:
-        return (message.log_time - self._found.epoch_ns) / 1e9
+        return (message.log_time - self._sights.epoch_ns) / 1e9
 
     def _take_provenance(self, sensor: str, message: Message) -> None:
         try:
@@ -127,11 +127,11 @@ class _Picker:
             return
         if isinstance(fields, dict):
             self._provenance[sensor] = fields
-            kept = self._found.provenances.setdefault(sensor, [])
-            kept.append((self._seconds(message), fields))
+            rows = self._sights.provenances.setdefault(sensor, [])
+            rows.append((self._seconds(message), fields))
 
     def _pick(self, sensor: str, now_s: float) -> None:
-        """Keep the last reading for each wanted time that has passed by now."""
+        """Pick the last reading for each wanted time that has passed."""
         last = self._last.get(sensor)
         first = self._picked.get(sensor, 0)
         due = bisect.bisect_left(self._wanted_s, now_s)
@@ -140,20 +140,16 @@ class _Picker:
             return
         for wanted_s in self._wanted_s[first:due]:
             provenance = self._provenance.get(sensor, {})
-            beside = tuple(self._inputs(sensor, provenance)) if self._is_mixed else ()
+            beside = tuple(self._inputs(sensor, provenance)) if self._perceived == "mixed" else ()
             sight = RecordedSight(wanted_s, last, beside, provenance)
-            self._found.sights.setdefault(sensor, []).append(sight)
-
-    @property
-    def _is_mixed(self) -> bool:
-        return self._perceived == "mixed"
+            self._sights.sights.setdefault(sensor, []).append(sight)
 
     def _inputs(self, sensor: str, provenance: Mapping[str, Any]) -> Iterable[Message]:
-        """Yield the readings that a mixture was made of; of a name with receivers its sensor's."""
+        """Yield the readings a mixture was made from; a name with receivers has its sensor's."""
         for source in ("real", "twin"):
             recent = self._recent.get((source, sensor)) or self._recent.get(
                 (source, sensor.split(" ", maxsplit=1)[0])
             )
             seq = provenance.get(f"given_{source}_seq")
-            named = [one for one in recent or () if one.sequence == seq]
-            yield from (named or list(recent or ())[-1:])[-1:]
+            matching = [one for one in recent or () if one.sequence == seq]
+            yield from (matching or list(recent or ())[-1:])[-1:]

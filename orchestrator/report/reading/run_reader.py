@@ -1,4 +1,4 @@
-"""One run of a results folder as its report shows it; whatever is missing becomes a problem."""
+"""Reads one run of a results folder into its report; what is missing becomes a problem."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,14 +30,14 @@ from orchestrator.report.reading.cause import (
     notes_of,
 )
 from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
-from orchestrator.report.reading.distances import contact_until_s
-from orchestrator.report.reading.even_tracks import EvenTimes, TimedPose, even_poses, track_of
+from orchestrator.report.reading.distances import TimedPose, contact_until_s
+from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
 from orchestrator.report.reading.held_limits import held_limits
 from orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
-    named_things,
+    named_objects,
     touched_part,
 )
 from orchestrator.report.reading.outlines import outlines_of
@@ -50,15 +50,15 @@ from safety.model.oracle_results import OracleResult
 from worlds.frames import Pose, norm, quat_from_euler
 
 STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
-"""When the frames of the strip are, relative to the moment."""
+"""Times of the strip's frames, relative to the moment."""
 VIDEO = "mixed.mp4"
 _MP4_MARK = b"ftyp"
-"""What stands after the length of an MP4 file's first box."""
+"""Follows the length of an MP4 file's first box."""
 
 
 @dataclass(slots=True)
 class _Parts:
-    """What the files of a run tell, each by itself."""
+    """The contents of a run's files."""
 
     log: EventLog
     motion: JudgedMotion
@@ -73,7 +73,7 @@ class _Parts:
 
     @property
     def span_s(self) -> Point:
-        """Return the time that plots show: from takeoff to the end, or all there is."""
+        """Return the time that plots show: from takeoff to the end, or the whole recording."""
         stamps = [row.t_s for row in self.commands]
         stamps += [t_s for poses in self.motion.poses.values() for t_s, _ in poses[:1] + poses[-1:]]
         stamps += self.stages.values()
@@ -114,9 +114,10 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
     moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
-    wanted = () if moment is None else tuple(moment.t_s + offset_s for offset_s in STRIP_S)
+    at_s = None if moment is None else moment.t_s
+    wanted = () if at_s is None else tuple(at_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
-    shown = decode_sights(sights, size, at_s=None if moment is None else moment.t_s)
+    shown = decode_sights(sights, size, at_s=at_s)
     video, video_problems = _read_video(place / VIDEO)
     if not shown and wanted and video is not None:
         shown = video_sights(video, wanted, size)
@@ -132,19 +133,19 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         cause=cause,
         notes=_notes(result, cause, parts.goal_s),
         moment=moment,
-        at_moment=() if moment is None else tuple(_at_moment(parts, moment.t_s)),
+        at_moment=() if at_s is None else tuple(_at_moment(parts, at_s)),
         goal_s=parts.goal_s,
         span_s=parts.span_s,
         stages=tuple(stages.items()),
         tracks=tuple(_tracks(parts, poses, times)),
         commands=_thinned(parts.commands, parts.span_s),
-        world=_drawn_world(parts, poses, None if moment is None else moment.t_s),
+        world=_drawn_world(parts, poses, at_s),
         closeup=closeup,
-        sight=_marked(_nearest(shown, None if moment is None else moment.t_s), parts, oracle),
+        sight=_marked(_nearest(shown, at_s), parts, oracle),
         strip=tuple(shown),
         plots=(
             *motion_plots(poses, parts.world, parts.motion, subject, limits),
-            *mixture_plots(sights.provenances, None if moment is None else moment.t_s),
+            *mixture_plots(sights.provenances, at_s),
         ),
         events=parts.log.events,
         preflight=parts.log.preflight,
@@ -158,8 +159,8 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
 
 
 def _without_files(entry: RunEntry) -> RunReport:
-    said = "it was never flown, or its folder is missing"
-    problems = (said,) if entry.result is None else (*entry.problems, said)
+    missing = "the run was not flown, or its folder is missing"
+    problems = (missing,) if entry.result is None else (*entry.problems, missing)
     cause = None
     if entry.result is not None:
         cause = cause_of(entry.result, (), goal_s=None, passed=None)
@@ -182,7 +183,7 @@ def _notes(result: RunResult | None, cause: Cause | None, goal_s: float | None) 
 
 
 def _outcome(parts: _Parts, poses: Sequence[TimedPose]) -> Iterator[tuple[float, str]]:
-    """Yield how the flight went on: its goal done, its landing, and where the vehicle ended."""
+    """Yield how the flight continued: goal done, landing, and the last pose of the vehicle."""
     texts = {"done": "the goal was done", "landed": "the run counts as landed"}
     for stage, text in texts.items():
         if stage in parts.stages:
@@ -190,11 +191,11 @@ def _outcome(parts: _Parts, poses: Sequence[TimedPose]) -> Iterator[tuple[float,
     if poses:
         t_s, pose = poses[-1]
         up_m = round(-pose.position_ned_m[2], 2) or 0.0
-        yield t_s, f"the last pose: {up_m:.2f} m above the world's origin"
+        yield t_s, f"last pose: {up_m:.2f} m above the world's origin"
 
 
 def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
-    """Return how fast a vehicle was when it touched something, and when that was over."""
+    """Return a vehicle's contact at a time, with its speed and end."""
     before = (row for row in reversed(parts.commands) if row.vehicle == vehicle and row.t_s <= t_s)
     row = next(before, None)
     velocity = None if row is None else row.decoded().velocity_ned_m_s
@@ -205,7 +206,7 @@ def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
 
 
 def _with_worst(cause: Cause | None, closeup: Closeup | None, goal_s: float | None) -> Cause | None:
-    """Return a cause that says when the worst was, where its oracle did not."""
+    """Return a cause with the time of the worst value, where its oracle has none."""
     if cause is None or closeup is None or any(name == "worst" for name, _ in cause.facts):
         return cause
     if closeup.worst[0] - closeup.crossed_s <= SAME_MOMENT_S:
@@ -217,15 +218,15 @@ def _with_worst(cause: Cause | None, closeup: Closeup | None, goal_s: float | No
 
 
 def _marked(sight: Sight | None, parts: _Parts, oracle: OracleResult | None) -> Sight | None:
-    """Return what was perceived with the things marked that the run is about."""
+    """Return a sight with the relevant objects marked in its image."""
     if sight is None or not isinstance(sight.perceived, Frame):
         return sight
     world, motion = parts.world, parts.motion
     detail = "" if oracle is None else oracle.detail
     given = None if oracle is None else world.oracles.get(oracle.name)
     named = str(given.get("object", "")) if isinstance(given, dict) else ""
-    moving = [thing.name for thing in world.judged.objects if thing.motion is not None]
-    wanted = [*named_things(world.judged, [detail, named]), *world.gates, *moving]
+    moving = [obj.name for obj in world.judged.objects if obj.motion is not None]
+    wanted = [*named_objects(world.judged, [detail, named]), *world.gates, *moving]
     seen = SeenWorld(
         world.judged,
         world.physical,
@@ -254,7 +255,7 @@ def _read_parts(place: Path, entry: RunEntry) -> _Parts:
 
 
 def _poses(parts: _Parts) -> dict[str, list[TimedPose]]:
-    """Return the poses of each vehicle as judged; where there is no log of them, as recorded."""
+    """Return the judged poses of each vehicle; without a judge log, those of trajectory.csv."""
     if parts.motion.poses:
         return parts.motion.poses
     found: dict[str, list[TimedPose]] = {}
@@ -273,7 +274,7 @@ def _tracks(parts: _Parts, poses: Mapping[str, list[TimedPose]], times: EvenTime
 
 
 def _read_video(path: Path) -> tuple[Path | None, tuple[str, ...]]:
-    """Return a video that can be shown, and why one that is there cannot."""
+    """Return the path of a playable video, or why an existing one cannot be shown."""
     if not path.exists():
         return None, ()
     try:
@@ -281,11 +282,11 @@ def _read_video(path: Path) -> tuple[Path | None, tuple[str, ...]]:
             is_mp4 = file.read(8)[4:] == _MP4_MARK
     except OSError as error:
         return None, (f"{path.name} cannot be read: {error.strerror or error}",)
-    return (path, ()) if is_mp4 else (None, (f"{path.name} is no MP4 file",))
+    return (path, ()) if is_mp4 else (None, (f"{path.name} is not an MP4 file",))
 
 
 def _nearest_pass(parts: _Parts, poses: Sequence[TimedPose]) -> NearestPass | None:
-    """Return where the judged vehicle was nearest to the first gate or the place of its goal."""
+    """Return the judged vehicle's nearest pass of its goal's first gate or position."""
     targets = parts.world.targets_ned_m(parts.motion.world_events)
     if not targets:
         return None
@@ -320,7 +321,7 @@ def _drawn_world(
 
 
 def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:
-    """Return what each vehicle was and was asked for at a time."""
+    """Return state and command of each vehicle at a time."""
     newest: dict[str, Row] = {}
     noted_s: dict[str, float] = {}
     for row in parts.commands:
@@ -338,8 +339,8 @@ def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:
 def _facts(row: Commanded, noted_s: float, goal_s: float | None) -> list[tuple[str, str]]:
     commanded = "nothing"
     if row.setpoint is not None:
-        told = velocity_text if row.setpoint_kind == "velocity" else place_text
-        commanded = f"{row.setpoint_kind}: {told(row.setpoint)}"
+        as_text = velocity_text if row.setpoint_kind == "velocity" else place_text
+        commanded = f"{row.setpoint_kind}: {as_text(row.setpoint)}"
         if row.setpoint_yaw_rad is not None:
             commanded += f", heading {round(math.degrees(row.setpoint_yaw_rad))}°"
     noted = f"{row.note}, since {short_time(noted_s, goal_s)}" if row.note else ""
@@ -352,7 +353,7 @@ def _facts(row: Commanded, noted_s: float, goal_s: float | None) -> list[tuple[s
 
 
 def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
-    """Return half a second apart what each vehicle was asked for, for the map."""
+    """Return the setpoints of each vehicle for the map, at least half a second apart."""
     step_s = max(0.5, (span_s[1] - span_s[0]) / 60)
     due: dict[str, float] = {}
     kept = []

@@ -1,4 +1,4 @@
-"""Recorded readings as images and scans that fit into a page."""
+"""Decodes recorded readings into images and scans sized for a page."""
 
 import base64
 import json
@@ -20,13 +20,13 @@ from orchestrator.report.words import number_text
 from vehicles.readings import BgrImage
 
 _FAR_M = 20.0
-"""Distances from here on are drawn as the farthest."""
+"""Larger distances have the colour of this one."""
 _MOST_BEAMS = 360
 
 
 @dataclass(frozen=True, slots=True)
 class ImageSize:
-    """How large the images are. main: at the moment; strip: around it; widths in pixels."""
+    """Widths of the images in pixels. main: at the moment; strip: around it."""
 
     main_px: int
     strip_px: int
@@ -34,20 +34,20 @@ class ImageSize:
 
     @classmethod
     def for_runs(cls, count: int) -> "ImageSize":
-        """Return the size with which a report of so many runs stays below 20 MB."""
+        """Return the size that keeps a report of `count` runs below 20 MB."""
         if count <= 12:
             return cls(640, 320, 80)
         return cls(480, 240, 72) if count <= 100 else cls(320, 160, 60)
 
     def for_failure(self) -> "ImageSize":
-        """Return the size for one of a few runs that went wrong: its strip is looked at closely."""
+        """Return the size for one of a few failed runs: its strip has large frames."""
         return replace(self, strip_px=self.main_px)
 
 
 def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
-    """Return what was perceived by the sensor that shows most: a camera, else a lidar.
+    """Return the perceived readings of one sensor: a camera, else a lidar.
 
-    at_s: the moment; its sight is larger, and has what it was mixed of.
+    at_s: the moment; its sight is larger, and includes the readings it was mixed from.
     """
     decoded = (
         _decode_sensor(sensor, sights, size, found.epoch_ns, at_s)
@@ -76,7 +76,7 @@ def _decode_sensor(
             messages = sight.beside if is_main else ()
             beside = [_decode(one, size.strip_px, size.quality, epoch_ns) for one in messages]
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
-            continue  # a reading of another kind, or of another program
+            continue  # a reading of another type, or of another program
         if perceived is None:
             continue
         if found and found[-1].perceived.t_s == perceived.t_s:
@@ -90,7 +90,7 @@ def _decode_sensor(
 
 
 def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Frame | Scan | None:
-    """Return a reading as it is shown; None for a type that is not."""
+    """Return a reading as an image or scan; None for other types."""
     document = json.loads(message.data)
     delivered_s = (message.log_time - epoch_ns) / 1e9
     wil = document["wil"]
@@ -129,7 +129,7 @@ def frame_of(
     width_px: int,
     quality: int,
 ) -> Frame:
-    """Return an image as a JPEG of at most a width. Raises ValueError where it is none."""
+    """Return an image as a JPEG, at most width_px wide. Raises ValueError if it is not an image."""
     if image_bgr.ndim == 2:
         image_bgr = cv2.cvtColor(image_bgr.astype(np.uint8), cv2.COLOR_GRAY2BGR).astype(np.uint8)
     height, width = image_bgr.shape[:2]
@@ -173,7 +173,7 @@ def _range(value: Any) -> float | None:
 
 
 def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the figures of a mixture in words."""
+    """Return the figures of a mixture as texts."""
     found = []
     for title, key, unit in (
         ("exposure skew", "skew_ms", "ms"),
@@ -190,7 +190,7 @@ def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list[Sight]:
-    """Return frames of a video, where no image was recorded; none of one that cannot be read."""
+    """Return frames of a video, as far as it is readable."""
     due = sorted(wanted_s)
     middle_s = due[len(due) // 2]
     found: list[Sight] = []
@@ -203,7 +203,7 @@ def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list
                 last = frame
             found += [_video_sight(last, at_s, middle_s, size) for at_s in due if last is not None]
     except (av.error.FFmpegError, OSError, ValueError, IndexError, TypeError):
-        pass  # what could be read is shown
+        pass  # keep the frames read so far
     return found
 
 

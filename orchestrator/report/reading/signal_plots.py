@@ -1,7 +1,8 @@
-"""The values that a run is judged by, over time."""
+"""Plots of clearance, fence margin, height and mixture figures over time."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
 from orchestrator.analysis.reading.judged_motion import JudgedMotion
@@ -59,7 +60,7 @@ def _clearance_plot(
         return Plot("clearance", "m", ())
     curves = _curves(poses, lambda found: clearances(found, world.judged, motion.world_events))
     lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
-    note = f"least distance of the body to anything but floors; capped at {SHOWN_WITHIN_M:g} m"
+    note = f"least distance of the body to objects except floors; capped at {SHOWN_WITHIN_M:g} m"
     return Plot("clearance", "m", curves, lines, note, subject)
 
 
@@ -76,7 +77,7 @@ def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plo
 def _height_plot(poses: Poses, subject: str, limits: Sequence[HeldLimit]) -> Plot:
     own = [one for one in limits if one.signal == "up_m"]
     partial = dict.fromkeys(one.oracle for one in own if not one.is_whole)
-    note = f"the limit of {', '.join(partial)} holds over its interval alone" if partial else ""
+    note = f"the limit of {', '.join(partial)} holds only in its interval" if partial else ""
     return Plot("height", "m", _curves(poses, heights), _lines("up_m", own), note, subject)
 
 
@@ -92,7 +93,7 @@ def mixture_plots(
 ) -> tuple[Plot, ...]:
     """Return skew, latency and registration error of each mixed sensor.
 
-    at_s: the moment; the value of the mixture that was the newest then is among those shown.
+    at_s: the moment; the newest mixture at that time is always among the points.
     """
     wanted = (
         ("exposure skew", "ms", "skew_ms", "between the two exposures that were mixed"),
@@ -101,13 +102,13 @@ def mixture_plots(
             "registration error",
             "px",
             "registration_error_px",
-            "of what is virtual, at its place; no line where no corner of it was in view",
+            "of virtual objects, in the image; no line while no corner of them is in view",
         ),
         (
             "registration bound",
             "px",
             "registration_bound_px",
-            "what the error is within; no line where none is known",
+            "upper bound of the error; no line while it is unknown",
         ),
     )
     found = []
@@ -130,23 +131,15 @@ def _values(rows: Sequence[tuple[float, Mapping[str, Any]]], key: str) -> list[P
 
 
 def _shortened(points: tuple[Point, ...], *, keep_s: float | None = None) -> tuple[Point, ...]:
-    """Return a curve of few points that keeps the least and largest of each stretch.
+    """Return a curve with fewer points: the least and largest of each stretch.
 
-    keep_s: the last point by then stays too.
+    keep_s: the last point up to this time stays too.
     """
     if len(points) <= _MOST_POINTS:
         return points
     size = math.ceil(2 * len(points) / _MOST_POINTS)
     stretches = [points[i : i + size] for i in range(0, len(points), size)]
-    kept = {point for one in stretches for point in (_least(one), _largest(one))}
+    kept = {pick(one, key=itemgetter(1)) for one in stretches for pick in (min, max)}
     if keep_s is not None:
         kept |= set([one for one in points if one[0] <= keep_s][-1:])
     return tuple(sorted(kept))
-
-
-def _least(points: Sequence[Point]) -> Point:
-    return min(points, key=lambda one: one[1])
-
-
-def _largest(points: Sequence[Point]) -> Point:
-    return max(points, key=lambda one: one[1])

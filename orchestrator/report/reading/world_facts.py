@@ -1,4 +1,4 @@
-"""What a recording tells of its world, fences and campaign file, as far as it can be read."""
+"""World, fences and campaign file in the facts of a recording, as far as they are readable."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _MOST_OVERRIDES = 60
 
 @dataclass(frozen=True, slots=True)
 class RecordedWorld:
-    """judged: what stands in the world that the run was judged by. physical: names of it in W.
+    """judged: the scene that the run was judged by. physical: names of its objects in W.
 
     campaign, recipe: the files as flown; recipe is empty where nothing was mixed.
     """
@@ -31,12 +31,12 @@ class RecordedWorld:
     recipe: str = ""
 
     def targets_ned_m(self, events: Mapping[str, float]) -> list[Vec3]:
-        """Return where the gates of the goal stand, or the place that is to be reached."""
+        """Return the positions of the goal's gates and of its target position."""
         goal = self.campaign.get("goal")
         if not isinstance(goal, dict):
             return []
         found = [self.judged[name] for name in self.gates if name in self.judged]
-        places = [thing.pose_at(0.0, events).position_ned_m for thing in found]
+        places = [obj.pose_at(0.0, events).position_ned_m for obj in found]
         target = goal.get("position")
         if isinstance(target, dict):
             values = [target.get(key) for key in ("north_m", "east_m", "up_m")]
@@ -46,14 +46,14 @@ class RecordedWorld:
 
     @property
     def formulas(self) -> dict[str, str]:
-        """Return the formulas that the campaign file gives oracles, by their names."""
+        """Return the STL formulas of the campaign's oracles, by name."""
         given = self.oracles.items()
         texts = {name: one.get("stl") for name, one in given if isinstance(one, dict)}
         return {name: text for name, text in texts.items() if isinstance(text, str)}
 
     @property
     def oracles(self) -> Mapping[str, Data]:
-        """Return the oracles of the campaign file as they stand there, by their names."""
+        """Return the oracles of the campaign file, by name."""
         given = self.campaign.get("oracles")
         return given if isinstance(given, dict) else {}
 
@@ -66,9 +66,9 @@ class RecordedWorld:
 
 
 def recorded_world(facts: Mapping[str, str], case: str, mode: str) -> RecordedWorld:
-    """Return the world in the facts of a recording; an empty one where they do not tell it."""
+    """Return the world in the facts of a recording; an empty one without it."""
     if "world" not in facts:
-        why = "run.mcap does not tell the world and the fence of the flight; they are not drawn"
+        why = "run.mcap has no world and fence of the flight; they are not drawn"
         return RecordedWorld(problems=(why,))
     problems: list[str] = []
     judged, physical = Scene(), frozenset[str]()
@@ -95,14 +95,14 @@ def recorded_world(facts: Mapping[str, str], case: str, mode: str) -> RecordedWo
 
 @lru_cache(maxsize=8)
 def _parsed_world(text: str, file: str) -> World:
-    """Return a world; the runs of a campaign share a few."""
+    """Return a world; cached, as runs share worlds."""
     world = world_in({"world": text, "world_file": file})
     assert world is not None  # noqa: S101 - the fact is given
     return world
 
 
 def _overrides(campaign: Mapping[str, Data], case: str) -> list[str]:
-    """Return what the case or control of a run changes, one key in each text."""
+    """Return the overrides of a run's case or control, one key per text."""
     cases, controls = campaign.get("cases"), campaign.get("controls")
     given = cases.get(case) if isinstance(cases, dict) else None
     if given is None and isinstance(controls, dict):

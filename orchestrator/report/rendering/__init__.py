@@ -1,1 +1,1 @@
-"""Draws the reading model: templates, plots and maps as SVG; pure."""
+"""Renders the reading model to HTML, with plots and maps as SVG; pure."""

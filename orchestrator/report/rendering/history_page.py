@@ -1,4 +1,4 @@
-"""The page of campaigns over time: one curve for each case and mode, and all figures; pure."""
+"""The history page: a curve of pass rates for each case and mode, and all figures; pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from orchestrator.analysis.history.history import HistoryRow, Variation
-from orchestrator.report.rendering.page_parts import environment, policy, resource
+from orchestrator.report.rendering.page_parts import render_template
 
 _WIDE, _HIGH, _EDGE = 360.0, 64.0, 6.0
 
@@ -21,22 +21,16 @@ class _Series:
 def render_history(
     rows: Sequence[HistoryRow], variations: Sequence[Variation], *, made_utc: str
 ) -> str:
-    """Return the page; everything from a file is escaped, and nothing is asked of the network."""
-    style = resource("style.css")
+    """Return the history page as HTML."""
     groups: dict[str, list[HistoryRow]] = {}
     for row in rows:
         groups.setdefault(f"{row.campaign} {row.case} {row.mode}", []).append(row)
-    return (
-        environment()
-        .get_template("history.html.j2")
-        .render(
-            series=[_Series(name, group[-1], _curve(group)) for name, group in groups.items()],
-            rows=rows,
-            variations=variations,
-            policy=policy(style, ""),
-            style=Markup(style),  # noqa: S704 - a file of this package
-            made_utc=made_utc,
-        )
+    return render_template(
+        "history.html.j2",
+        series=[_Series(name, group[-1], _curve(group)) for name, group in groups.items()],
+        rows=rows,
+        variations=variations,
+        made_utc=made_utc,
     )
 
 
@@ -56,7 +50,7 @@ def _curve(rows: Sequence[HistoryRow]) -> Markup:
         marks.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="currentColor"/>')
     line = f'<polyline points="{" ".join(points)}" fill="none" stroke="currentColor"/>'
     box = f'viewBox="0 0 {_WIDE:g} {_HIGH:g}" width="{_WIDE:g}" height="{_HIGH:g}"'
-    return Markup(  # noqa: S704 - numbers of ours alone
+    return Markup(  # noqa: S704 - numbers only
         f'<svg {box} role="img" aria-label="pass rate over time">{line}{"".join(marks)}</svg>'
     )
 

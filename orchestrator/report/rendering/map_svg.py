@@ -1,4 +1,4 @@
-"""The path of both vehicles from above and from the side, with world, fence and setpoints; SVG."""
+"""Maps of the vehicles' paths from above and the side, with world, fence, setpoints; SVG."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,16 +22,16 @@ _HEIGHTS = (150.0, 460.0)
 _MARGIN = 24.0
 _PAD_M = 0.4
 _NAME_ROOM = 60.0
-"""At the right end of the lower axis, for its name."""
+"""Free space at the right end of the lower axis, for its name."""
 _REACH = 4.0
 """How many times farther than the path the world and the fence may widen a map."""
 _ARROW_S = 0.5
-"""A velocity that is asked for is drawn as the way of so long."""
+"""A velocity setpoint is drawn as the distance covered in this time."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Canvas:
-    """From metres to the units of the drawing. low, high: corners of what is seen, metres."""
+    """Maps metres to units of the drawing. low, high: corners of the drawn area, metres."""
 
     low: Point
     high: Point
@@ -99,7 +99,7 @@ def _canvas(run: RunReport, view: View, side_axis: int) -> _Canvas:
     spans = (high[0] - low[0], high[1] - low[1])
     room = (_WIDTH - 2 * _MARGIN, _HEIGHTS[1] - 2 * _MARGIN)
     scale = min(room[0] / spans[0], room[1] / spans[1])
-    # What is narrower than the drawing stands in its middle.
+    # Centre content that is narrower than the drawing.
     spare = (room[0] / scale - spans[0]) / 2.0
     return _Canvas((low[0] - spare, low[1]), (high[0] + spare, high[1]), scale)
 
@@ -189,7 +189,7 @@ def _fences(world: DrawnWorld, view: View, side_axis: int, canvas: _Canvas) -> I
             if view == "above"
             else _fence_beside(fence, side_axis, canvas)
         )
-        if shapes and shapes not in drawn:  # mostly both vehicles have the same
+        if shapes and shapes not in drawn:  # both vehicles often have the same fence
             drawn.add(shapes)
             title = element("title", {}, [f"geofence of {vehicle}"])
             yield element("g", {"class": "fence"}, [shapes, title])

@@ -1,4 +1,4 @@
-"""Marks on an image: a box round each thing that matters, and the part that was touched; SVG."""
+"""Marks on an image: a box around each relevant object, and the touched part; SVG."""
 
 from collections.abc import Iterator
 
@@ -10,11 +10,11 @@ from orchestrator.report.rendering.markup import element, points_text
 _PAD_PX = 3.0
 _INSET_PX = 1.5
 _TEXT_SHARE = 0.042
-"""Of the width: the height of a name."""
+"""Text height as a share of the image width."""
 
 
 def marks_svg(sight: Sight | None) -> Markup | None:
-    """Return the marks of what was perceived, to lie over its image; None without any."""
+    """Return the marks of a sight as an overlay of its image; None without any."""
     if sight is None or not isinstance(sight.perceived, Frame):
         return None
     frame = sight.perceived
@@ -22,8 +22,8 @@ def marks_svg(sight: Sight | None) -> Markup | None:
     if not drawn:
         return None
     box = f"0 0 {frame.width_px} {frame.height_px}"
-    said = ", ".join(mark.name for mark in sight.marks if mark.box_px is not None)
-    attributes = {"class": "marks", "viewBox": box, "role": "img", "aria-label": f"marked: {said}"}
+    names = ", ".join(mark.name for mark in sight.marks if mark.box_px is not None)
+    attributes = {"class": "marks", "viewBox": box, "role": "img", "aria-label": f"marked: {names}"}
     return element("svg", attributes, drawn)
 
 

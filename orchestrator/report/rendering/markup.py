@@ -7,11 +7,11 @@ from markupsafe import Markup, escape
 
 _CONTROL_BLOCK = 0x2400
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
-"""Unicode categories of what is not seen, or what turns the text round it."""
+"""Unicode categories of invisible characters, and of those that change text direction."""
 
 
 def visible(text: str) -> str:
-    """Return a text in which control characters are seen, and none of them acts."""
+    """Return a text with control characters replaced by visible ones."""
     if text.isascii() and text.isprintable():
         return text
     return "".join(map(_visible_letter, text))
@@ -27,14 +27,14 @@ def _visible_letter(letter: str) -> str:
 
 
 def shown(value: object) -> object:
-    """Return what a template prints of a value; markup stays as it is."""
+    """Return a value as a template prints it; markup stays unchanged."""
     return visible(value) if type(value) is str else value
 
 
 def element(
     name: str, attributes: Mapping[str, object], children: Iterable[Markup | str] = ()
 ) -> Markup:
-    """Return an element. attributes: None leaves one out; names are ours, values are escaped."""
+    """Return an element. attributes: None leaves one out; values are escaped, names are not."""
     pairs = [
         f' {key}="{escape(_attribute(value))}"'
         for key, value in attributes.items()
@@ -50,7 +50,7 @@ def _attribute(value: object) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number for an attribute: two places, as short as it goes."""
+    """Return a number for an attribute: at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".") if value else "0"
 
 

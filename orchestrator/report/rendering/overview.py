@@ -1,4 +1,4 @@
-"""What a campaign came to and what that rests on, in lines and rows; pure."""
+"""The overview of a campaign: verdict, its basis and caveats, a row per case and mode; pure."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _CONTACT = frozenset({"collision", "collision_always", "clearance"})
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the campaign came to. kind: how it is coloured: good, bad, open."""
+    """The campaign's verdict. kind: its colour: good, bad, open."""
 
     word: str
     kind: str
@@ -34,7 +34,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class CaseRow:
-    """A case and mode in the table of the overview; texts as they are shown."""
+    """A case and mode in the table of the overview; texts as shown."""
 
     case: str
     mode: str
@@ -51,21 +51,21 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
     """Return the campaign's verdict in a word and in a sentence."""
     summary = campaign.summary
     if summary is None:
-        said = "There is no summary of this campaign that can be read: it was cut off, or damaged."
-        return Verdict("no verdict", "open", said)
+        text = (
+            "The summary of this campaign is missing or damaged: the campaign may have been killed."
+        )
+        return Verdict("no verdict", "open", text)
     totals = summary.totals
-    said = required_text(summary.runs)
-    counted = f"{said[0].upper()}{said[1:]}."
+    required = required_text(summary.runs)
+    counted = f"{required[0].upper()}{required[1:]}."
     if summary.accepted is False and (why := _not_accepted_because(campaign, summary)):
         counted += f" Not accepted because {'; '.join(why)}."
     if others := [run.verdict == "PASS" for run in summary.runs if not run.required]:
-        counted += (
-            f" Beside them {sum(others)} of {len(others)} runs that are only reported passed."
-        )
+        counted += f" Of the {len(others)} runs that are only reported, {sum(others)} passed."
     if totals.controls:
-        counted += f" {totals.controls_met} of {totals.controls} controls ended as they must."
+        counted += f" {totals.controls_met} of {totals.controls} controls were met."
     if summary.not_flown:
-        counted += f" {len(summary.not_flown)} were never flown."
+        counted += f" {len(summary.not_flown)} runs were never flown."
     if summary.ending:
         counted += f" {summary.ending[0].upper()}{summary.ending[1:]}."
     if summary.accepted is None:
@@ -77,7 +77,7 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
 
 
 def _not_accepted_because(campaign: CampaignDocuments, summary: Summary) -> list[str]:
-    """Return which required cases are short, and which controls did not end as they must."""
+    """Return which required cases passed too rarely, and which controls were not met."""
     places = dict.fromkeys((run.case, run.mode) for run in summary.runs if run.required)
     test = _sequential_test(campaign)
     wanted = []
@@ -92,12 +92,12 @@ def _not_accepted_because(campaign: CampaignDocuments, summary: Summary) -> list
 
 
 def stand_in(campaign: CampaignDocuments) -> str:
-    """Return that no hardware flew; empty where it did."""
+    """Return the text that no hardware flew; empty where it did."""
     return "" if campaign.summary is None else stand_in_text(campaign.summary)
 
 
 def limits(campaign: CampaignDocuments) -> list[str]:
-    """Return what bounds the verdict, for the head of the page; sentences."""
+    """Return the limits of the verdict's validity, for the head of the page; sentences."""
     summary = campaign.summary
     if summary is None:
         return []
@@ -108,7 +108,7 @@ def limits(campaign: CampaignDocuments) -> list[str]:
 
 
 def grounds(campaign: CampaignDocuments) -> list[tuple[str, str]]:
-    """Return what the verdict rests on: vehicles, sensors, evidence, mixture, controls."""
+    """Return the basis of the verdict: vehicles, sensors, evidence, mixture, controls."""
     summary = campaign.summary
     if summary is None:
         return []
@@ -123,7 +123,7 @@ def grounds(campaign: CampaignDocuments) -> list[tuple[str, str]]:
 
 
 def cautions(campaign: CampaignDocuments) -> list[str]:
-    """Return what a green result has to be read with."""
+    """Return the caveats of a green result."""
     summary = campaign.summary
     if summary is None:
         return []
@@ -188,7 +188,7 @@ def _case_row(
 def _standing(
     campaign: CampaignDocuments, case: str, mode: str, runs: Sequence[RunResult], passed: int
 ) -> tuple[str, str]:
-    """Return what is required of a case and mode, and whether it is met."""
+    """Return the required passes of a case and mode, and the verdict on them."""
     if not any(run.required for run in runs):
         return NOTHING, "reported"
     if (test := _sequential_test(campaign)) is not None:
@@ -201,7 +201,7 @@ def _standing(
 
 
 def _sequential_test(campaign: CampaignDocuments) -> SequentialTest | None:
-    """Return the test that decided how many repetitions there are; None for a fixed number."""
+    """Return the test that decides the number of repetitions; None for a fixed number."""
     document = campaign.manifest.get("document")
     part = document.get("repetitions") if isinstance(document, dict) else None
     if not isinstance(part, dict):
@@ -220,7 +220,7 @@ def _decision_text(test: SequentialTest, runs: Sequence[RunResult]) -> tuple[str
 
 
 def _share(campaign: CampaignDocuments, case: str, mode: str) -> Share | None:
-    """Return the share that the campaign file requires, for as many repetitions as it has."""
+    """Return the share of passes that the campaign file requires, for its repetitions."""
     document = campaign.manifest.get("document")
     accept = document.get("accept") if isinstance(document, dict) else None
     shares = accept.get(case) if isinstance(accept, dict) else None
@@ -242,7 +242,7 @@ def _real_text(summary: Summary) -> str:
 
 
 def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
-    """Yield one text for each vehicle: the signals of required oracles, each in its worst run."""
+    """Yield a text per vehicle: the signals of required oracles, each in its worst run."""
     groups: dict[str, dict[tuple[str, str], list[EvidenceResult]]] = {}
     for run in runs:
         for one in run.evidence:
@@ -252,7 +252,7 @@ def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     for vehicle, signals in groups.items():
         count = max(len(results) for results in signals.values())
         texts = [_signal_text(*key, results) for key, results in signals.items()]
-        yield f"{vehicle} in {count} runs, longest gap of those allowed: {'; '.join(texts)}"
+        yield f"{vehicle} in {count} runs, longest gap and its limit: {'; '.join(texts)}"
 
 
 def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
@@ -260,7 +260,7 @@ def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) ->
     bad = sum(one.verdict != "PASS" for one in results)
     by = f" ({source})" if source else ""
     text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
-    return text + (f", NOT ENOUGH to judge by in {bad}" if bad else "")
+    return text + (f", NOT SUFFICIENT in {bad} runs" if bad else "")
 
 
 def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
@@ -282,19 +282,19 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
         seen = [one.shown[name] for one in mixed if name in one.shown]
         in_view = sum(one.frames_in_view for one in seen)
         shown = sum(one.frames_shown for one in seen)
-        yield f"{name} shown in {shown} of the {in_view} mixtures that have it in view"
+        yield f"{name} shown in {shown} of the {in_view} mixtures with it in view"
 
 
 def _control_texts(controls: Iterable[RunResult]) -> Iterator[str]:
     for run in controls:
         if run.control is not None:
             must = expected_text(run.control)
-            end = f"came to {run.verdict}" if run.control.met else f"NOT MET: came to {run.verdict}"
-            yield f"{run.case} {run.mode} must end as {must}; {end}"
+            not_met = "" if run.control.met else "NOT MET: "
+            yield f"{run.case} {run.mode} must end as {must}; {not_met}it ended as {run.verdict}"
 
 
 def margin_text(run: RunResult | None) -> str:
-    """Return the smallest share of its limit that a required oracle of a run has left."""
+    """Return the smallest margin of a run's required oracles, with the oracle's name."""
     if run is None:
         return NOTHING
     margins = [

@@ -1,4 +1,4 @@
-"""The page: templates filled with the reading model. Everything from a file is escaped; pure."""
+"""Renders the report page from the reading model; everything from a file is escaped; pure."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from orchestrator.report.rendering import overview
 from orchestrator.report.rendering.map_svg import map_svg
 from orchestrator.report.rendering.marks_svg import marks_svg
 from orchestrator.report.rendering.markup import visible
-from orchestrator.report.rendering.page_parts import environment, policy, resource
+from orchestrator.report.rendering.page_parts import environment, render_template
 from orchestrator.report.rendering.plot_svg import (
     closeup_svg,
     plot_svg,
@@ -32,7 +32,7 @@ from orchestrator.report.words import MODES, number_text, short_time
 
 @dataclass(frozen=True, slots=True)
 class RunPage:
-    """A run's part of the page, and its row in the overview; texts as they are shown."""
+    """A run's section of the page, and its row in the overview; texts as shown."""
 
     anchor: str
     name: str
@@ -53,9 +53,9 @@ class RunPage:
 def render_run(
     run: RunReport, *, anchor: str, video: str | None = None, stand_in: str = ""
 ) -> RunPage:
-    """Return a run's part of the page. video: a data URI; None links to the file.
+    """Return a run's section of the page. video: a data URI; None links to the file.
 
-    stand_in: that no hardware flew as `real`; shown where `real` flew.
+    stand_in: a text that no hardware flew as `real`; shown where `real` flew.
     """
     result = run.result
     verdict = "NO RESULT" if result is None else result.verdict
@@ -102,7 +102,7 @@ def render_run(
         margin=overview.margin_text(result),
         is_bad=went_wrong(result),
         decides=decides(result),
-        html=Markup(html),  # noqa: S704 - made by the template above, which escapes
+        html=Markup(html),  # noqa: S704 - from the template above, which escapes
         problems=run.problems,
     )
 
@@ -111,39 +111,33 @@ def render_page(
     campaign: CampaignDocuments, study: Study, pages: Sequence[RunPage], *, made_utc: str
 ) -> str:
     """Return the whole page."""
-    style, script = resource("style.css"), resource("script.js")
-    return (
-        environment()
-        .get_template("page.html.j2")
-        .render(
-            campaign=campaign,
-            manifest=campaign.manifest,
-            verdict=overview.verdict_of(campaign),
-            grounds=overview.grounds(campaign),
-            cautions=overview.cautions(campaign),
-            rows=overview.case_rows(campaign),
-            results=result_rows(study),
-            gap=gap_rows(study),
-            energies=energy_rows(study),
-            statements=statements(study),
-            conclusions=conclusions(study),
-            stand_in=overview.stand_in(campaign),
-            pages=pages,
-            limits=overview.limits(campaign),
-            deciding=[page for page in pages if page.is_bad and page.decides],
-            others=[page for page in pages if page.is_bad and not page.decides],
-            problems=campaign.problems,
-            document=_document_text(campaign),
-            policy=policy(style, script),
-            style=Markup(style),  # noqa: S704 - a file of this package
-            script=Markup(script),  # noqa: S704 - a file of this package
-            made_utc=made_utc,
-        )
+    return render_template(
+        "page.html.j2",
+        script="script.js",
+        campaign=campaign,
+        manifest=campaign.manifest,
+        verdict=overview.verdict_of(campaign),
+        grounds=overview.grounds(campaign),
+        cautions=overview.cautions(campaign),
+        rows=overview.case_rows(campaign),
+        results=result_rows(study),
+        gap=gap_rows(study),
+        energies=energy_rows(study),
+        statements=statements(study),
+        conclusions=conclusions(study),
+        stand_in=overview.stand_in(campaign),
+        pages=pages,
+        limits=overview.limits(campaign),
+        deciding=[page for page in pages if page.is_bad and page.decides],
+        others=[page for page in pages if page.is_bad and not page.decides],
+        problems=campaign.problems,
+        document=_document_text(campaign),
+        made_utc=made_utc,
     )
 
 
 def anchors(names: Iterable[str]) -> list[str]:
-    """Return an id for each name, of letters that need no escape anywhere, each id once."""
+    """Return a unique HTML id for each name, of letters that need no escaping."""
     found: list[str] = []
     for name in names:
         plain = "run-" + re.sub(r"[^A-Za-z0-9_-]+", "-", name)
@@ -152,22 +146,22 @@ def anchors(names: Iterable[str]) -> list[str]:
 
 
 def role_of(run: RunReport) -> str:
-    """Return what a run counts for."""
+    """Return the role of a run: required, reported only, or a control and whether it was met."""
     result = run.result
     if result is None:
         return ""
     if result.control is not None:
-        return "control, as it must" if result.control.met else "control, NOT as it must"
+        return "control, met" if result.control.met else "control, NOT met"
     return "required" if result.required else "reported only"
 
 
 def decides(result: RunResult | None) -> bool:
-    """Return whether the campaign's verdict rests on a run: required, a control, or without one."""
+    """Return whether a run counts for the campaign's verdict: required, a control, or no result."""
     return result is None or result.required or result.control is not None
 
 
 def went_wrong(result: RunResult | None) -> bool:
-    """Return whether a run did not end as it should; a control should not pass."""
+    """Return whether a run failed; a control fails if it did not end as expected."""
     if result is None:
         return True
     if result.control is not None:
@@ -176,14 +170,14 @@ def went_wrong(result: RunResult | None) -> bool:
 
 
 def _frames(sight: Sight | None) -> list[Frame]:
-    """Return the images of the moment: what was perceived, then what it was mixed of."""
+    """Return the images of the moment: the perceived one, then those it was mixed from."""
     if sight is None:
         return []
     return [one for one in (sight.perceived, *sight.beside) if isinstance(one, Frame)]
 
 
 def _link(run: str, name: str | None) -> str | None:
-    """Return a link to a file beside the page, whatever its name is."""
+    """Return a relative link to a file of a run, with its name escaped."""
     return None if name is None else "./" + quote(f"{run}/{name}")
 
 

@@ -1,4 +1,4 @@
-"""What every page of ours has: its templates, files, and a policy that permits nothing else."""
+"""Common parts of all pages: templates, style and script, and their Content-Security-Policy."""
 
 import base64
 import hashlib
@@ -6,6 +6,7 @@ from functools import cache
 from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from orchestrator.report.model import Frame
 from orchestrator.report.rendering.markup import shown
@@ -16,8 +17,8 @@ _PACKAGE = "orchestrator.report.rendering"
 
 @cache
 def environment() -> Environment:
-    """Return what our pages' templates are filled by: escaped, nothing undefined, our filters."""
-    made = Environment(
+    """Return the Jinja environment of the pages: escaping, strict on undefined names."""
+    created = Environment(
         loader=PackageLoader(_PACKAGE),
         autoescape=True,
         undefined=StrictUndefined,
@@ -25,19 +26,36 @@ def environment() -> Environment:
         lstrip_blocks=True,
         finalize=shown,
     )
-    made.filters["number"] = number_text
-    made.filters["data_uri"] = _data_uri
-    made.filters["limit"] = limit_text
-    return made
+    created.filters["number"] = number_text
+    created.filters["data_uri"] = _data_uri
+    created.filters["limit"] = limit_text
+    return created
 
 
-def resource(name: str) -> str:
-    """Return the text of a file beside the templates."""
+def render_template(name: str, *, script: str = "", **values: object) -> str:
+    """Return a whole page with style and script inline; everything from a file is escaped.
+
+    script: the name of its file; empty for none. The page loads nothing from the network.
+    """
+    style, code = _resource("style.css"), _resource(script) if script else ""
+    return (
+        environment()
+        .get_template(name)
+        .render(
+            policy=_policy(style, code),
+            style=Markup(style),  # noqa: S704 - a file of this package
+            script=Markup(code),  # noqa: S704 - a file of this package
+            **values,
+        )
+    )
+
+
+def _resource(name: str) -> str:
     return (files(_PACKAGE) / "templates" / name).read_text("utf-8")
 
 
-def policy(style: str, script: str) -> str:
-    """Return the Content-Security-Policy: our script and our style by their hashes, no network."""
+def _policy(style: str, script: str) -> str:
+    """Return the Content-Security-Policy: script and style by their hashes, no network."""
     return (
         "default-src 'none'; img-src data:; media-src 'self' file: data:; "
         f"style-src '{_hash(style)}'; script-src '{_hash(script)}'; "

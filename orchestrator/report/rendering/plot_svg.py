@@ -1,4 +1,4 @@
-"""Plots over time as SVG. Curves stretch with the page, labels do not: places are in percent."""
+"""Plots over time as SVG; curves stretch with the page, labels are placed in percent."""
 
 import itertools
 import math
@@ -11,14 +11,14 @@ from orchestrator.report.rendering.markup import element, points_text
 from orchestrator.report.rendering.scales import Scale, ticks_within, value_scale
 
 _GRID = 1000.0
-"""Units of the stretched drawing in both directions."""
+"""Units of the stretched drawing on both axes."""
 _NAMED_FIRST = ("goal", "takeoff", "land", "done")
 _ROOM = 0.1
-"""Of the width, for the name of a stage."""
+"""Share of the width for the name of a stage."""
 
 
 def time_scale(run: RunReport) -> Scale:
-    """Return the axis of time, relative to the goal where it was given."""
+    """Return the time axis, relative to the goal where one was given."""
     return _times(run.span_s, run.goal_s or 0.0, 8)
 
 
@@ -29,7 +29,7 @@ def _times(span_s: Point, zero_s: float, about: int) -> Scale:
 
 
 def plot_svg(plot: Plot, run: RunReport) -> Markup:
-    """Return a plot: its axis of values beside its curves."""
+    """Return a plot: its value axis and its curves."""
     times, zero_s = time_scale(run), run.goal_s or 0.0
     values = value_scale([*_values_of(plot), *(one.value for one in plot.limits)])
     children = [
@@ -45,7 +45,7 @@ def plot_svg(plot: Plot, run: RunReport) -> Markup:
 
 
 def closeup_svg(closeup: Closeup, goal_s: float | None) -> Markup:
-    """Return the violated value about its violation: limit, excess, crossing, and the worst."""
+    """Return the close-up of a violation: limit, excess, crossing, and worst value."""
     plot, zero_s = closeup.plot, goal_s or 0.0
     times = _times(closeup.span_s, zero_s, 6)
     values = value_scale([*_values_of(plot), *(one.value for one in plot.limits)], about=4)
@@ -82,7 +82,7 @@ def _chart(label: str, values: Scale, children: list[Markup]) -> Markup:
 
 
 def time_axis_svg(run: RunReport) -> Markup:
-    """Return the axis of time beneath the plots, and the stages on it."""
+    """Return the time axis beneath the plots."""
     return _time_axis(time_scale(run))
 
 
@@ -99,7 +99,7 @@ def _time_axis(times: Scale) -> Markup:
 
 
 def stage_axis_svg(run: RunReport) -> Markup:
-    """Return the names of the stages where each begins; one that has no room is left out."""
+    """Return the stage names at their beginnings; a name without space is left out."""
     times, zero_s = time_scale(run), run.goal_s or 0.0
     shares = {stage: times.share(t_s - zero_s) for stage, t_s in run.stages}
     named: dict[str, float] = {}
@@ -144,7 +144,7 @@ def _level(values: Scale, value: float, kind: str, span: Point = (0.0, 1.0)) -> 
 
 
 def _limit_line(limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
-    """Return a limit's line, over the time in which it holds."""
+    """Return a limit's line over the time in which it holds."""
     span = (0.0, 1.0)
     if limit.span_s is not None:
         first, last = (times.share(t_s - zero_s) for t_s in limit.span_s)
@@ -195,7 +195,7 @@ def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
 
 
 def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
-    """Return the areas between a curve and a limit that it is beyond, while that holds."""
+    """Return the areas between a curve and a violated limit, while the limit holds."""
     first_s, last_s = limit.span_s or (-math.inf, math.inf)
     sign = 1.0 if limit.is_upper else -1.0
     inside = [one for one in curve.points if first_s <= one[0] <= last_s]
@@ -210,7 +210,7 @@ def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s:
 
 
 def _stretches_beyond(points: Sequence[Point], value: float, sign: float) -> Iterator[list[Point]]:
-    """Yield the stretches of a curve beyond a value, from where it crosses to where it does."""
+    """Yield the stretches of a curve beyond a value, between its crossings."""
     stretch: list[Point] = []
     for one, other in itertools.pairwise(points):
         a, b = sign * (one[1] - value), sign * (other[1] - value)
@@ -227,7 +227,7 @@ def _stretches_beyond(points: Sequence[Point], value: float, sign: float) -> Ite
 
 
 def _subject(name: str) -> str:
-    """Return a class for a subject; a name from a file never becomes one."""
+    """Return the CSS class of a subject; other names from a file share one class."""
     return name if name in {"real", "twin", "mixed", "pair"} else "other"
 
 

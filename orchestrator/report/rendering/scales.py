@@ -25,7 +25,7 @@ class Scale:
 
 
 def tick_step(span: float, about: int) -> float:
-    """Return a round step (1, 2 or 5 times a power of ten) that gives about so many ticks."""
+    """Return a round step (1, 2 or 5 times a power of ten) for about that many ticks."""
     raw = max(span, _LEAST_SPAN) / max(1, about)
     power = 10.0 ** math.floor(math.log10(raw))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * 0.999)
@@ -39,7 +39,7 @@ def ticks_within(low: float, high: float, about: int) -> tuple[float, ...]:
 
 
 def value_scale(values: Iterable[float], about: int = 3) -> Scale:
-    """Return an axis that holds all values, and ends at round numbers."""
+    """Return an axis that contains all values and ends at round numbers."""
     finite = [value for value in values if math.isfinite(value)] or [0.0, 1.0]
     low, high = min(finite), max(finite)
     if high - low < _LEAST_SPAN:

@@ -12,7 +12,7 @@ _HALF = 110.0
 
 
 def scan_svg(scans: Sequence[Scan | Frame]) -> Markup | None:
-    """Return scans laid over each other, the last one on top; None for no scan."""
+    """Return scans drawn over each other, the last one on top; None without a scan."""
     given = [one for one in scans if isinstance(one, Scan)]
     if not given:
         return None
@@ -30,8 +30,8 @@ def scan_svg(scans: Sequence[Scan | Frame]) -> Markup | None:
     nose = element("path", {"class": "nose", "d": "M0 -7 L4 5 L-4 5 Z"})
     beams = [dot for scan in given for dot in _dots(scan, scale, far_m)]
     box = f"{-_HALF:g} {-_HALF:g} {2 * _HALF:g} {2 * _HALF:g}"
-    said = "lidar ranges from above, forward is up"
-    attributes = {"class": "scan", "viewBox": box, "role": "img", "aria-label": said}
+    label = "lidar ranges from above, forward is up"
+    attributes = {"class": "scan", "viewBox": box, "role": "img", "aria-label": label}
     return element("svg", attributes, [*rings, *beams, nose, *labels])
 
 
@@ -41,7 +41,7 @@ def _ring_radii(far_m: float) -> Iterator[float]:
 
 
 def _dots(scan: Scan, scale: float, far_m: float) -> Iterator[Markup]:
-    """Yield the ends of the beams, as lines where neighbours are near each other."""
+    """Yield the ends of the beams as dots."""
     ends = []
     for index, range_m in enumerate(scan.ranges_m):
         if range_m is None or range_m > far_m:

@@ -1,22 +1,20 @@
-"""The page of a search: its failures, a picture of its space, and what it cost; pure."""
+"""The page of a search: its failures, plots of its parameter space, and its cost; pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-
-from markupsafe import Markup
 
 from campaigns.search.coverage import SpaceCoverage
 from campaigns.search.model import Findings
 from campaigns.search.sensed import SensedCoverage
 from campaigns.search.space import Space, Values
-from orchestrator.report.rendering.page_parts import environment, policy, resource
+from orchestrator.report.rendering.page_parts import render_template
 from orchestrator.report.rendering.sensed_svg import sensed_panels
 from orchestrator.report.rendering.space_svg import space_panels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchPage:
-    """What the page shows beside the findings. files: of confirmed failures, by variant."""
+    """The page's content besides the findings. files: of confirmed failures, by variant."""
 
     campaign: str
     strategy: str
@@ -28,26 +26,20 @@ class SearchPage:
 
 
 def render_search(page: SearchPage, space: Space, findings: Findings, *, made_utc: str) -> str:
-    """Return the page; everything from a file is escaped, and nothing is asked of the network."""
-    style = resource("style.css")
+    """Return the page of a search as HTML."""
 
     def values_text(values: Values) -> str:
         units = {one.name: one.unit for one in space.parameters}
         return ", ".join(f"{name} {value} {units[name]}".rstrip() for name, value in values.items())
 
-    return (
-        environment()
-        .get_template("search.html.j2")
-        .render(
-            page=page,
-            findings=findings,
-            panels=space_panels(space, findings),
-            seen=sensed_panels(page.sensed),
-            constraints=[one.text for one in space.constraints],
-            values_text=values_text,
-            farthest="" if page.coverage.farthest is None else values_text(page.coverage.farthest),
-            policy=policy(style, ""),
-            style=Markup(style),  # noqa: S704 - a file of this package
-            made_utc=made_utc,
-        )
+    return render_template(
+        "search.html.j2",
+        page=page,
+        findings=findings,
+        panels=space_panels(space, findings),
+        seen=sensed_panels(page.sensed),
+        constraints=[one.text for one in space.constraints],
+        values_text=values_text,
+        farthest="" if page.coverage.farthest is None else values_text(page.coverage.farthest),
+        made_utc=made_utc,
     )

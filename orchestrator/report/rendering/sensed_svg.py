@@ -1,4 +1,4 @@
-"""What a search's sensors saw as SVG: sectors of the field of view by distance; pure."""
+"""Sensor coverage of a search as SVG: sectors of the field of view by distance; pure."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _WIDTH, _ROW, _LEFT, _TOP, _BOTTOM = 200.0, 22.0, 62.0, 8.0, 34.0
 
 @dataclass(frozen=True, slots=True)
 class SensedPanel:
-    """A drawing of what one sensor saw, and a line about it."""
+    """A drawing of one sensor's coverage, and its figures as text."""
 
     title: str
     text: str
@@ -37,7 +37,7 @@ def _text(one: SensedCoverage) -> str:
     if not one.seen:
         return f"seen in none of {one.flights} flights"
     near = "" if one.nearest_m is None else f", as near as {one.nearest_m:.2f} m"
-    share = f", in up to {100.0 * one.largest_share:.0f} % of the picture" if one.object else ""
+    share = f", in up to {100.0 * one.largest_share:.0f} % of the image" if one.object else ""
     distinct = f", {one.reduced} distinct readings" if one.reduced else ""
     return (
         f"seen in {one.seen} of {one.flights} flights{near}{share}; {len(one.cells)} of "
@@ -57,7 +57,7 @@ def _panel(one: SensedCoverage) -> Markup:
 
 
 def _cells(one: SensedCoverage) -> Iterator[Markup]:
-    """Yield the cells: seen ones the fuller the more flights had them, and the others."""
+    """Yield the cells; a seen one has a disc that grows with the number of flights."""
     width = _WIDTH / one.sectors
     for level in range(LEVELS):
         for sector in range(one.sectors):
@@ -68,15 +68,15 @@ def _cells(one: SensedCoverage) -> Iterator[Markup]:
                 "width": round(width, 2),
                 "height": _ROW,
             }
-            said = f"{count} flights, {failed} of them failed"
-            title = element("title", {}, [said])
+            text = f"{count} flights, {failed} of them failed"
+            title = element("title", {}, [text])
             yield element("rect", {"class": "cell" if count else "unexplored", **place}, [title])
             if count:
-                yield _disc(place, count / one.flights, is_failed=failed > 0, title=said)
+                yield _disc(place, count / one.flights, is_failed=failed > 0, title=text)
 
 
 def _disc(place: dict[str, float], share: float, *, is_failed: bool, title: str) -> Markup:
-    """Return the disc of a seen cell, whose area is the share of flights that had it."""
+    """Return the disc of a seen cell; its area is proportional to the share of flights."""
     radius = max(1.5, 0.45 * _ROW * share**0.5)
     return element(
         "circle",
@@ -91,7 +91,7 @@ def _disc(place: dict[str, float], share: float, *, is_failed: bool, title: str)
 
 
 def _labels() -> Iterator[Markup]:
-    """Yield the distances between the rows, and what the columns are."""
+    """Yield the distances between the rows, and the ends of the columns."""
     for index, edge in enumerate(EDGES_M):
         y = _TOP + _ROW * (LEVELS - 1 - index) + 4.0
         yield element("text", {"x": _LEFT - 4, "y": y, "text-anchor": "end"}, [f"{edge:g} m"])

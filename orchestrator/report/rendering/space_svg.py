@@ -1,4 +1,4 @@
-"""The space of a search as SVG: what was tried, what failed, and where it is unexplored; pure."""
+"""The parameter space of a search as SVG: flown, failed, unexplored; pure."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from orchestrator.report.words import number_text
 
 _SIDE, _LEFT, _TOP, _BOTTOM = 200.0, 46.0, 8.0, 34.0
 _MOST_PANELS = 15
-"""Pairs of six parameters; of more the page shows the first."""
+"""The pairs of six parameters; the page leaves out more."""
 _MARK = 4.0
 
 Axis = tuple[int, Parameter]
@@ -22,14 +22,14 @@ Axis = tuple[int, Parameter]
 
 @dataclass(frozen=True, slots=True)
 class SpacePanel:
-    """A drawing of two parameters of the space."""
+    """A drawing of two parameters of the search space."""
 
     title: str
     svg: Markup
 
 
 def space_panels(space: Space, findings: Findings) -> list[SpacePanel]:
-    """Return a drawing of each pair of parameters; of a single one, of it alone."""
+    """Return a drawing of each pair of parameters, or of a single parameter."""
     axes = list(enumerate(space.parameters))
     pairs = list(itertools.combinations(axes, 2)) or [(axes[0], axes[0])]
     samples = admissible_shares(space)
@@ -56,7 +56,7 @@ def _panel(
         *_labels(across[1], up[1]),
     ]
     box = f"0 0 {_LEFT + _SIDE + _TOP:g} {_TOP + _SIDE + _BOTTOM:g}"
-    label = f"what was tried of {across[1].name} and {up[1].name}"
+    label = f"variants tried by {across[1].name} and {up[1].name}"
     return element(
         "svg", {"class": "space", "viewBox": box, "role": "img", "aria-label": label}, children
     )
@@ -69,7 +69,7 @@ def _cells(
     across: Axis,
     up: Axis,
 ) -> Iterator[Markup]:
-    """Yield the cells: flown, unexplored, and those that the constraints shut."""
+    """Yield the cells: flown, unexplored, or excluded by the constraints."""
 
     def cell(shares: Sequence[float]) -> tuple[int, int]:
         return cell_of(across[1], shares[across[0]]), cell_of(up[1], shares[up[0]])
@@ -99,7 +99,7 @@ def _refused(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterat
 
 
 def _marks(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator[Markup]:
-    """Yield a mark of each variant that was flown, of each failure, and the campaign's own."""
+    """Yield a mark of each flown variant, each failure, and the campaign's own values."""
     for one in findings.tried:
         if (shares := space.shares(one.variant.values)) is not None:
             yield _variant_mark(one, *_place(shares, across, up))
@@ -118,7 +118,7 @@ def _marks(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator
 
 
 def _variant_mark(tried: TriedVariant, x: float, y: float) -> Markup:
-    """Return a variant's mark by the dearest mode in which it was flown."""
+    """Return a variant's mark, by the verdicts of the last mode that flew it."""
     outcomes = list(tried.outcomes.values())[-1]
     verdicts = {one.verdict for one in outcomes}
     title = element("title", {}, [f"{tried.variant.name}: {', '.join(sorted(verdicts))}"])

@@ -65,6 +65,14 @@ def test_more_tests_make_chance_harder_to_exclude() -> None:
     assert [one.p for one in together.changes] == [pytest.approx(0.0476, abs=1e-4), 1.0]
 
 
+def test_equal_margins_of_unequal_numbers_of_flights_do_not_differ() -> None:
+    found = compared(flights("a", "sim", "PPP"), flights("a", "sim", "PPPPP"), margin=0.1)
+    assert [(one.what, one.p) for one in found.changes] == [
+        ("pass rate", 1.0),
+        ("margin of collision", 1.0),
+    ]
+
+
 def test_equal_runs_that_differ_are_no_chance() -> None:
     found = compared(flights("a", "sim", "PPP"), flights("a", "sim", "FFF"))
     assert [(one.p, one.outcome) for one in found.changes] == [(0.0, "worse")]
@@ -207,11 +215,11 @@ def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Captu
     [
         ("missing", 2, "does not exist"),
         ("file", 2, "is a file"),
-        ("empty", 2, "no results folder"),
-        ("nothing shared", 2, "they share no case and mode: b/wil; and a/wil"),
+        ("empty", 2, "is not the results folder"),
+        ("nothing shared", 2, "the campaigns have no case and mode in common: b/wil; and a/wil"),
         ("other version", 3, "a/wil/1: result.json is truncated, damaged or of another version"),
         ("unproven", 3, ""),
-        ("nothing before", 2, "holds no campaign that was flown before"),
+        ("nothing before", 2, "contains no campaign that was flown before"),
     ],
 )
 def test_what_cannot_be_compared(

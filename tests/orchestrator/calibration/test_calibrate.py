@@ -159,7 +159,7 @@ def test_a_recorded_run_without_such_a_camera_names_those_that_it_has(
         pass
     given = ["--board", BOARD, "--out", str(tmp_path / "c.yaml"), "--sensor", "fornt"]
     assert main(["calibrate", str(run), *given]) == 2
-    assert "has no pictures of 'real fornt' (there are: real front)" in capsys.readouterr().err
+    assert "has no images of 'real fornt' (it has: real front)" in capsys.readouterr().err
 
 
 GREY = [np.full((480, 640, 3), 90, np.uint8)] * 12
@@ -168,10 +168,10 @@ GREY = [np.full((480, 640, 3), 90, np.uint8)] * 12
 @pytest.mark.parametrize(
     ("images", "said"),
     [
-        (GREY, "was seen in none of 12 pictures: count a chessboard's inner corners"),
+        (GREY, "was found in none of 12 images: count a chessboard's inner corners"),
         (lambda views: views[:5], "found in 5 pictures; 8 that differ are needed"),
         (lambda views: views[:1] * 20, "20 pictures, and only 1 of them differ"),
-        (lambda views: [*views[:9], views[9][:240]], "picture 10 has 640x240, those before it"),
+        (lambda views: [*views[:9], views[9][:240]], "image 10 has 640x240, those before it"),
     ],
 )
 def test_images_that_show_too_little(
@@ -258,7 +258,7 @@ def test_optics_of_another_size_are_refused(
     written(folder, small)
     given = ["--board", BOARD, "--out", str(tmp_path / "c.yaml"), "--optics", str(optics)]
     assert main(["calibrate", str(folder), *given]) == 3
-    assert "pictures have 320x240, and the optics are of 640x480" in capsys.readouterr().err
+    assert "images have 320x240, but the optics are for 640x480" in capsys.readouterr().err
 
 
 def test_the_board_that_is_drawn_is_the_one_that_is_found(tmp_path: Path) -> None:

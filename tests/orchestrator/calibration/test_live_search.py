@@ -94,7 +94,7 @@ async def test_board_and_poses_come_together(monkeypatch: pytest.MonkeyPatch, po
     assert asked[0]["address"] == "rtp://127.0.0.1:5600"
     assert asked[0]["intrinsics"].width_px == 640
     assert seen.size == SIZE
-    assert len(seen.sightings) == seen.looked >= 1
+    assert len(seen.sightings) == seen.searched >= 1
     stamps = [one.t_s for one in seen.sightings]
     assert stamps == sorted(stamps)
     assert np.all(np.diff(stamps) > 0.099)  # every second one at most
@@ -105,7 +105,7 @@ async def test_board_and_poses_come_together(monkeypatch: pytest.MonkeyPatch, po
 
 async def test_without_motion_capture_there_is_no_path(monkeypatch: pytest.MonkeyPatch) -> None:
     through(monkeypatch, np.full((480, 640, 3), 90, np.uint8))
-    with pytest.raises(CalibrationError, match="was seen in none of"):
+    with pytest.raises(CalibrationError, match="was found in none of"):
         await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.2), CHARUCO)
     through(monkeypatch, board_views(CHARUCO)[0])
     _, path = await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.3), CHARUCO)

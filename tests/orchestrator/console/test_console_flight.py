@@ -71,7 +71,7 @@ async def look_and_abort(program: Program, link: str) -> None:
         assert "no WebGL" in page.value(text_of("space-note"))
         for name in ("real", "twin"):
             assert name in page.value(text_of("vehicles"))
-        assert "passes setpoints on" in await until(page, text_of("guards"))
+        assert "forwards setpoints" in await until(page, text_of("guards"))
         assert "collision of real" in page.value(text_of("margins"))
         # Who sees it for the first time reads at the top what flies, and how near it is to failing.
         assert "simulated: embedded" in page.value(text_of("vehicles"))
@@ -92,7 +92,7 @@ async def look_and_abort(program: Program, link: str) -> None:
         assert [one for one in page.requests if not one.startswith(link.partition("#")[0])] == []
         landed = await program.end()
         assert landed.code == 4, landed.why
-        await until(page, text_of("abort-word"), lambda one: one == "nothing flies any more")
+        await until(page, text_of("abort-word"), lambda one: one == "nothing in flight")
         assert "ALL DOWN at " in page.value(text_of("reply"))
         assert page.value("document.getElementById('lost').hidden")
         assert page.value(text_of("verdict-label")) == "Verdict, final"

@@ -33,7 +33,7 @@ async def test_a_link_is_good_once_and_its_cookie_is_strict(console: Console) ->
     cookie = first.headers["Set-Cookie"]
     assert (first.status, "HttpOnly" in cookie, "SameSite=Strict" in cookie) == (200, True, True)
     again = await console.post(client, "/session", asked)
-    assert (again.status, "used already" in (await again.json())["text"]) == (403, True)
+    assert (again.status, "already used" in (await again.json())["text"]) == (403, True)
 
 
 async def test_commands_take_the_operators_path_with_a_name(console: Console) -> None:
@@ -119,6 +119,13 @@ async def test_what_is_no_command_is_refused(console: Console, body: bytes, stat
     done = await console.post(client, "/command", body)
     assert (done.status, (await done.json())["ok"]) == (status, False)
     assert console.commands() == []
+
+
+@pytest.mark.parametrize("body", [b"{}", b'{"role": "admin"}', b'{"role": ["viewer"]}'])
+async def test_a_link_of_no_role_is_refused(console: Console, body: bytes) -> None:
+    client = await console.client("operator")
+    done = await console.post(client, "/invite", body)
+    assert (done.status, (await done.json())["ok"]) == (403, False)
 
 
 SQUARE = [[-1, -1], [5, -1], [5, 1], [-1, 1]]
@@ -319,5 +326,5 @@ def test_loopback_is_safe_without(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["a b", "host:99999", "http://127.0.0.1:1", ":x"])
 def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(ConsoleError, match="no address"):
+    with pytest.raises(ConsoleError, match="not a console address"):
         ConsoleAddress.parse(text)

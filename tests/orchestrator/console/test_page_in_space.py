@@ -25,7 +25,7 @@ from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 
 PATIENCE_S = 60.0
-ARE_OLD = "document.querySelectorAll('.picture.stale').length === 4"
+ARE_OLD = "document.querySelectorAll('.camera.stale').length === 4"
 JOIN = "document.querySelector('#join-form button').click()"
 NOTE = "document.getElementById('space-note').textContent"
 LOSE = "document.getElementById('space').getContext('webgl2').getExtension('WEBGL_lose_context')"

@@ -81,7 +81,7 @@ async def test_a_run_without_positions_cannot_be_played(tmp_path: Path) -> None:
     ("arguments", "code", "said"),
     [
         (("--address", "0.0.0.0"), 3, "needs a certificate"),  # noqa: S104
-        (("--address", "a b"), 3, "no address"),
+        (("--address", "a b"), 3, "not a console address"),
         (("--tls-cert", "x.pem"), 2, "go together"),
         (("--speed", "0"), 2, "--speed is between"),
     ],

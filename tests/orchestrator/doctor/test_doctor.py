@@ -80,7 +80,7 @@ def test_a_port_that_is_taken_names_its_holder(protocol: ports.Protocol) -> None
     name = Path("/proc/self/comm").read_text().strip()
     assert found.grade == "note"
     assert found.text == (
-        f"{protocol} {number} (a test) is taken by {name} (process {os.getpid()})"
+        f"{protocol} {number} (a test) is in use by {name} (process {os.getpid()})"
     )
     free = only(ports.usual_ports([ports.UsualPort(number, protocol, "a test")]))
     assert (free.grade, free.text) == ("good", f"free: {protocol} {number}")
@@ -106,7 +106,7 @@ def test_autopilots_are_found_in_their_usual_places(tmp_path: Path) -> None:
     [
         ("echo px4io/px4-sitl:v1.18", "good", "images of PX4: px4io/px4-sitl:v1.18"),
         ("echo busybox:1", "note", "without an image of PX4"),
-        ("echo 'permission denied' >&2; exit 1", "note", "docker refuses: permission denied"),
+        ("echo 'permission denied' >&2; exit 1", "note", "docker failed: permission denied"),
     ],
 )
 def test_docker_is_asked_through_its_client(
@@ -129,7 +129,7 @@ def test_a_broker_that_answers_or_could_be_started() -> None:
     sleeps = only(programs.brokers(lambda name: f"/bin/{name}", port, "no_such_module"))
     assert (sleeps.grade, sleeps.remedy) == ("note", "mosquitto -d")
     lacks, own = programs.brokers(lambda _: None, port, "json")
-    assert "there is no mosquitto" in lacks.text
+    assert "mosquitto is not on PATH" in lacks.text
     assert own.text.startswith("json, a broker")
 
 
@@ -155,7 +155,7 @@ def test_clocks() -> None:
 def test_serial_ports_with_and_without_permission(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert only(machine.serial([])).text == "none is plugged in"
+    assert only(machine.serial([])).text == "no serial device is plugged in"
     device = tmp_path / "ttyACM0"
     device.write_text("")
     assert f"serial://{device}:57600" in next(iter(machine.serial([str(device)]))).text
@@ -182,7 +182,9 @@ def test_what_a_crash_left_is_named(tmp_path: Path) -> None:
         )
         vehicles, parameters = machine.orphans((), [record], tmp_path)
         assert vehicles.grade == "trouble"
-        assert f"vehicles of large/wil/1 in results run on (processes {child.pid})" in vehicles.text
+        assert (
+            f"vehicles of large/wil/1 in results still run (processes {child.pid})" in vehicles.text
+        )
         assert "000001.parameters.json" in parameters.text
         child.communicate(b"\n", timeout=10.0)
 
@@ -193,7 +195,7 @@ def test_a_full_disk_and_a_foreign_folder(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(machine, "_LEAST_FREE_BYTES", 10**30)
     assert only(machine.disk(tmp_path)).grade == "trouble"
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert "cannot be written to" in only(machine.disk(tmp_path)).text
+    assert "is not writable" in only(machine.disk(tmp_path)).text
 
 
 def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
@@ -216,7 +218,10 @@ def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
         assert busy.grade == "trouble", busy
         assert "is taken by another program" in busy.text
     good = only(links.campaign_links([copy]))
-    assert (good.grade, good.remedy) == ("good", "who answers there: wil-campaign run --no-arm")
+    assert (good.grade, good.remedy) == (
+        "good",
+        "to see which vehicle answers: wil-campaign run --no-arm",
+    )
 
 
 def test_the_command_tells_it_as_json_too(

@@ -57,7 +57,7 @@ def test_an_address_that_others_reach_is_refused(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["a b", ":99999", "http://127.0.0.1:1"])
 def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(BridgeError, match="no address for Foxglove"):
+    with pytest.raises(BridgeError, match="not an address for Foxglove"):
         bridge_address(text)
 
 
@@ -68,7 +68,7 @@ def test_an_address_in_use_is_refused_before_anything_flies(
         address = f"127.0.0.1:{other.getsockname()[1]}"
         given = ["run", "campaigns/gate.yaml", "--out", str(tmp_path), "--foxglove", address]
         assert main(given) == 2
-    assert f"Foxglove cannot be served at {address}" in capsys.readouterr().err
+    assert f"cannot serve Foxglove at {address}" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -93,7 +93,7 @@ def test_a_bridge_that_ends_at_once_is_an_error_of_its_own(
     monkeypatch: pytest.MonkeyPatch, short_folder: Path
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(BridgeError, match="was not opened"), foxglove_beside("auto", print):
+    with pytest.raises(BridgeError, match="did not start"), foxglove_beside("auto", print):
         raise AssertionError
 
 

@@ -107,7 +107,7 @@ def test_without_a_console_no_state_is_asked_for_and_no_image_kept() -> None:
 
 def test_a_console_that_never_reads_holds_up_nothing() -> None:
     with feed_receiver(), publisher() as feed:
-        wait_for(lambda: feed._is_listened_to)
+        wait_for(lambda: feed._has_consoles)
         slowest_s, shown = 0.0, images()
         for _ in range(2000):
             began_s = time.perf_counter()

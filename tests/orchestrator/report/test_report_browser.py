@@ -153,7 +153,7 @@ def test_marks_lie_on_the_image_at_every_width(page: Page) -> None:
             ]
             assert places[0] == pytest.approx(places[1], abs=0.6)
     page.resize(1280, 900)
-    said = page.value("document.querySelector('#run-large-wil-1 .marks-said').innerText")
+    said = page.value("document.querySelector('#run-large-wil-1 .marks-list').innerText")
     assert "gate" in said
     assert "from the body" in said
 

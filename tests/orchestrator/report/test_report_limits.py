@@ -12,7 +12,7 @@ from orchestrator.report.reading.held_limits import held_limits
 from orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
-    named_things,
+    named_objects,
     touched_part,
 )
 from safety.fence.geofence import Fence
@@ -177,8 +177,8 @@ def test_what_is_virtual_is_where_the_recipe_drew_it() -> None:
 
 
 def test_things_are_named_as_words_and_as_things_of_parts() -> None:
-    assert named_things(scene(), ["closest to gate.left", ""]) == ["gate"]
-    assert named_things(scene(), ["gateway, agate"]) == []
+    assert named_objects(scene(), ["closest to gate.left", ""]) == ["gate"]
+    assert named_objects(scene(), ["gateway, agate"]) == []
     assert touched_part("closest to gate.left") == ""
 
 

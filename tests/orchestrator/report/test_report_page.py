@@ -77,7 +77,7 @@ def test_what_is_only_reported_stands_under_a_heading_of_its_own(tmp_path: Path)
     text = write_report(folder).path.read_text("utf-8")
     assert "Runs that decide the verdict" not in text
     assert "1 of the 1 required run passed." in text
-    assert "Beside them 0 of 1 runs that are only reported passed." in text
+    assert "Of the 1 runs that are only reported, 0 passed." in text
     assert text.index("Reported only: runs that did not pass") < text.index("large/wil/1")
 
 
@@ -98,7 +98,7 @@ def test_a_run_with_a_stand_in_says_so_where_real_flew(page: str) -> None:
     wil = page[page.index('id="run-large-wil-1"') :]
     sim = page[page.index('id="run-large-sim-1"') :].split("</article>", maxsplit=1)[0]
     assert said in wil.split("</header>")[0]
-    assert "not there for the vehicle: <bdi>gate</bdi>" in wil.split("</header>")[0]
+    assert "the vehicle cannot touch: <bdi>gate</bdi>" in wil.split("</header>")[0]
     assert said not in sim
 
 
@@ -114,9 +114,9 @@ def test_a_failed_run_names_its_cause_before_anything_else(page: str) -> None:
     ("verdict", "heading"),
     [
         ("FAIL", "What was violated"),
-        ("INVALID", "What makes it INVALID"),
+        ("INVALID", "Why it is INVALID"),
         ("ERROR", "What went wrong"),
-        ("ABORTED", "Who ended it"),
+        ("ABORTED", "Who aborted it"),
     ],
 )
 def test_the_cause_of_every_verdict_has_its_heading(

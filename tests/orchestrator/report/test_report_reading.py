@@ -156,8 +156,8 @@ def test_a_folder_that_was_cut_off_is_shown_as_far_as_it_goes(copied: Path) -> N
     (copied / "summary.json").unlink()
     written = write_report(copied)
     assert "NO RESULT" in written.path.read_text()
-    assert any("1 of 2 runs have no result" in problem for problem in written.problems)
-    assert any("never flown" in problem for problem in written.problems)
+    assert any("1 of 2 runs have no readable result" in problem for problem in written.problems)
+    assert any("was not flown" in problem for problem in written.problems)
 
 
 @pytest.mark.parametrize("manifest", [{"runs": [{"run": "../../etc/1"}, {"run": 5}, 7]}, {}, []])
@@ -170,7 +170,7 @@ def test_a_manifest_leads_nowhere_else(copied: Path, manifest: object) -> None:
 def test_a_folder_of_no_campaign_is_refused_in_words(recorded: Path, tmp_path: Path) -> None:
     for folder, says in (
         (tmp_path / "nowhere", "does not exist"),
-        (tmp_path, "no results folder"),
+        (tmp_path, "not the results folder"),
         (recorded / FAILED, "the folder of one run"),
         (recorded / "summary.json", "is a file"),
         (recorded.parent, "did you mean"),
@@ -183,7 +183,7 @@ def test_a_campaign_without_runs_says_so(tmp_path: Path) -> None:
     (tmp_path / "campaign.json").write_text('{"campaign": "empty"}')
     campaign: CampaignDocuments = read_campaign(tmp_path)
     assert campaign.name == "empty"
-    assert "no run was begun in this folder" in campaign.problems
+    assert "no run was started in this folder" in campaign.problems
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> 
     assert cause is not None
     facts = dict(cause.facts)
     assert facts["rule"] == "real touches nothing of the judged world"
-    assert facts["by how much"] == "contact: any touch is a violation"
+    assert facts["by how much"] == "contact: any contact is a violation"
     assert not {"nearest", "at worst", "limit"} & set(facts)
 
 
@@ -299,7 +299,7 @@ def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time(
     facts = dict(cause.facts)
     assert cause.violated == "collision of real"
     assert facts["where"] == "touched gate.left"
-    assert facts["by how much"] == "contact at 0.39 m/s for 0.25 s: any touch is a violation"
+    assert facts["by how much"] == "contact at 0.39 m/s for 0.25 s: any contact is a violation"
     assert cause.sequence == (
         (8.0, "FAIL: real physically touched gate.left"),
         (8.0, "FAIL: real touched gate.left"),
@@ -340,10 +340,10 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
     notes = notes_of(replace(failed(floor), twin=left), at_s=8.0, goal_s=2.0)
     assert notes == (
         (
-            "The twin dropped out 5.50 s after the goal was given, 0.50 s before what decided "
-            "the run: the guard landed it"
+            "The twin dropped out 5.50 s after the goal was given, 0.50 s before the decisive "
+            "event: the guard landed it"
         ),
-        "Reported only, and did not pass: collision of twin FAIL (touched cage.floor)",
+        "Reported oracles that did not pass: collision of twin FAIL (touched cage.floor)",
     )
     passed = replace(failed(replace(floor, verdict="PASS")), verdict="PASS")
     assert notes_of(passed, at_s=None, goal_s=2.0) == ()
@@ -357,7 +357,7 @@ def test_what_was_never_reached_says_how_near_the_vehicle_came() -> None:
     assert (facts["at worst"], facts["limit"]) == ("not measured", "0.5 m")
     assert facts["when"] == "at the end of the run"
     assert facts["nearest"] == (
-        "1.23 m from the goal's first gate or place, 4.50 s after the goal was given"
+        "1.23 m from the goal's first gate or position, 4.50 s after the goal was given"
     )
     own = replace(missed, name="through the ring")
     cause = cause_of(failed(own), (), goal_s=2.0, passed=None)
@@ -373,4 +373,4 @@ def test_a_video_is_shown_where_it_is_one(copied: Path) -> None:
     video.write_bytes(b"no video at all")
     run = run_of(copied)
     assert run.video is None
-    assert run.problems == ("mixed.mp4 is no MP4 file",)
+    assert run.problems == ("mixed.mp4 is not an MP4 file",)

@@ -8,17 +8,17 @@ import { by, make } from "./dom.js";
 
 const SHOWN_REASONS = 40;
 const MEANINGS = {
-  PASS: "all that is required held",
+  PASS: "all required oracles passed",
   FAIL: "an oracle failed: a contact, a breach, a limit",
-  INVALID: "mixing or synchronisation left its limits, or somebody held: the flight proves nothing",
+  INVALID: "mixing or synchronisation exceeded its limits, or an operator held: the flight proves nothing",
   ERROR: "the vehicles, the machine or the program failed: nothing was tested",
   ABORTED: "an operator or pilot ended it",
 };
-/** What the guard's phases mean to who has not read its code. @type {Record<string, string>} */
+/** Texts of the guard's phases. @type {Record<string, string>} */
 const PHASES = {
   down: "is down: landed and disarmed",
   holding: "is being stopped in the air, before it lands",
-  "not needed": "is not landed by the guard",
+  "not needed": "needs no landing by the guard",
   "on the ground": "is on the ground, being disarmed",
   descending: "is descending",
 };
@@ -53,7 +53,7 @@ export function showCampaign(campaign) {
   by("matrix").replaceChildren(make("p", `${campaign.name}: ${countsText(campaign)}`), table, reasons(campaign), meanings(campaign), results);
 }
 
-/** Why runs are no PASS. @param {any} campaign */
+/** The reasons of runs that are not PASS. @param {any} campaign */
 function reasons(campaign) {
   const list = make("ul", "", "reasons");
   const why = Object.entries(campaign.finished ?? {}).filter(([name, verdict]) => verdict !== "PASS" && campaign.reasons?.[name]);
@@ -65,7 +65,7 @@ function reasons(campaign) {
   return list;
 }
 
-/** What the verdicts mean that the campaign has. @param {any} campaign */
+/** The meanings of the verdicts that the campaign has. @param {any} campaign */
 function meanings(campaign) {
   const present = new Set(Object.values(campaign.finished ?? {}));
   const texts = Object.entries(MEANINGS).filter(([kind]) => present.has(kind)).map(([kind, text]) => `${kind}: ${text}.`);
@@ -75,16 +75,16 @@ function meanings(campaign) {
 /** @param {Model} model */
 export function showGuards(model) {
   const guards = model.isOver ? [] : (model.status?.guards ?? []);
-  const made = guards.map((/** @type {any} */ one) => {
+  const rows = guards.map((/** @type {any} */ one) => {
     const row = make("div");
     row.append(make("p", String(one.run ?? one.name)));
     if (!one.is_answering) {
       row.append(make("span", "does not answer", "badge FAIL"));
       return row;
     }
-    const state = one.latched ? [`has taken over: ${one.latched}`, "FAIL"] : one.held ? ["holds all vehicles", "INVALID"] : ["passes setpoints on", "PASS"];
+    const state = one.latched ? [`has taken over: ${one.latched}`, "FAIL"] : one.held ? ["holds all vehicles", "INVALID"] : ["forwards setpoints", "PASS"];
     row.append(make("span", state[0], `badge ${state[1]}`));
-    if (one.orchestrator === "lost") row.append(make("span", "its program is lost", "badge FAIL"));
+    if (one.orchestrator === "lost") row.append(make("span", "its orchestrator is lost", "badge FAIL"));
     const list = Object.entries(one.vehicles ?? {}).map(([name, phase]) => make("li", `${name} ${PHASES[String(phase)] ?? phase}`));
     if (one.latched || one.held) {
       const phases = make("ul");
@@ -93,14 +93,14 @@ export function showGuards(model) {
     }
     return row;
   });
-  by("guards").replaceChildren(...(made.length ? made : [make("p", whyNone(model), "hint")]));
+  by("guards").replaceChildren(...(rows.length ? rows : [make("p", whyNone(model), "hint")]));
 }
 
 /** @param {Model} model */
 function whyNone(model) {
   const view = model.run?.view;
-  if (model.mode === "recorded") return "nothing flies: there is none; what it did stands among the events";
+  if (model.mode === "recorded") return "recorded run: the guard's actions are among the events";
   if (view?.clock === "virtual") return "under the virtual clock the guard is in the run's process: see its events";
-  if (view?.stage === "end" || model.isOver) return "the run has ended, and its guard with it; what it did stands among the events";
+  if (view?.stage === "end" || model.isOver) return "the run and its guard have ended; the guard's actions are among the events";
   return "no guard runs now: each run starts one before its vehicles";
 }

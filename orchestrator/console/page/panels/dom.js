@@ -1,5 +1,5 @@
 // @ts-check
-// What all panels use to write text into the page. Text only, never markup.
+// Helpers of all panels to write text into the page; text only, never markup.
 
 /** @param {string} id */
 export const by = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
@@ -9,13 +9,13 @@ export const button = (id) => /** @type {HTMLButtonElement} */ (document.getElem
 
 /** @param {string} tag @param {string} [text] @param {string} [kind] */
 export function make(tag, text = "", kind = "") {
-  const made = document.createElement(tag);
-  if (text) made.textContent = text;
-  if (kind) made.className = kind;
-  return made;
+  const element = document.createElement(tag);
+  if (text) element.textContent = text;
+  if (kind) element.className = kind;
+  return element;
 }
 
-/** Write a text of which the page may show a part only; all of it stands in its title.
+/** Write a text that the page may truncate; its title has all of it.
  * @param {string} id @param {string} text @param {string} [kind] */
 export function write(id, text, kind) {
   const one = by(id);
@@ -23,12 +23,12 @@ export function write(id, text, kind) {
   if (kind !== undefined && one.className !== kind) one.className = kind;
 }
 
-/** A number without a sign that rounding left behind. @param {any} value @param {number} [digits] */
+/** A number without the sign of a rounded zero. @param {any} value @param {number} [digits] */
 export function number(value, digits = 2) {
   return typeof value === "number" ? value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1") : "–";
 }
 
-/** A limit as it was written: no zeros behind it. @param {number} value */
+/** A limit without trailing zeros. @param {number} value */
 export function plain(value) {
   return String(Number(number(value, 3)));
 }

@@ -1,5 +1,5 @@
 // @ts-check
-// Events: those of the run that is shown, or of all, the newest first; commands always.
+// Events of the shown run, or of all runs, the newest first; always with commands.
 
 import { runName } from "../flight_state.js";
 import { by, clock, make, number } from "./dom.js";
@@ -21,8 +21,8 @@ export function showEvents(model) {
 /** @param {any} one @param {Model} model @param {boolean} ofAll */
 function line(one, model, ofAll) {
   const isCommand = one.kind === "command";
-  const said = isCommand ? `${one.command} by ${one.who}: ${one.texts.join("; ")}` : [one.vehicle, one.word, one.text].filter(Boolean).join(" · ");
-  const text = ofAll && one.run ? `${runName(one.run)}: ${said}` : said;
+  const own = isCommand ? `${one.command} by ${one.who}: ${one.texts.join("; ")}` : [one.vehicle, one.word, one.text].filter(Boolean).join(" · ");
+  const text = ofAll && one.run ? `${runName(one.run)}: ${own}` : own;
   const isSevere = one.severity !== null && one.severity !== undefined && one.severity <= 3;
   const item = make("li", "", `${one.kind}${isSevere ? " severe" : ""}`);
   const run_s = one.t_s === null ? "" : `${number(sinceStart(one.t_s, model.runs.get(one.run)?.view), 1)} s`;

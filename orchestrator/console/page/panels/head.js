@@ -1,6 +1,6 @@
 // @ts-check
-// The head: what flies, which verdict holds, and what an abort has come to. It keeps its size, so that
-// ABORT never moves.
+// The head: state, verdict, and progress of an abort. Its size is constant, so that ABORT never
+// moves.
 
 import { airText, abortText, campaignOf, finalOf, hasEnded, isIdle, runName, stateText, verdictOf } from "../flight_state.js";
 import { button, by, clock, number, write } from "./dom.js";
@@ -51,7 +51,7 @@ export class Head {
     return this.model.you ? "No campaign in flight" : "wil-campaign console";
   }
 
-  /** Refresh what shows time. */
+  /** Refresh the texts that depend on time. */
   showTime() {
     const view = this.model.run?.view;
     const kind = view?.clock === "wall" ? "" : `, ${view?.clock}`;
@@ -61,12 +61,12 @@ export class Head {
     this.showReply();
   }
 
-  /** What of the vehicles may be hardware. */
+  /** The vehicles that may be hardware. */
   hardwareText() {
     const kinds = this.model.run?.scene?.kinds ?? {};
     const attached = Object.keys(kinds).filter((name) => kinds[name].startsWith("attached"));
     if (attached.length) return `${attached.join(" and ")} MAY BE HARDWARE`;
-    return Object.keys(kinds).length ? "none flies: simulated" : "–";
+    return Object.keys(kinds).length ? "none: all vehicles are simulated" : "–";
   }
 
   /** @param {any} campaign */
@@ -77,18 +77,18 @@ export class Head {
     const idle = isIdle(model);
     button("abort").disabled = !isOperator;
     button("abort").classList.toggle("idle", idle);
-    const word = !model.you ? "join first" : model.isOver ? "nothing flies any more" : idle ? "nothing in flight" : isOperator ? "land all vehicles (Esc)" : "for operators";
+    const word = !model.you ? "join first" : model.isOver || idle ? "nothing in flight" : isOperator ? "land all vehicles (Esc)" : "for operators";
     write("abort-word", word);
     button("hold").disabled = !isOperator || !model.hasControl || isDone || Boolean(campaign?.held);
     button("resume").disabled = !isOperator || !model.hasControl || !campaign?.held;
   }
 
-  /** The newest reply; after an abort, what has come of it. */
+  /** The newest reply; after an abort, its progress. */
   showReply() {
     const { model } = this;
     const abort = abortText(model);
     const reply = model.reply && (!abort || model.reply.at > (model.abort?.at ?? 0)) ? model.reply : abort;
-    const ended = model.isOver && reply === null ? { ok: true, text: "The campaign has ended, and its console with it. Its guards have ended too: they end when what they guard is down." } : reply;
+    const ended = model.isOver && reply === null ? { ok: true, text: "The campaign, its guards and its console have ended. A guard ends only when its vehicles are down." } : reply;
     write("reply", ended?.text ?? "", ended ? `reply ${ended.ok ? "good" : "bad"}` : "reply");
   }
 
@@ -124,7 +124,7 @@ export class Head {
   }
 }
 
-/** The time that the required limit leaves. @param {any} view */
+/** The time left until the required time limit. @param {any} view */
 function leftText(view) {
   const limit = view.margins.find((/** @type {any} */ one) => one.name === "time_limit" && one.required);
   const [, high] = limit?.limits ?? [null, null];

@@ -1,5 +1,5 @@
 // @ts-check
-// Margins: of each oracle the worst value so far, its limit, and what is left between the two.
+// Margins: the worst value of each oracle so far, its limit, and the margin between the two.
 
 import { by, make, number, plain } from "./dom.js";
 
@@ -14,7 +14,7 @@ export function sinceStart(t_s, view) {
   return t_s - (view?.entered_s?.start ?? (entered.length ? Math.min(...entered) : 0));
 }
 
-/** The required margin of which the least share is left. @param {Run | undefined} run @returns {{text: string, kind: string}} */
+/** The required margin with the smallest share left. @param {Run | undefined} run @returns {{text: string, kind: string}} */
 export function nearestOf(run) {
   const required = (run?.view?.margins ?? []).filter((/** @type {any} */ one) => one.required && one.margin !== null);
   const [nearest] = required
@@ -42,12 +42,12 @@ export function showMargins(run) {
     return row;
   });
   const head = make("tr");
-  for (const title of ["oracle", "worst so far, and limit", "left to the limit", "how it went"]) {
+  for (const title of ["oracle", "worst so far, and limit", "margin left", "history"]) {
     const cell = make("th", title);
     cell.setAttribute("scope", "col");
     head.append(cell);
   }
-  by("margins").replaceChildren(...(rows.length ? [head, ...rows] : [make("caption", "nothing is judged yet")]));
+  by("margins").replaceChildren(...(rows.length ? [head, ...rows] : [make("caption", "no oracle has a value yet")]));
 }
 
 /** The name of a margin. @param {any} one */
@@ -60,7 +60,7 @@ function keyOf(one) {
   return `${one.name} ${one.vehicle}`;
 }
 
-/** How much of a margin is left, and of what: the most that it was in this run.
+/** The share of a margin that is left, and the whole: its largest value in this run.
  * @param {any} one @param {Run | undefined} run */
 function shareOf(one, run) {
   const whole = Math.max(1e-9, run?.largest.get(keyOf(one)) ?? 0, Math.abs(one.margin));
@@ -76,12 +76,12 @@ function valueCell(one) {
   return cell;
 }
 
-/** Whether an oracle asks for something to happen, or not to, and measures nothing. @param {any} one */
+/** Whether an oracle checks an event and measures no value. @param {any} one */
 function isEvent(one) {
   return one.limits.every((/** @type {any} */ limit) => limit === null);
 }
 
-/** A limit in words; whether it is the least or the most follows from the margin. @param {any} one */
+/** A limit as text; the margin shows whether it is a lower or upper limit. @param {any} one */
 function limitText(one) {
   const [low, high] = one.limits;
   if (low !== null && high !== null) return `allowed: ${plain(low)} to ${plain(high)} ${one.unit}`;
@@ -96,7 +96,7 @@ function limitText(one) {
 function barCell(one, run) {
   const cell = make("td");
   if (one.margin === null) {
-    const open = isEvent(one) ? "nothing against it" : one.actual === null ? "not measured yet" : "judged at the end";
+    const open = isEvent(one) ? "no violation" : one.actual === null ? "not measured yet" : "judged at the end";
     const isOpen = one.verdict === "FAIL" && run?.view?.stage !== "end";
     cell.append(make("small", isOpen ? `not yet: ${one.detail}` : one.detail || (one.verdict === "FAIL" ? "failed" : open)));
     return cell;

@@ -1,5 +1,5 @@
 // @ts-check
-// Vehicles, the figures of mixing, and who looks on.
+// Vehicles, the figures of mixing, and the connected pages.
 
 import { button, by, make, number } from "./dom.js";
 
@@ -12,7 +12,7 @@ const ROWS = [
   ["mode", (one) => one.mode || "–"],
   ["armed", (one) => (one.armed ? "armed" : "disarmed")],
   ["state", (one) => one.landed.replace("_", " ") || "–"],
-  ["link", (one) => (one.silent_s === null ? ["never heard", "bad"] : one.link_up ? `${one.silent_s.toFixed(2)} s ago` : [`LOST, ${one.silent_s.toFixed(1)} s ago`, "bad"])],
+  ["link", (one) => (one.silent_s === null ? ["no data received", "bad"] : one.link_up ? `${one.silent_s.toFixed(2)} s ago` : [`LOST, ${one.silent_s.toFixed(1)} s ago`, "bad"])],
   ["battery", (one) => battery(one)],
   ["estimator", (one) => (one.failsafe ? ["FAILSAFE", "bad"] : one.faults.length ? [one.faults.join("; "), "bad"] : "no fault reported")],
   ["north, east, up", (one) => place(one.position_ned_m, "m")],
@@ -30,7 +30,7 @@ export function showVehicles(model) {
   head.append(make("td"), ...vehicles.map((/** @type {any} */ one) => {
     const cell = make("th", one.name, one.name);
     cell.setAttribute("scope", "col");
-    cell.append(make("small", kinds[one.name] ?? "kind not known", "kind"));
+    cell.append(make("small", kinds[one.name] ?? "unknown kind", "kind"));
     return cell;
   }));
   const body = ROWS.map(([title, cellOf]) => {
@@ -56,7 +56,7 @@ export function showPeople(model) {
     return make("li", `${one.name} (${marks.filter(Boolean).join(", ")})`);
   });
   by("people").replaceChildren(...items);
-  const control = people.holder ? `${people.holder} has control. Abort is every operator's.` : "Nobody has control.";
+  const control = people.holder ? `${people.holder} has control. Every operator may abort.` : "Nobody has control.";
   by("control").textContent = model.isOver ? "The console has ended." : control;
   const isOperator = you?.role === "operator" && !model.isOver;
   button("take").disabled = !isOperator || model.hasControl;
@@ -87,7 +87,7 @@ function place(ned, unit) {
 
 /** @param {any} one */
 function mixingText(one) {
-  if (one.skew_ms === null) return `${one.name}: nothing is mixed yet`;
+  if (one.skew_ms === null) return `${one.name}: no mixture yet`;
   const error = one.registration_error_px === null ? "not measured" : `${number(one.registration_error_px)} px`;
-  return `Newest mixture of ${one.name}: ${number(one.rate_hz, 1)} Hz; exposures ${number(one.skew_ms, 1)} ms apart; ${number(one.latency_ms, 1)} ms from exposure to delivery; virtual objects drawn ${error} off their place (registration error); ${one.missed} missed so far`;
+  return `Newest mixture of ${one.name}: ${number(one.rate_hz, 1)} Hz; exposures ${number(one.skew_ms, 1)} ms apart; ${number(one.latency_ms, 1)} ms from exposure to delivery; registration error of virtual objects ${error}; ${one.missed} missed so far`;
 }

@@ -27,7 +27,7 @@
     return Math.abs(points[low][0] - x) <= Math.abs(points[high][0] - x) ? low : high;
   }
 
-  // A mixture counts until the next one has come; a pose is taken where it is nearest.
+  // A mixture is valid until the next one; of poses the nearest is shown.
   function newestOf(line, points, x) {
     const index = nearest(points, x);
     const isLater = line.classList.contains("mixed") && points[index][0] > x + 0.06;
@@ -115,7 +115,7 @@
     });
   }
 
-  // A frame is enlarged by a click or by Enter; arrow keys go through those beside it.
+  // A click or Enter enlarges a frame; arrow keys show its neighbours.
   const box = document.createElement("dialog");
   box.className = "lightbox";
   box.setAttribute("aria-label", "enlarged image");
@@ -124,11 +124,11 @@
   const caption = document.createElement("span");
   const buttons = document.createElement("span");
   const button = (text, act) => {
-    const made = document.createElement("button");
-    made.type = "button";
-    made.textContent = text;
-    made.addEventListener("click", act);
-    buttons.append(made);
+    const added = document.createElement("button");
+    added.type = "button";
+    added.textContent = text;
+    added.addEventListener("click", act);
+    buttons.append(added);
   };
   button("←", () => turn(-1));
   button("→", () => turn(1));
@@ -164,7 +164,7 @@
     if (opener && opener.closest("article")) enlarge(opener);
   });
 
-  // What a box that scrolls is about stands in its middle.
+  // Scroll the strip and the event list to the moment.
   function centre(run) {
     const frame = run.querySelector(".strip .now");
     if (frame) {
@@ -180,7 +180,7 @@
     }
   }
 
-  // A table that is cut at the right says so.
+  // Mark tables that continue to the right.
   function hintAtWidth() {
     for (const one of document.querySelectorAll(".scroll")) {
       if (one.clientWidth) one.classList.toggle("wide", one.scrollWidth > one.clientWidth + 1);

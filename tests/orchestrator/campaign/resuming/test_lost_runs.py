@@ -185,7 +185,7 @@ def test_a_reader_names_what_was_begun_and_has_no_result(
     finish(tmp_path, campaign, 1, "PASS")
     problems = read_campaign(tmp_path).run_problems
     assert [one.partition(": ")[0] for one in problems] == [FIRST, FIRST]
-    assert "was begun and has no result" in problems[1]
+    assert "was started and has no result" in problems[1]
 
 
 def test_a_run_is_named_with_resume_alone(

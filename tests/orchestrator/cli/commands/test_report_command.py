@@ -32,7 +32,7 @@ def test_a_whole_folder_is_0_a_damaged_one_3_and_a_foreign_one_2(
     assert "real touched gate.left" in (tmp_path / "again.html").read_text()
 
     assert main(["report", str(tmp_path)]) == 2
-    assert "no results folder" in capsys.readouterr().err
+    assert "not the results folder" in capsys.readouterr().err
     assert main(["report", str(folder), "--out", str(tmp_path / "nowhere" / "r.html")]) == 3
     assert "cannot be written" in capsys.readouterr().err
 
