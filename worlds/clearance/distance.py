@@ -1,7 +1,7 @@
-"""Distance between a vehicle's body and one part of a thing.
+"""Distance between a vehicle's body and one part of an object.
 
 Convex parts by our own GJK (`gjk`); triangle surfaces by a tree of them (`surfaces`).
-Everything is in the thing's frame: parts stay where they are, the body is placed.
+All coordinates are in the object's frame: parts are fixed, the body is placed at a pose.
 """
 
 import math
@@ -16,7 +16,7 @@ from worlds.scene.meshes import FloatArray
 from worlds.scene.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
 
 Body = BoxShape | SphereShape
-"""A vehicle for the purpose of touching: a box (half extents FRD, metres) or a ball."""
+"""A vehicle's body for contact: a box (half extents FRD, metres) or a ball."""
 
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 

@@ -1,4 +1,4 @@
-"""Triangle meshes: what a camera sees of a thing, in the thing's own FRD frame, metres."""
+"""Triangle meshes, as cameras see them, in the object's own FRD frame, metres."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,7 +49,7 @@ class Mesh:
         return float(np.sqrt((self.vertices_m**2).sum(axis=1).max()))
 
     def moved(self, pose: Pose) -> "Mesh":
-        """Return this mesh as seen from the frame in which `pose` is given."""
+        """Return this mesh in the frame in which `pose` is given."""
         rotation = matrix_from_quat(pose.q_wxyz)
         return replace(
             self,
