@@ -1,4 +1,4 @@
-"""Plain tables: columns that line up, in a terminal as in a pipe, and never cut off."""
+"""Plain-text tables with aligned columns, whose cells are never cut off."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""`wil-campaign plan`: the runs of a campaign."""
+"""`wil-campaign plan`: shows the runs of a campaign."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ from orchestrator.cli.standard_streams import out
 from orchestrator.cli.text_table import table
 
 _CLAIMS = (0.80, 0.90, 0.95, 0.99)
-"""Pass rates of which the plan says how many flights without a failure show them."""
+"""Pass rates for which the plan states how many flights without a failure show them."""
 
 
 def plan(
@@ -22,7 +22,7 @@ def plan(
     choice: Choice = ALL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Show the runs of a campaign, fly nothing.
+    """Show the runs of a campaign; nothing flies.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def _as_table(campaign: Campaign) -> str:
 
 
 def _claim_text(campaign: Campaign) -> str:
-    """Return what so many flights can show at most, and how many a stronger claim needs."""
+    """Return the strongest claim that the flights can show, and the flights for stronger ones."""
     repetitions = campaign.repetitions
     if (test := campaign.test) is not None:
         return (

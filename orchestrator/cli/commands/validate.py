@@ -1,4 +1,4 @@
-"""`wil-campaign validate`: every fault of campaign, world, recipe and bench files."""
+"""`wil-campaign validate`: reports all faults of campaign, world, recipe and bench files."""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,18 +23,18 @@ def validate(
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
     bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
 ) -> int:
-    """Find every fault of files, fly nothing.
+    """Report all faults of files; nothing flies.
 
     Parameters
     ----------
     files
         Campaign files, with the world and recipe that each names; or world, recipe or bench files.
     clock
-        Whether they can be flown on this clock as well: virtual, wall or scaled.
+        Also check that campaigns can fly on this clock: virtual, wall or scaled.
     set_
-        KEY=VALUE, as of `run`: campaigns are looked at with that.
+        KEY=VALUE, as of `run`: campaigns are checked with this override.
     bench_file
-        A bench, as of `run`, for campaigns that ask for one.
+        A bench, as of `run`, for campaigns that request one.
     """
     if not files:
         err("validate needs at least one file")
@@ -43,7 +43,7 @@ def validate(
     problems: list[Problem] = []
     for file in files:
         try:
-            out(_check_case(file, clock, options))
+            out(_check_file(file, clock, options))
         except BadInput as error:
             problems += error.problems
             for warning in error.warnings:
@@ -58,8 +58,8 @@ def validate(
     return 2
 
 
-def _check_case(file: Path, clock: Clock | None, options: Options) -> str:
-    """Return a line about a valid file, whatever kind it is of. Raises BadInput."""
+def _check_file(file: Path, clock: Clock | None, options: Options) -> str:
+    """Return a line about a valid file of any kind. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
     if schema == "wil/world/1":
