@@ -23,6 +23,7 @@ from orchestrator.campaign.resuming.attached_vehicles import (
 )
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
+from orchestrator.cli.text_table import count_text
 from orchestrator.engines.bench.bench_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
@@ -210,7 +211,7 @@ def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
     for actor, other in _encounters(campaign, found):
         encounter = f"{actor.name} flies beside {other.name}, and their fences let them touch"
         if has_terminal():
-            _ask_name(f"{encounter}. Type {actor.name} to consent: ", actor.name)
+            _require_answer(f"{encounter}. Type {actor.name} to consent: ", {actor.name.lower()})
         elif not (actor.identity.simulation and other.identity.simulation):
             raise RefusedError(
                 f"{encounter}: one of them may be hardware; consent is given by a person at a "
@@ -244,18 +245,12 @@ def has_terminal() -> bool:
 def _ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> None:
     """Ask the person at the terminal for consent to arm vehicles. Raises RefusedError without."""
     names = " and ".join(f"{one.name} ({one.where})" for one in found)
-    runs = f"{count} run{'' if count == 1 else 's'}"
-    _ask_person(f"{what}, {runs}. Arm {names} and take off? [y/N] ")
+    _ask_person(f"{what}, {count_text(count, 'run')}. Arm {names} and take off? [y/N] ")
 
 
 def _ask_person(question: str) -> None:
     """Ask the person at the terminal. Raises RefusedError without a yes."""
     _require_answer(question, {"y", "yes"})
-
-
-def _ask_name(question: str, name: str) -> None:
-    """Ask the person at the terminal for a name. Raises RefusedError for another answer."""
-    _require_answer(question, {name.lower()})
 
 
 def _require_answer(question: str, answers: Collection[str]) -> None:

@@ -83,8 +83,11 @@ def ready_flight(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]
         return
     address = engine_address(order.engine)
     is_of_bench = is_for_bench(order.file, order.options, order.engine)
-    ready = _ready_on_bench if is_of_bench and address is not None else _ready_over_cluster
-    with ready(order, address or "") as flight:
+    if is_of_bench and address is not None:
+        ready = _ready_on_bench(order, address)
+    else:
+        ready = _ready_over_cluster(order)
+    with ready as flight:
         yield flight
 
 
@@ -145,10 +148,7 @@ def _ready_here(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]
 
 
 @contextmanager
-def _ready_over_cluster(
-    order: FlightOrder,
-    _address: str,
-) -> Iterator[tuple[Campaign, FlyingSettings]]:
+def _ready_over_cluster(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
     """Prepare a flight over the nodes of a cluster."""
     campaign = order.load()
     _refuse_attached(campaign, order.engine)

@@ -65,13 +65,10 @@ def _capture(all_: Sequence[CaptureResult]) -> str:
 
 def _outlet(all_: Sequence[OutletResult]) -> str:
     """Return the line of an external image outlet, summed over runs."""
-    offered, delivered = (sum(getattr(one, name) for one in all_) for name in _OUTLET_COUNTS)
+    delivered, offered = sum(one.delivered for one in all_), sum(one.offered for one in all_)
     text = f"{all_[0].name}: {delivered} of {offered} images delivered"
     trouble = next((one.trouble for one in all_ if one.trouble), "")
     return f"{text} ({trouble})" if trouble else text
-
-
-_OUTLET_COUNTS = ("offered", "delivered")
 
 
 def _injection_text(all_: Sequence[InjectedResult]) -> str:

@@ -11,6 +11,7 @@ from rich.text import Text
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.cli.external_lines import external_lines
 from orchestrator.cli.progress_display import VERDICT_STYLES
+from orchestrator.cli.text_table import count_text
 from orchestrator.model.acceptance_texts import required_text, shortfall_texts
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, in_short, synthesised_texts
@@ -35,10 +36,9 @@ the largest median of the registration error."""
 
 def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
     """Return the table of verdicts by case and mode; 80 columns wide for short names."""
-    count = len(summary.runs)
-    title = f"{summary.campaign}: {count} run{'' if count == 1 else 's'}"
-    if controls := len(summary.controls):
-        title += f", {controls} control{'' if controls == 1 else 's'}"
+    title = f"{summary.campaign}: {count_text(len(summary.runs), 'run')}"
+    if summary.controls:
+        title += f", {count_text(len(summary.controls), 'control')}"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in _COLUMNS:
         words = name in {"case", "mode", "verdict"}

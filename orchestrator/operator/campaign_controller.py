@@ -66,8 +66,8 @@ class CampaignController:
         fleet: Fleet,
         say: Callable[[str], None],
     ) -> None:
-        self._campaign = campaign
-        self._folder = folder
+        self.campaign = campaign
+        self.folder = folder
         self._total = total
         self._fleet = fleet
         self.guards: Callable[[], Sequence[Place]] = tuple
@@ -86,19 +86,9 @@ class CampaignController:
         self.stopped: Stop | None = None
 
     @property
-    def campaign(self) -> str:
-        """Return the controlled campaign's name."""
-        return self._campaign
-
-    @property
-    def folder(self) -> Path:
-        """Return the controlled campaign's folder of results."""
-        return self._folder
-
-    @property
     def session(self) -> str:
         """Return the name of the results folder, which identifies this start of the campaign."""
-        return self._folder.name
+        return self.folder.name
 
     @property
     def flying(self) -> Collection[str]:
@@ -209,7 +199,7 @@ class CampaignController:
         """Return the controlled campaign's status without its runs in flight."""
         return {
             "state": state,
-            "campaign": self._campaign,
+            "campaign": self.campaign,
             "session": self.session,
             "held": self.held,
             "stopped": self.stopped,
@@ -229,7 +219,7 @@ class CampaignController:
         ]
         return {
             **self.summary(self.state),
-            "folder": str(self._folder),
+            "folder": str(self.folder),
             "flying": flying,
             "answers": answers,
             "acknowledged": None if self.acknowledged is None else self.acknowledged.plain(),

@@ -44,10 +44,7 @@ def abort_place(flying: Places, who: str, *, node: str, bench: str) -> Iterator[
     """Make campaigns land their runs on one node or bench of a cluster; yield the replies."""
     names = {name: text for name, text in (("node", node), ("bench", bench)) if text}
     for campaign in flying.campaigns:
-        try:
-            yield _reply(campaign, ask(campaign.socket, "abort", who=who, **names))
-        except NoAnswerError as error:
-            yield CommandReply(ok=False, text=str(error))
+        yield _send_to_socket(campaign, "abort", who, **names)
 
 
 def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
@@ -97,10 +94,10 @@ def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comm
         yield _send_to_socket(guard, kind, who)
 
 
-def _send_to_socket(place: Place, kind: OperatorKind, who: str) -> CommandReply:
+def _send_to_socket(place: Place, kind: OperatorKind, who: str, **more: str) -> CommandReply:
     """Send an operator's command to a socket; return its reply."""
     try:
-        return _reply(place, ask(place.socket, kind, who=who))
+        return _reply(place, ask(place.socket, kind, who=who, **more))
     except NoAnswerError as error:
         return CommandReply(ok=False, text=str(error))
 

@@ -103,7 +103,7 @@ class Document:
     def override(self, dotted_key: str, entry: Entry) -> "Document":
         """Return the document with the value at a dotted key replaced by an entry.
 
-        Places beneath are those of the entry, in the file (or option) where it stands. Raises
+        Places beneath are those of the entry, in its own file or option. Raises
         BadInput when the path leads through a value that is neither mapping nor list, or through a
         missing key that resembles an existing one, has an empty part, or more than MAX_DEPTH parts.
         """

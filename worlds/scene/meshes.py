@@ -152,15 +152,15 @@ def box(size_m: Vec3, material: Material) -> Mesh:
     sides = []
     for normal, up in _SIDES:
         right = np.cross(np.array(up), np.array(normal))
-        center, across, along = (_vec3(np.array(edge) * half) for edge in (normal, right, up))
+        center, across, along = (vec3(np.array(edge) * half) for edge in (normal, right, up))
         sides.append(quad(center, across, along, material))
     return replace(
         merge(sides), materials=(material,), face_material=np.zeros(12, np.int32), closed=True
     )
 
 
-def _vec3(array: FloatArray) -> Vec3:
-    """Return an array of three numbers as a vector of a mesh."""
+def vec3(array: FloatArray) -> Vec3:
+    """Return an array of three numbers as a vector."""
     return (float(array[0]), float(array[1]), float(array[2]))
 
 

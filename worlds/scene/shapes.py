@@ -83,8 +83,8 @@ def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
     whole = (
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     )
-    pose = Pose((float(middle[0]), float(middle[1]), float(middle[2])))
-    return HullShape(np.ascontiguousarray(corners), faces[whole].astype(np.int32)), pose
+    hull = HullShape(np.ascontiguousarray(corners), faces[whole].astype(np.int32))
+    return hull, Pose(meshes.vec3(middle))
 
 
 @lru_cache(maxsize=_CACHED_SHAPES)
@@ -270,8 +270,7 @@ def room(
         # The walls overlap at the corners, so that no gap is left there.
         half = np.where(np.abs(normal) > 0.5, thick / 2.0, half + thick)
         at = np.array(side.center_m) - normal * thick / 2.0
-        shape = BoxShape((float(half[0]), float(half[1]), float(half[2])))
-        pose = Pose((float(at[0]), float(at[1]), float(at[2])))
+        shape, pose = BoxShape(meshes.vec3(half)), Pose(meshes.vec3(at))
         parts.append(Part(side.name, shape, pose, is_floor=side.name == "floor"))
     return Shape("room", meshes.merge([side.mesh() for side in drawn]), tuple(parts))
 

@@ -121,9 +121,9 @@ def _refuse_attached(found: SearchCampaign) -> None:
     names = " and ".join(one.name for one in attached)
     where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
     raise RefusedError(
-        f"{names}{where}: a search flies no attached vehicle, for nobody brings it back to its "
-        "start between proposals; give a budget to mode sim alone, and fly the files of failures "
-        "by `run`",
+        f"{names}{where}: a search flies no attached vehicle, because no person brings it back to "
+        "its start between proposals; give a budget to mode sim alone, and fly the files of "
+        "failures by `run`",
         2,
     )
 

@@ -10,6 +10,7 @@ from campaigns.search.search_file import has_search, read_search
 from campaigns.setup.bench_file import Bench, load_benches, read_bench
 from orchestrator.cli.clock_choice import clock_for, external_needs
 from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.text_table import count_text
 from orchestrator.model.clock import Clock
 from recipes.language.recipe_document import load_recipe
 from recipes.language.recipe_files import load_recipe_document
@@ -54,7 +55,7 @@ def validate(
     for problem in found:
         err(problem)
     names = len({problem.file for problem in found})
-    err(f"{_count(len(found), 'problem')} in {_count(names, 'file')}")
+    err(f"{count_text(len(found), 'problem')} in {count_text(names, 'file')}")
     return 2
 
 
@@ -64,10 +65,10 @@ def _check_file(file: Path, clock: Clock | None, options: Options) -> str:
     schema = document.get(("schema",))
     if schema == "wil/world/1":
         world = World.parse(document)
-        return f"{file}: a world of {_count(len(world.objects), 'object')}"
+        return f"{file}: a world of {count_text(len(world.objects), 'object')}"
     if schema == "wil/recipe/1":
         recipe = load_recipe(document)
-        return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
+        return f"{file}: a recipe of {count_text(len(recipe.combinations), 'combination')}"
     if schema == "wil/bench/1":
         return f"{file}: {bench_summary(read_bench(document))}"
     campaign = load_campaign(file, options)
@@ -90,15 +91,10 @@ def _summary(campaign: Campaign) -> str:
     """Return the summary line of a valid campaign."""
     required = sum(run.required for run in campaign.runs)
     sizes = (
-        _count(len(campaign.cases), "case"),
-        _count(len(campaign.modes), "mode"),
-        _count(campaign.repetitions, "repetition"),
+        count_text(len(campaign.cases), "case"),
+        count_text(len(campaign.modes), "mode"),
+        count_text(campaign.repetitions, "repetition"),
     )
-    runs = f"{_count(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
-    controls = f", {_count(len(campaign.controls), 'control')}" if campaign.controls else ""
+    runs = f"{count_text(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
+    controls = f", {count_text(len(campaign.controls), 'control')}" if campaign.controls else ""
     return f"campaign '{campaign.name}', {runs}, {required} required{controls}"
-
-
-def _count(number: int, what: str) -> str:
-    """Return a number with its noun for validate's summary."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
