@@ -1,1 +1,1 @@
-"""Places and things: frames, scenes, rendering, lidar and clearance. Imports nothing of ours."""
+"""World models: frames, scenes, rendering, lidar, clearance; imports no other package."""

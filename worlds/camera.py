@@ -1,4 +1,4 @@
-"""The pinhole camera: intrinsics, and how it sits on a body."""
+"""The pinhole camera: its intrinsics, and its mount on a body."""
 
 import math
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Intrinsics:
     def project(self, point_frd_m: Vec3) -> tuple[float, float] | None:
         """Return the pixel of a point in the camera's FRD frame; None when not in front.
 
-        Ignores distortion; the pixel may lie outside of the picture.
+        Ignores distortion; the pixel may lie outside of the image.
         """
         forward, right, down = point_frd_m
         if forward <= 1e-6:
@@ -47,7 +47,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """Where the camera sits: its pose in the body's FRD frame; its x axis looks out.
+    """A camera's mount: its pose in the body's FRD frame; its x axis looks out.
 
     `stabilized` cameras keep roll and pitch level, as a gimbal does: only the body's position
     and heading move them.

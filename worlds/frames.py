@@ -240,4 +240,4 @@ class Pose:
 
 
 AT_ORIGIN = Pose((0.0, 0.0, 0.0))
-"""No way from the parent frame."""
+"""The identity: at the origin of the parent frame, unrotated."""

@@ -1,11 +1,11 @@
-"""How kernels are compiled: once per machine, kept on disk, free of the interpreter lock.
+"""JIT compilation of kernels by Numba: once per machine, cached on disk, without the GIL.
 
 Without fast-math and without contraction, so that every CPU computes the same bits.
 
-Numba keeps a kernel until its own file changes, not until a file does whose kernels it calls;
-so the kept ones lie in a folder named after the digest of the sources that they may call: this
-package's kernels, and all files beside the kernel's own. It is in
-NUMBA_CACHE_DIR, else beside the package, else, where that cannot be written, in the user's cache.
+Numba caches a kernel until its own file changes, and ignores changes of files whose kernels it
+calls; so the cache is in a folder named after a digest of the sources that it may call: this
+package's kernels, and all files beside the kernel's own. The folder is in NUMBA_CACHE_DIR, else
+beside the package, else, where that cannot be written, in the user's cache.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 Int = Any
 Float = Any
-"""Scalars of kernels: of Python or of NumPy, for Numba one thing and for mypy no one type."""
+"""Scalars of kernels: Python's or NumPy's, which Numba treats alike and mypy does not."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -45,9 +45,11 @@ def cache_folder(package: Path = _HERE / "render") -> Path | None:
     """Return the cache folder of a package's JIT-compiled kernels; None when none is writable."""
     sources = {*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")}
     name = "kernels-" + sources_digest(sorted(sources | set(package.glob("*.py"))))
-    asked = os.environ.get("NUMBA_CACHE_DIR")
+    requested = os.environ.get("NUMBA_CACHE_DIR")
     home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-    parents = [Path(asked)] if asked else [_HERE / "__pycache__", Path(home) / "wil-campaign"]
+    parents = (
+        [Path(requested)] if requested else [_HERE / "__pycache__", Path(home) / "wil-campaign"]
+    )
     for parent in parents:
         folder = parent / name
         try:
@@ -61,19 +63,19 @@ def cache_folder(package: Path = _HERE / "render") -> Path | None:
 
 def compiled(function: Function) -> Function:
     """Return the function JIT-compiled at its first call (arguments give the types)."""
-    return cast("Function", _Kernel(function, is_kept=True))
+    return cast("Function", _Kernel(function, is_cached=True))
 
 
-def is_kept(kernel: Callable[..., object]) -> bool:
+def is_cached(kernel: Callable[..., object]) -> bool:
     """Return whether a JIT-compiled kernel is on disk already: its first call loads it."""
     folder = cache_folder(Path(kernel.__code__.co_filename).parent)
     return folder is not None and any(folder.rglob(f"*.{kernel.__name__}-*.nbi"))
 
 
 def direct(kernel: Function) -> Function:
-    """Return a kernel as Numba made it, for what calls it hundreds of times a second.
+    """Return Numba's dispatcher of a kernel, for callers that call it hundreds of times a second.
 
-    It saves a call of Python each time; Numba is imported now.
+    It saves a Python call each time; Numba is imported now.
     """
     return cast("Function", cast("Any", kernel).dispatcher)
 
@@ -81,9 +83,9 @@ def direct(kernel: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Return a helper that is JIT-compiled into each kernel that calls it.
 
-    Not kept on disk by itself. It saves about 0.2 s of the first compilation, each.
+    It is not cached by itself. Each saves about 0.2 s of the first compilation.
     """
-    return cast("Function", _Kernel(function, is_kept=False, inline="always"))
+    return cast("Function", _Kernel(function, is_cached=False, inline="always"))
 
 
 @cache
@@ -91,8 +93,8 @@ def _numba() -> Any:
     """Return Numba, imported without its trial import of SciPy's linear algebra.
 
     Numba's import takes a third of a second, which few commands need; the trial took another fifth
-    in each process that calls a kernel, to learn that SciPy is there. Who compiles a product of
-    matrices has it imported then.
+    in each process that calls a kernel, to learn that SciPy is there. A kernel with a product of
+    matrices still imports it when it is compiled.
     """
     import numba  # noqa: PLC0415 - see above
     from numba.np import linalg  # noqa: PLC0415
@@ -107,17 +109,17 @@ def _numba() -> Any:
 
 
 class _Kernel:
-    """A function for which Numba is imported at the first call: that takes half a second.
+    """A function for which Numba is imported at its first call, which takes half a second.
 
-    To Numba it is its dispatcher, whose attributes are read where another kernel calls it.
+    For Numba it stands in for its dispatcher, whose attributes another kernel reads to call it.
     """
 
     _loading = threading.RLock()
-    """The folder of the cache is a setting of the process."""
+    """Guards Numba's cache folder, which is a setting of the whole process."""
 
-    def __init__(self, function: Callable[..., object], *, is_kept: bool, **options: str) -> None:
+    def __init__(self, function: Callable[..., object], *, is_cached: bool, **options: str) -> None:
         self._function = function
-        self._is_kept = is_kept
+        self._is_cached = is_cached
         self._options = options
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
@@ -131,10 +133,12 @@ class _Kernel:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """Return what Numba makes of the function."""
+        """Return Numba's dispatcher of the function."""
         with self._loading:
             numba = _numba()
-            folder = cache_folder(Path(self.__code__.co_filename).parent) if self._is_kept else None
+            folder = (
+                cache_folder(Path(self.__code__.co_filename).parent) if self._is_cached else None
+            )
             before = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = str(folder or "")
             try:

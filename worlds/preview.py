@@ -1,6 +1,6 @@
-"""Look at a world file: `python -m worlds.preview WORLD.yaml PICTURE.png` draws what stands there.
+"""Renders a preview of a world file: `python -m worlds.preview WORLD.yaml IMAGE.png`.
 
-For people who write worlds: is the mesh upright, its unit right, the gate where it should be?
+For authors of worlds: is the mesh upright, its unit right, the gate where it should be?
 """
 
 import argparse
@@ -24,21 +24,21 @@ from worlds.world_file.world import Mode, Which, World
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Render a preview of a world file; 2 for a bad file, 3 for an output that fails."""
-    asked = _parser().parse_args(arguments)
+    options = _parser().parse_args(arguments)
     try:
-        world = World.parse(load(asked.world))
+        world = World.parse(load(options.world))
     except BadInput as error:
         sys.stderr.write("".join(f"{problem}\n" for problem in error.problems))
         return 2
-    scene = world.scene(asked.mode, asked.which)
-    picture = _draw_image(scene, asked)
-    coded, data = cv2.imencode(asked.picture.suffix or ".png", picture.image_bgr)
+    scene = world.scene(options.mode, options.which)
+    image = _draw_image(scene, options)
+    coded, data = cv2.imencode(options.image.suffix or ".png", image.image_bgr)
     try:
-        asked.picture.write_bytes(data.tobytes() if coded else b"")
+        options.image.write_bytes(data.tobytes() if coded else b"")
     except OSError as error:
-        sys.stderr.write(f"{asked.picture}: {error.strerror}\n")
+        sys.stderr.write(f"{options.image}: {error.strerror}\n")
         return 3
-    sys.stdout.write("".join(f"{line}\n" for line in _shown_objects(scene, picture)))
+    sys.stdout.write("".join(f"{line}\n" for line in _shown_objects(scene, image)))
     return 0
 
 
@@ -46,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
     """Return the parser of the preview's command line."""
     parser = argparse.ArgumentParser(prog="python -m worlds.preview", description=__doc__)
     parser.add_argument("world", type=Path, help="a world file")
-    parser.add_argument("picture", type=_image_file, help="the image to write (.png, .jpg)")
+    parser.add_argument("image", type=_image_file, help="the image to write (.png, .jpg)")
     for name, default, text in (
         ("north", 0.0, "camera position, metres"),
         ("east", 0.0, "camera position, metres"),
@@ -101,29 +101,29 @@ def _event(text: str) -> tuple[str, float]:
     return name, float(at_s)
 
 
-def _draw_image(scene: Scene, asked: argparse.Namespace) -> RenderOutput:
+def _draw_image(scene: Scene, options: argparse.Namespace) -> RenderOutput:
     """Return the rendered preview of a scene from the given camera pose."""
-    width_px, height_px = asked.size
-    camera = Intrinsics.from_fov(width_px, height_px, math.radians(asked.fov))
-    turn = {"pitch_rad": math.radians(asked.pitch), "yaw_rad": math.radians(asked.yaw)}
-    pose = Pose.of(asked.north, asked.east, asked.up, **turn)
-    return Renderer(scene).render(pose, camera, asked.at, dict(asked.event))
+    width_px, height_px = options.size
+    camera = Intrinsics.from_fov(width_px, height_px, math.radians(options.fov))
+    turn = {"pitch_rad": math.radians(options.pitch), "yaw_rad": math.radians(options.yaw)}
+    pose = Pose.of(options.north, options.east, options.up, **turn)
+    return Renderer(scene).render(pose, camera, options.at, dict(options.event))
 
 
-def _shown_objects(scene: Scene, picture: RenderOutput) -> list[str]:
-    """Return a line per object of the preview: its share of the image, its nearness."""
+def _shown_objects(scene: Scene, image: RenderOutput) -> list[str]:
+    """Return a line per object of the preview: its share of the image, and its distance."""
     lines: list[str] = []
-    depth_m, object_ids = picture.depth_m, picture.object_ids
+    depth_m, object_ids = image.depth_m, image.object_ids
     if depth_m is None or object_ids is None:
         return lines
-    for thing in scene.objects:
-        here = object_ids == thing.object_id
-        size_m = np.ptp(thing.shape.mesh.vertices_m, axis=0)
+    for scene_object in scene.objects:
+        here = object_ids == scene_object.object_id
+        size_m = np.ptp(scene_object.shape.mesh.vertices_m, axis=0)
         extent = " x ".join(f"{side:.3g}" for side in size_m.tolist())
-        seen = "does not show"
+        seen = "not visible"
         if here.any():
-            seen = f"{here.mean():.1%} of the picture, from {depth_m[here].min():.2f} m on"
-        lines.append(f"{thing.name}: {seen}; {extent} m (its forward, right, down)")
+            seen = f"{here.mean():.1%} of the image, from {depth_m[here].min():.2f} m on"
+        lines.append(f"{scene_object.name}: {seen}; {extent} m (its forward, right, down)")
     return lines
 
 

@@ -85,7 +85,7 @@ def actor_setups(
 
     taken: the system ids of the other vehicles.
     """
-    objects = {each.thing.name: each.thing for each in world.placed}
+    objects = {each.scene_object.name: each.scene_object for each in world.placed}
     ids = dict(taken)
     found: dict[str, ActorSetup] = {}
     for index, (name, part) in enumerate(parts.items()):

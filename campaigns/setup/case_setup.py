@@ -126,7 +126,7 @@ class Setup:
 
     def actors_in(self, mode: Mode) -> tuple[ActorSetup, ...]:
         """Return the actors that fly in a mode: those whose object is in W or Wv then."""
-        stands = {each.thing.name: each.stands_in for each in self.world.placed}
+        stands = {each.scene_object.name: each.stands_in for each in self.world.placed}
         flown = (
             actor.flown_as(physical=stands[name](mode, "W"))
             for name, actor in self.actors.items()

@@ -33,7 +33,7 @@ from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.arming_consent import RefusedError
-from orchestrator.cli.engine_flight import LOCAL, FlightWish, ready_flight
+from orchestrator.cli.engine_flight import LOCAL, FlightOrder, ready_flight
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.model.progress import Progress
 from orchestrator.model.results import RunResult
@@ -118,7 +118,7 @@ def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignO
         is_autonomy_isolated=True,
         benches=load_benches(map(Path, request.bench_files)),
     )
-    wish = FlightWish(
+    order = FlightOrder(
         file=Path(request.file),
         options=options,
         out=Path(request.out),
@@ -133,7 +133,7 @@ def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignO
         arm_actors=request.arm_actors,
         select=partial(_requested_runs, request),
     )
-    with ready_flight(wish) as (campaign, settings):
+    with ready_flight(order) as (campaign, settings):
         return fly_campaign(campaign, settings, watcher)
 
 

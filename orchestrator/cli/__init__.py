@@ -1,7 +1,7 @@
 """The command line: `wil-campaign`. Commands are imported when they are called, not before.
 
-Exit codes are those of design.md: 2 is whatever can be found without touching anything, 3 an
-error of our own, 130 an interrupt. Standard output carries what was asked for, nothing else.
+Exit code 2 is a fault that is found before anything is touched, 3 an internal error, 130 an
+interrupt. Standard output carries only the requested result.
 """
 
 import gc
@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 from cyclopts import App, Parameter
 
-from orchestrator.cli.standard_streams import StreamError, err, make_sound
+from orchestrator.cli.standard_streams import StreamError, err, repair_standard_streams
 
 USAGE_ERROR = 2
 INTERNAL_ERROR = 3
@@ -25,7 +25,7 @@ _COMMANDS = (
     (
         "init",
         "orchestrator.cli.commands.init:init",
-        "Write a campaign that flies at once, to be changed.",
+        "Write a campaign that is ready to fly, as a starting point.",
     ),
     ("run", "orchestrator.cli.commands.run:run", "Fly a campaign and write its verdicts."),
     (
@@ -48,7 +48,7 @@ _COMMANDS = (
     (
         "report",
         "orchestrator.cli.commands.report:report",
-        "Write one page of a campaign that was flown.",
+        "Write the HTML report of a flown campaign.",
     ),
     (
         "gap",
@@ -58,7 +58,7 @@ _COMMANDS = (
     (
         "compare",
         "orchestrator.cli.commands.compare:compare",
-        "Report whether a case became worse since other flights.",
+        "Report whether a case became worse since earlier flights.",
     ),
     (
         "history",
@@ -94,7 +94,7 @@ _COMMANDS = (
     (
         "console",
         "orchestrator.cli.commands.console:console",
-        "Show what flies, or a finished run, in the browser.",
+        "Show runs in flight, or a finished run, in the browser.",
     ),
     ("mix", "orchestrator.cli.commands.mix:mix", "Mix images, videos or recordings by a recipe."),
     (
@@ -113,7 +113,11 @@ _COMMANDS = (
         "Fly an embedded PX4 or ArduCopter alone, for other programs.",
     ),
     ("bench", "", "Check files of benches, and serve one to a cluster."),
-    ("doctor", "orchestrator.cli.commands.doctor:doctor", "Check what this machine has and lacks."),
+    (
+        "doctor",
+        "orchestrator.cli.commands.doctor:doctor",
+        "Check this machine: programs, ports, permissions.",
+    ),
     (
         "list",
         "orchestrator.cli.commands.listing:list_available",
@@ -138,11 +142,11 @@ _BENCH_COMMANDS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line (None: that of the process) and return its exit code.
 
-    Whatever happens, a user sees a sentence; a traceback goes to a file, or to standard error
-    with WIL_DEBUG=1.
+    Every error is reported as a sentence; its traceback goes to a file, or to standard error with
+    WIL_DEBUG=1.
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    make_sound()
+    repair_standard_streams()
     try:
         with _interruptible():
             return _call_command(tokens)
@@ -152,11 +156,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         err("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
-        return INTERNAL_ERROR  # whoever read our output has gone
+        return INTERNAL_ERROR  # the reader of standard output has closed it
     except StreamError as error:
         err(error)
         return INTERNAL_ERROR
-    except BaseException as error:  # noqa: BLE001 - the last place where one can be told to people
+    except BaseException as error:  # noqa: BLE001 - nothing above this reports it
         return _report_failure(error)
 
 
@@ -172,9 +176,9 @@ def _call_command(tokens: list[str]) -> int:
 
 
 def _import_command(tokens: Sequence[str]) -> None:
-    """Import what the command of the tokens needs; the collector of garbage waits meanwhile.
+    """Import the module of the command that the tokens name, with garbage collection disabled.
 
-    What is imported stays: looking through it all again and again takes a sixth of the time.
+    Imported objects stay: collections that scan them repeatedly take a sixth of the time.
     """
     commands = {name: function for name, function, _ in _COMMANDS}
     module = commands.get(tokens[0], "").partition(":")[0]
@@ -243,7 +247,7 @@ def _version() -> str:
 
 
 def _report_failure(error: BaseException) -> int:
-    """Print an error, the user's or ours, on the command line; return the exit code."""
+    """Print an error of the input or of the program on standard error; return the exit code."""
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 
@@ -256,14 +260,14 @@ def _report_failure(error: BaseException) -> int:
     if os.environ.get("WIL_DEBUG") == "1":
         err(trace.rstrip())
         return INTERNAL_ERROR
-    said = f"internal error: {type(error).__name__}: {error}"
+    message = f"internal error: {type(error).__name__}: {error}"
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="wil-campaign-", suffix=".log", delete=False, encoding="utf-8"
         ) as log:
             log.write(trace)
-        said += f"\nthe traceback is in {log.name}; WIL_DEBUG=1 shows it here"
+        message += f"\nthe traceback is in {log.name}; WIL_DEBUG=1 shows it here"
     except OSError as unwritable:
-        said += f"\nno traceback could be written ({unwritable}); WIL_DEBUG=1 shows it here"
-    err(said)
+        message += f"\nno traceback could be written ({unwritable}); WIL_DEBUG=1 shows it here"
+    err(message)
     return INTERNAL_ERROR

@@ -1,4 +1,4 @@
-"""What has to be settled before vehicles are flown that are not our own."""
+"""Checks and consent before a campaign arms attached vehicles, which may be hardware."""
 
 import asyncio
 import os
@@ -23,6 +23,7 @@ from orchestrator.campaign.resuming.attached_vehicles import (
 )
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
+from orchestrator.cli.text_table import count_text
 from orchestrator.engines.bench.bench_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
@@ -32,12 +33,12 @@ from vehicles.processes.linux import usable_cores
 from worlds.files.problems import printable
 
 REFUSED = 2
-NOT_HAD = 3
+UNAVAILABLE = 3
 _IDENTIFY_S = 5.0
 
 
 class RefusedError(Exception):
-    """No consent to arm, or not flown: with the exit code and what to do."""
+    """A campaign that may not be flown or armed; with the exit code and the remedy."""
 
     def __init__(self, text: str, code: int) -> None:
         super().__init__(text)
@@ -46,9 +47,9 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Cleared:
-    """A campaign cleared for arming. real_kind: what plays the real vehicle.
+    """A campaign cleared for arming. real_kind: what flies as the real vehicle.
 
-    hardware: in words, the vehicles that are no simulation; empty for none.
+    hardware: the names of the vehicles that are not simulations; empty for none.
     """
 
     clock: Clock
@@ -95,7 +96,7 @@ def clear(
 
 
 def _require_options(attached: Iterable[FlownSetup], *, arm_real: bool, arm_actors: bool) -> None:
-    """Raise RefusedError for attached vehicles that the command line does not let be armed."""
+    """Raise RefusedError for attached vehicles that the command line does not allow to arm."""
     given = {"--arm-real": arm_real, "--arm-actors": arm_actors}
     by_option: dict[str, list[FlownSetup]] = {}
     for one in attached:
@@ -105,8 +106,8 @@ def _require_options(attached: Iterable[FlownSetup], *, arm_real: bool, arm_acto
         if not given[option]:
             where = " and ".join(f"{one.name} ({one.attached})" for one in vehicles)
             raise RefusedError(
-                f"{where}: it may be hardware, and is armed only with {option}; --no-arm tries "
-                "everything else against it",
+                f"{where}: it may be hardware, and is armed only with {option}; --no-arm checks "
+                "everything else",
                 REFUSED,
             )
 
@@ -117,13 +118,13 @@ def require_may_arm(benches: Iterable[Bench], user: str) -> None:
         if bench.users is not None and not bench.may_arm(user):
             raise RefusedError(
                 f"bench {bench.name}: {user} may not arm there, only {', '.join(bench.users)} "
-                f"({bench.document.name}, arming.users); --no-arm tries everything else",
+                f"({bench.document.name}, arming.users); --no-arm checks everything else",
                 REFUSED,
             )
 
 
 def user_name() -> str:
-    """Return the name of the user that this process belongs to; its number where it has none."""
+    """Return the name of the user of this process; the user id where it has no name."""
     try:
         return pwd.getpwuid(os.getuid()).pw_name
     except KeyError:
@@ -136,28 +137,28 @@ def _default_jobs(clock: Clock) -> int:
     return cores if clock == "virtual" else max(1, cores // 2)
 
 
-def settled_clock(campaign: Campaign, asked: Clock | None) -> Clock:
+def settled_clock(campaign: Campaign, requested: Clock | None) -> Clock:
     """Return the clock of a campaign to be armed. Raises RefusedError, BadInput."""
-    able = clock_for(campaign, asked)
+    able = clock_for(campaign, requested)
     outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
-    if asked == "virtual" and outside:
+    if requested == "virtual" and outside:
         raise RefusedError(
             f"--clock virtual: {' and '.join(outside)} is not embedded and flies in real time; "
-            "leave --clock out, or say --clock wall",
+            "leave --clock out, or use --clock wall",
             REFUSED,
         )
-    return asked or ("wall" if outside and able == "virtual" else able)
+    return requested or ("wall" if outside and able == "virtual" else able)
 
 
 def clear_vehicle(address: LinkAddress, *, purpose: str, arm_real: bool) -> AttachedVehicle:
     """Identify the simulator at an address, and get the consent to arm it. Raises RefusedError.
 
-    purpose: what it is armed for. What does not say that it is a simulation is refused.
+    purpose: what it is armed for. A vehicle that does not report to be a simulation is refused.
     """
     if not arm_real:
         raise RefusedError(
             f"{address}: it may be hardware, and is armed only with --arm-real; without --fly it "
-            "is identified alone",
+            "is only identified",
             REFUSED,
         )
     found = find_vehicle(address)
@@ -165,7 +166,7 @@ def clear_vehicle(address: LinkAddress, *, purpose: str, arm_real: bool) -> Atta
     if not found.identity.simulation:
         raise RefusedError(
             f"{found.name} reports a board ({found.identity.uid}), not a simulation: {purpose} is "
-            "for simulators alone; start the firmware as SITL and give its link",
+            "for simulators only; start the firmware as SITL and give its link",
             REFUSED,
         )
     _refuse_armed(found)
@@ -179,7 +180,7 @@ def find_vehicle(address: LinkAddress) -> AttachedVehicle:
     try:
         return asyncio.run(find_at(address, _IDENTIFY_S))
     except VehicleError as error:
-        raise RefusedError(str(error), NOT_HAD) from error
+        raise RefusedError(str(error), UNAVAILABLE) from error
 
 
 def _find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]:
@@ -187,7 +188,7 @@ def _find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...
     try:
         found = asyncio.run(find_all(vehicles, _IDENTIFY_S))
     except VehicleError as error:
-        raise RefusedError(str(error), NOT_HAD) from error
+        raise RefusedError(str(error), UNAVAILABLE) from error
     for one in found:
         err(one)
         _refuse_armed(one)
@@ -197,21 +198,24 @@ def _find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...
 def _refuse_armed(vehicle: AttachedVehicle) -> None:
     """Refuse a vehicle that is armed. Raises RefusedError."""
     if vehicle.armed:
-        raise RefusedError(f"{vehicle.name} is armed already; disarm it and start again", NOT_HAD)
+        raise RefusedError(
+            f"{vehicle.name} is armed already; disarm it and start again", UNAVAILABLE
+        )
 
 
 def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
-    """Ask the person at the terminal for consent to arm, if there is one; first to encounters.
+    """Ask the person at the terminal, if there is one, for consent to encounters and to arming.
 
-    Raises RefusedError without it, and for boards that could touch where nobody can be asked.
+    Raises RefusedError without consent, and without a terminal when boards could touch.
     """
     for actor, other in _encounters(campaign, found):
-        said = f"{actor.name} flies beside {other.name}, and their fences let them touch"
+        encounter = f"{actor.name} flies beside {other.name}, and their fences let them touch"
         if has_terminal():
-            _ask_name(f"{said}. Type {actor.name} to consent: ", actor.name)
+            _require_answer(f"{encounter}. Type {actor.name} to consent: ", {actor.name.lower()})
         elif not (actor.identity.simulation and other.identity.simulation):
             raise RefusedError(
-                f"{said}: one of them may be hardware; consent is given by a person at a terminal",
+                f"{encounter}: one of them may be hardware; consent is given by a person at a "
+                "terminal",
                 REFUSED,
             )
     if has_terminal():
@@ -221,7 +225,7 @@ def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
 def _encounters(
     campaign: Campaign, found: Iterable[AttachedVehicle]
 ) -> Iterator[tuple[AttachedVehicle, AttachedVehicle]]:
-    """Yield each actor that could touch another attached vehicle, with that, once."""
+    """Yield each pair of an actor and another attached vehicle that could touch, once."""
     by_name = {one.name: one for one in found}
     names = dict.fromkeys(
         (one.actor.name, one.other.name)
@@ -241,8 +245,7 @@ def has_terminal() -> bool:
 def _ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> None:
     """Ask the person at the terminal for consent to arm vehicles. Raises RefusedError without."""
     names = " and ".join(f"{one.name} ({one.where})" for one in found)
-    runs = f"{count} run{'' if count == 1 else 's'}"
-    _ask_person(f"{what}, {runs}. Arm {names} and take off? [y/N] ")
+    _ask_person(f"{what}, {count_text(count, 'run')}. Arm {names} and take off? [y/N] ")
 
 
 def _ask_person(question: str) -> None:
@@ -250,32 +253,27 @@ def _ask_person(question: str) -> None:
     _require_answer(question, {"y", "yes"})
 
 
-def _ask_name(question: str, name: str) -> None:
-    """Ask the person at the terminal for a name. Raises RefusedError for another answer."""
-    _require_answer(question, {name.lower()})
-
-
 def _require_answer(question: str, answers: Collection[str]) -> None:
-    """Ask the person at the terminal. Raises RefusedError for what is none of the answers."""
+    """Ask the person at the terminal. Raises RefusedError for any other answer."""
     sys.stderr.write(question)
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in answers:
         raise RefusedError("not confirmed; nothing was armed", REFUSED)
 
 
-def consent_at_bench(bench: Bench, asked: ConsentAsked) -> ConsentAnswer:
-    """Return what this bench answers a campaign of the cluster, asking the person at its terminal.
+def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:
+    """Return this bench's answer to a campaign of the cluster, given by the person at its terminal.
 
-    Its vehicle is identified first. What was typed before the question is no answer to it.
+    The vehicle is identified first. Input that was typed before the question is discarded.
     """
-    what = printable(f"campaign '{asked.campaign}' of {asked.place}")
+    what = printable(f"campaign '{request.campaign}' of {request.place}")
     try:
-        if asked.arm:
+        if request.arm:
             require_may_arm((bench,), user_name())
         found = _find_vehicles((bench.vehicle,))
-        if asked.arm:
+        if request.arm:
             termios.tcflush(sys.stdin, termios.TCIFLUSH)
-            _ask_to_arm(what, asked.runs, found)
+            _ask_to_arm(what, request.runs, found)
     except RefusedError as error:
         err(f"{what}: {error}")
         return ConsentAnswer(f"bench {bench.name}: {error}", error.code)

@@ -1,4 +1,4 @@
-"""What has to be settled before `run` flies a campaign on a bench of a cluster."""
+"""Prepares `run` on a bench of a cluster: reserves the bench and gets consent to arm there."""
 
 import platform
 from collections.abc import Callable, Iterator
@@ -30,18 +30,18 @@ class BenchFlight:
 def is_for_bench(file: Path, options: Options, engine: str) -> bool:
     """Return whether a campaign asks for a bench of a cluster. Raises BadInput, RefusedError.
 
-    engine: as it was given, no local one.
+    engine: the value of --engine, not local.
     """
     if options.benches:
         raise RefusedError(
-            f"--engine {engine}: the cluster has its benches; leave --bench-file out", REFUSED
+            f"--engine {engine}: a cluster has its own benches; leave --bench-file out", REFUSED
         )
     if requested_bench(file, options) is None:
         return False
     if engine == "ray":
         raise RefusedError(
-            "--engine ray: no bench joins a Ray of this machine alone; fly by --engine "
-            "ray://HOST:PORT, or here by --bench-file FILE",
+            "--engine ray: a Ray of this machine alone has no benches; use --engine "
+            "ray://HOST:PORT, or --bench-file FILE for a bench of this machine",
             REFUSED,
         )
     return True
@@ -59,18 +59,20 @@ def bench_flight(
     select: Callable[[Campaign], Campaign],
     store: Store | None = None,
 ) -> Iterator[BenchFlight]:
-    """Take the bench that a campaign asks for, and get consent there; it is free at the end.
+    """Reserve the bench that a campaign requests, and get consent there; release it at the end.
 
-    select: takes runs out of the campaign. Consent is asked for what is left. store: of results.
+    select: reduces the campaign to the runs to fly, for which consent is asked. store: of results.
     Raises BadInput, RefusedError, EngineError.
     """
     if clock not in {None, "wall"} or jobs not in {None, 1}:
-        said = "a bench flies one run at a time, on the wall clock; leave --clock and --jobs out"
-        raise RefusedError(said, REFUSED)
-    asked = requested_bench(file, options)
-    if asked is None:
-        raise ValueError(f"{file} asks for no bench")
-    with bench_of_cluster(address, *asked, err) as hired:
+        raise RefusedError(
+            "a bench flies one run at a time, on the wall clock; leave --clock and --jobs out",
+            REFUSED,
+        )
+    request = requested_bench(file, options)
+    if request is None:
+        raise ValueError(f"{file} requests no bench")
+    with bench_of_cluster(address, *request, err) as hired:
         campaign = select(load_campaign(file, replace(options, benches=(hired.bench,))))
         clock_for(campaign, "wall")
         others = [one for one in attached_vehicles(campaign) if one.name != "real"]

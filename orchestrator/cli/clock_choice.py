@@ -1,4 +1,4 @@
-"""Which clock a campaign can be flown on."""
+"""Chooses the clock of a campaign, and refuses one on which it cannot fly."""
 
 import itertools
 from collections.abc import Iterable
@@ -12,7 +12,8 @@ from worlds.files.documents import BadInput, Path
 
 _REAL_TIME = "{} runs in real time: use --clock wall"
 _NEEDS_SCALED = (
-    "{:g} times real time is flown on the scaled clock: leave --clock out, or say --clock scaled"
+    "a pace of {:g} times real time needs the scaled clock: leave --clock out, or use --clock "
+    "scaled"
 )
 _CANNOT_FOLLOW = (
     "{} is attached and flies in real time; fly with --clock wall, and without a speedup"
@@ -25,7 +26,7 @@ _NO_PACE = (
 
 @dataclass(frozen=True, slots=True)
 class ExternalNeeds:
-    """Something outside this process that a campaign needs, so the wall clock."""
+    """An external resource that a campaign needs, which requires the wall clock."""
 
     case: str
     path: Path
@@ -33,7 +34,7 @@ class ExternalNeeds:
 
 
 def external_needs(campaign: Campaign) -> tuple[ExternalNeeds, ...]:
-    """Return everything in the campaign's cases that needs the wall clock."""
+    """Return the external resources of the campaign's cases that require the wall clock."""
     return tuple(
         ExternalNeeds(case, path, name)
         for case, setup in campaign.setups.items()
@@ -42,7 +43,7 @@ def external_needs(campaign: Campaign) -> tuple[ExternalNeeds, ...]:
 
 
 def shared_of(campaign: Campaign) -> tuple[str, ...]:
-    """Return the names of external resources that exist once however many runs fly at once."""
+    """Return the names of external resources that parallel runs would share."""
     return tuple(name for setup in campaign.setups.values() for _, name in setup.shared_by_runs())
 
 
@@ -85,4 +86,4 @@ def _require_scalable(campaign: Campaign) -> None:
 
 def _refuse_clock(campaign: Campaign, faults: Iterable[tuple[Path, str]]) -> BadInput:
     problem = partial(campaign.document.problem, key=True)
-    return BadInput(dict.fromkeys(problem(path, said) for path, said in faults))
+    return BadInput(dict.fromkeys(problem(path, message) for path, message in faults))

@@ -1,6 +1,6 @@
-"""Where a campaign flies, settled before it does: on this machine, a cluster, or a bench of one.
+"""Prepares a flight on its engine: this machine, a cluster, or a bench of a cluster.
 
-Of `run`, `search`, and programs that fly campaigns by the public module.
+Used by `run`, `search` and the Python API.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,10 +28,11 @@ LOCAL = "local"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightWish:
-    """What is to be flown, and how, as the options of `run` say it.
+class FlightOrder:
+    """The campaign to fly and the options of `run` for it.
 
-    select: takes runs out of the campaign. Without arm each case and mode is tried up to arming.
+    select: reduces the campaign to the runs to fly. Without arm each case and mode is tried up to
+    arming.
     """
 
     file: Path
@@ -50,7 +51,7 @@ class FlightWish:
     select: Callable[[Campaign], Campaign] = lambda campaign: campaign
 
     def load(self) -> Campaign:
-        """Return the campaign with the runs that are wished for. Raises BadInput."""
+        """Return the campaign with the requested runs. Raises BadInput."""
         return self.select(load_campaign(self.file, self.options))
 
     def settings(self, cleared: Cleared) -> FlyingSettings:
@@ -69,21 +70,24 @@ class FlightWish:
 
 
 @contextmanager
-def ready_flight(wish: FlightWish) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Give a campaign that may be flown, with consent where it is due, and how to fly it.
+def ready_flight(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
+    """Yield a campaign that may be flown, after consent where it is required, and its settings.
 
-    Its engine and its bench are held until the end. Raises BadInput, OutputError, RefusedError,
+    Its engine and its bench are reserved until the end. Raises BadInput, OutputError, RefusedError,
     EngineError, TakenError.
     """
-    if wish.engine == LOCAL:
-        result_store(wish.store, wish.engine)
-        with _ready_here(wish) as flight:
+    if order.engine == LOCAL:
+        result_store(order.store, order.engine)
+        with _ready_here(order) as flight:
             yield flight
         return
-    address = engine_address(wish.engine)
-    is_of_bench = is_for_bench(wish.file, wish.options, wish.engine)
-    ready = _ready_on_bench if is_of_bench and address is not None else _ready_over_cluster
-    with ready(wish, address or "") as flight:
+    address = engine_address(order.engine)
+    is_of_bench = is_for_bench(order.file, order.options, order.engine)
+    if is_of_bench and address is not None:
+        ready = _ready_on_bench(order, address)
+    else:
+        ready = _ready_over_cluster(order)
+    with ready as flight:
         yield flight
 
 
@@ -98,9 +102,9 @@ def runs_engine(
     runs: int,
     again: bool,
 ) -> Iterator[tuple[RunEngine, int]]:
-    """Have the engine that a text names; give it with how many of `runs` fly at once.
+    """Start the engine named by --engine; yield it, and how many of `runs` fly at once.
 
-    store, jobs: as of --store and --jobs. again: further campaigns are flown by it. Raises
+    store, jobs: the values of --store and --jobs. again: it flies further campaigns. Raises
     EngineError.
     """
     place = result_store(store, text)
@@ -108,7 +112,7 @@ def runs_engine(
         yield LocalRunEngine(), cleared.jobs
         return
     address = engine_address(text)
-    # Over a cluster there is place for more than the cores of this machine.
+    # A cluster has more cores than this machine.
     is_open = address is not None and jobs is None and not shared_of(campaign)
     count = None if is_open else min(cleared.jobs, runs)
     cores = 1 if cleared.clock == "virtual" else 2
@@ -124,7 +128,7 @@ def result_store(url: str, engine: str) -> Store | None:
         return None
     if engine == LOCAL:
         raise EngineError(
-            "--store: what --engine local flies is in --out already; leave --store out", 2
+            "--store: --engine local writes its results to --out; leave --store out", 2
         )
     try:
         return open_store(url)
@@ -133,34 +137,31 @@ def result_store(url: str, engine: str) -> Store | None:
 
 
 @contextmanager
-def _ready_here(wish: FlightWish) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Have a flight in processes of this machine ready."""
-    campaign = wish.load()
+def _ready_here(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
+    """Prepare a flight in processes of this machine."""
+    campaign = order.load()
     start_run_server()
-    require_writable(wish.out, junit=wish.junit)
-    settings = wish.settings(_clear(campaign, wish))
+    require_writable(order.out, junit=order.junit)
+    settings = order.settings(_clear(campaign, order))
     with held_benches(campaign.benches):
         yield campaign, settings
 
 
 @contextmanager
-def _ready_over_cluster(
-    wish: FlightWish,
-    _address: str,
-) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Have a flight over the nodes of a cluster ready."""
-    campaign = wish.load()
-    _refuse_attached(campaign, wish.engine)
-    require_writable(wish.out, junit=wish.junit)
-    cleared = _clear(campaign, wish)
-    settings = wish.settings(cleared)
+def _ready_over_cluster(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
+    """Prepare a flight over the nodes of a cluster."""
+    campaign = order.load()
+    _refuse_attached(campaign, order.engine)
+    require_writable(order.out, junit=order.junit)
+    cleared = _clear(campaign, order)
+    settings = order.settings(cleared)
     runs = len(planned(campaign, settings))
     with runs_engine(
-        wish.engine,
+        order.engine,
         campaign,
         cleared,
-        store=wish.store,
-        jobs=wish.jobs,
+        store=order.store,
+        jobs=order.jobs,
         runs=runs,
         again=False,
     ) as (engine, at_once):
@@ -168,20 +169,20 @@ def _ready_over_cluster(
 
 
 @contextmanager
-def _ready_on_bench(wish: FlightWish, address: str) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Have a flight on a bench of a cluster ready; the bench is locked by its own server."""
-    require_writable(wish.out, junit=wish.junit)
+def _ready_on_bench(order: FlightOrder, address: str) -> Iterator[tuple[Campaign, FlyingSettings]]:
+    """Prepare a flight on a bench of a cluster; the bench is locked by its own server."""
+    require_writable(order.out, junit=order.junit)
     with bench_flight(
-        wish.file,
-        wish.options,
+        order.file,
+        order.options,
         address,
-        clock=wish.clock,
-        jobs=wish.jobs,
-        arm=wish.arm,
-        select=wish.select,
-        store=result_store(wish.store, wish.engine),
+        clock=order.clock,
+        jobs=order.jobs,
+        arm=order.arm,
+        select=order.select,
+        store=result_store(order.store, order.engine),
     ) as flight:
-        yield flight.campaign, replace(wish.settings(flight.cleared), engine=flight.engine)
+        yield flight.campaign, replace(order.settings(flight.cleared), engine=flight.engine)
 
 
 def _refuse_attached(campaign: Campaign, engine: str) -> None:
@@ -195,13 +196,13 @@ def _refuse_attached(campaign: Campaign, engine: str) -> None:
         )
 
 
-def _clear(campaign: Campaign, wish: FlightWish) -> Cleared:
+def _clear(campaign: Campaign, order: FlightOrder) -> Cleared:
     """Return the campaign cleared to run. Raises RefusedError."""
     return clear(
         campaign,
-        clock=wish.clock,
-        jobs=wish.jobs,
-        arm=wish.arm,
-        arm_real=wish.arm_real,
-        arm_actors=wish.arm_actors,
+        clock=order.clock,
+        jobs=order.jobs,
+        arm=order.arm,
+        arm_real=order.arm_real,
+        arm_actors=order.arm_actors,
     )

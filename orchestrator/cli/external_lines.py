@@ -1,4 +1,4 @@
-"""What came in from outside and what went out, a line for each, over all runs of a campaign."""
+"""Summary lines of external inputs, outlets and injections, over all runs of a campaign."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
@@ -34,12 +34,12 @@ def external_lines(runs: Iterable[RunResult]) -> list[str]:
 def _source(all_: Sequence[SourceResult]) -> str:
     """Return the line of an external image source, summed over runs."""
     one = all_[0]
-    parts = (f"{sum(getattr(each, name) for each in all_)} {name}" for name in _OF_SOURCES)
-    said = f"{one.vehicle} {one.sensor} ({one.source}): {', '.join(parts)}"
-    return f"{said}, {_count_text(sum(each.stalls for each in all_), 'stall')}"
+    parts = (f"{sum(getattr(each, name) for each in all_)} {name}" for name in _SOURCE_COUNTS)
+    text = f"{one.vehicle} {one.sensor} ({one.source}): {', '.join(parts)}"
+    return f"{text}, {_count_text(sum(each.stalls for each in all_), 'stall')}"
 
 
-_OF_SOURCES = ("delivered", "dropped", "missed", "damaged")
+_SOURCE_COUNTS = ("delivered", "dropped", "missed", "damaged")
 
 
 def _capture(all_: Sequence[CaptureResult]) -> str:
@@ -51,34 +51,31 @@ def _capture(all_: Sequence[CaptureResult]) -> str:
         for feed in feeds
         if feed.latency_ms_p50 is not None
     ]
-    said = f"{one.vehicle} at {one.address}: "
-    said += f"{min(rates):.1f} Hz, " if rates else "no rate, "
+    text = f"{one.vehicle} at {one.address}: "
+    text += f"{min(rates):.1f} Hz, " if rates else "no rate, "
     if late:
         p99, p50 = max(late)
-        said += f"latency {p50:.1f} ms (p99 {p99:.1f}), "
+        text += f"latency {p50:.1f} ms (p99 {p99:.1f}), "
     missing = sum(feed.missing + feed.invalid for feed in feeds)
     dropouts = sum(feed.dropouts for feed in feeds)
     gap_s = max(feed.longest_gap_s for feed in feeds)
-    said += f"{missing} missing, {_count_text(dropouts, 'dropout')}, "
-    return said + f"longest gap {1000 * gap_s:.0f} ms"
+    text += f"{missing} missing, {_count_text(dropouts, 'dropout')}, "
+    return text + f"longest gap {1000 * gap_s:.0f} ms"
 
 
 def _outlet(all_: Sequence[OutletResult]) -> str:
     """Return the line of an external image outlet, summed over runs."""
-    offered, delivered = (sum(getattr(one, name) for one in all_) for name in _OF_OUTLETS)
-    said = f"{all_[0].name}: {delivered} of {offered} pictures delivered"
+    delivered, offered = sum(one.delivered for one in all_), sum(one.offered for one in all_)
+    text = f"{all_[0].name}: {delivered} of {offered} images delivered"
     trouble = next((one.trouble for one in all_ if one.trouble), "")
-    return f"{said} ({trouble})" if trouble else said
-
-
-_OF_OUTLETS = ("offered", "delivered")
+    return f"{text} ({trouble})" if trouble else text
 
 
 def _injection_text(all_: Sequence[InjectedResult]) -> str:
     """Return the line of an injection, summed over runs."""
     sent, stale = sum(one.sent for one in all_), sum(one.stale for one in all_)
-    said = f"{all_[0].vehicle} was sent {all_[0].thing} {sent} times"
-    return f"{said}; {stale} were too old to send" if stale else said
+    text = f"{all_[0].vehicle} was sent {all_[0].thing} {sent} times"
+    return f"{text}; {stale} were too old to send" if stale else text
 
 
 def _lines(

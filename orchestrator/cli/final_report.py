@@ -1,4 +1,4 @@
-"""The report at the end of `run` and `search`: whatever becomes of it, the results stay."""
+"""Writes the report at the end of `run` and `search`; its failure leaves the results as is."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from orchestrator.search.search_runner import SearchOutcome
 def write_final_report(folder: Path) -> campaign_report.WrittenReport | None:
     """Write the report of a campaign that was just flown, and return where it is.
 
-    None where there is none: a line says why, and nothing else changes.
+    None where it was not written: a line on standard error says why.
     """
     try:
         return campaign_report.write_report(folder)
@@ -27,7 +27,7 @@ def write_final_report(folder: Path) -> campaign_report.WrittenReport | None:
 
 
 def write_search_report(search: SearchCampaign, outcome: SearchOutcome) -> Path | None:
-    """Write the page of a search, and return where it is; None, after a line, where it is not."""
+    """Write the report of a search; return its path, or None after an error message."""
     try:
         return search_report.write_search_page(search, outcome)
     except Exception as error:  # noqa: BLE001 - the flights are over, and their results are whole

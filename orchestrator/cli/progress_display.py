@@ -1,4 +1,4 @@
-"""What a person sees while a campaign flies, and the table at its end."""
+"""Progress displays of `run` and `search`: silent, a line per run, or live on a terminal."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -154,8 +154,8 @@ def finished_line(result: RunResult) -> Text:
     line.append(f"{result.verdict:<7}", style=VERDICT_STYLES.get(result.verdict, ""))
     if result.control is not None:
         met = result.control.met
-        said = " (control, as it must)" if met else " (control, not as it must)"
-        line.append(said, style="dim" if met else "bold red")
+        note = " (control, as it must)" if met else " (control, not as it must)"
+        line.append(note, style="dim" if met else "bold red")
     elif not result.required:
         line.append(" (reported)", style="dim")
     if result.attempts:

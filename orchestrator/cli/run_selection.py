@@ -1,4 +1,4 @@
-"""The options that choose which runs of a campaign there are; of several commands."""
+"""Command-line options that select the runs of a campaign; used by several commands."""
 
 from dataclasses import dataclass
 from pathlib import Path

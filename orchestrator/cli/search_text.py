@@ -1,4 +1,4 @@
-"""What a search found, as text: a table of failures, and the sentences beneath it."""
+"""The result of a search as text: a table of failures, and the sentences beneath it."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from orchestrator.search.search_runner import SearchOutcome
 
 
 def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
-    """Return what a search found, for a terminal."""
+    """Return the result of a search, for a terminal."""
     found = outcome.findings
     rows = [
         (
@@ -31,7 +31,7 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
 
 
 def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
-    """Yield what is to be said beneath the table."""
+    """Yield the sentences beneath the table."""
     found = outcome.findings
     failed = sum(one.failed(mode) for one in found.tried for mode in list(one.outcomes)[-1:])
     yield (

@@ -17,10 +17,10 @@ def out(text: object) -> None:
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
     except BrokenPipeError:
-        _to_nowhere(sys.stdout)
+        _redirect_to_null(sys.stdout)
         raise
     except OSError as error:
-        _to_nowhere(sys.stdout)
+        _redirect_to_null(sys.stdout)
         raise StreamError(f"standard output: {error.strerror or error}") from error
 
 
@@ -34,8 +34,8 @@ def err(text: object) -> None:
 def ignore_broken_pipe() -> TextIO:
     """Return standard output as a stream that ignores a broken pipe.
 
-    Once it takes no more (the reader of the pipe or the terminal has gone, the disk is full) what
-    comes is let go: a flight does not end for want of somebody who looks on.
+    After a failed write (the reader of the pipe or the terminal has gone, the disk is full) further
+    text is discarded: a flight does not end because its output cannot be written.
     """
     return cast("TextIO", _BrokenPipeStream(sys.stdout))
 
@@ -62,21 +62,21 @@ class _BrokenPipeStream(io.TextIOBase):
         try:
             self._stream.write(text)
         except OSError:
-            _to_nowhere(self._stream)
+            _redirect_to_null(self._stream)
         return len(text)
 
     def flush(self) -> None:
         try:
             self._stream.flush()
         except OSError:
-            _to_nowhere(self._stream)
+            _redirect_to_null(self._stream)
 
 
-def make_sound() -> None:
+def repair_standard_streams() -> None:
     """Make all three standard streams open and able to take any text.
 
-    A closed one (`>&-`) would be None, and its number that of the next file we open. What an
-    encoding other than UTF-8 cannot carry is written as escapes.
+    A closed stream (`>&-`) would be None, and the next file we open would get its descriptor.
+    Characters that an encoding other than UTF-8 lacks are written as escapes.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
@@ -91,9 +91,9 @@ def make_sound() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _to_nowhere(stream: TextIO) -> None:
+def _redirect_to_null(stream: TextIO) -> None:
     """Redirect a failed standard stream to nothing, so that its last flush is quiet."""
     with suppress(OSError, ValueError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)

@@ -14,9 +14,9 @@ from worlds.files.problems import printable
 
 
 def study_text(study: Study) -> str:
-    """Return what the statistics say, then the tables of results and of the gap, and the tests."""
-    said = [printable(f"{one.kind}: {one.text}") for one in conclusions(study)]
-    parts = ["\n".join(said), _text(result_rows(study))]
+    """Return the conclusions, then the tables of results and of the gap, and the tests."""
+    lines = [printable(f"{one.kind}: {one.text}") for one in conclusions(study)]
+    parts = ["\n".join(lines), _text(result_rows(study))]
     if study.gap.figures:
         parts.append(_text(gap_rows(study)))
     if (energies := energy_rows(study)).rows:

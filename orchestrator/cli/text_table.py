@@ -1,4 +1,4 @@
-"""Plain tables: columns that line up, in a terminal as in a pipe, and never cut off."""
+"""Plain-text tables with aligned columns, whose cells are never cut off."""
 
 from collections.abc import Sequence
 
@@ -14,6 +14,11 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     ]
     lines = [_line(header, widths, right), _line(["-" * width for width in widths], widths, right)]
     return "\n".join([*lines, *(_line(row, widths, right) for row in cells)])
+
+
+def count_text(count: int, noun: str) -> str:
+    """Return a count with its noun, in the plural unless it is one."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:

@@ -1,4 +1,4 @@
-"""`wil-campaign doctor --vehicle LINK --fly`: a simulator beside the firmware that we emulate."""
+"""`wil-campaign doctor --vehicle LINK --fly`: compares a simulator with real firmware."""
 
 import math
 import tempfile
@@ -8,8 +8,8 @@ from typing import Any
 
 from orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from orchestrator.cli.arming_consent import (
-    NOT_HAD,
     REFUSED,
+    UNAVAILABLE,
     RefusedError,
     clear_vehicle,
     find_vehicle,
@@ -29,7 +29,7 @@ _HEADER = ("figure", "vehicle", "firmware", "difference", "")
 def check_vehicle(
     link: str | None, *, fly: bool, arm_real: bool, results: Path, as_json: bool
 ) -> int:
-    """Identify the vehicle at a link, and fly it; print what it came to; return the exit code."""
+    """Identify the vehicle at a link, and fly it; print the result; return the exit code."""
     try:
         address = _address(link)
         if not fly:
@@ -38,14 +38,14 @@ def check_vehicle(
             return 0
         found = clear_vehicle(address, purpose="a flight of step responses", arm_real=arm_real)
         folder = _new_folder(results / "doctor")
-        err(f"it flies for three minutes, 4 m to the front and 3 m up; frames go to {folder}")
+        err(f"the vehicle flies for three minutes, 4 m forward and 3 m up; frames go to {folder}")
         flown = fly_step_responses(found, address, folder=folder, progress=err)
     except (RefusedError, VehicleError) as error:
         err(error)
         return _exit_code(error)
     except OSError as error:
         err(f"{results}: cannot be written: {error.strerror or error}; --out gives another folder")
-        return NOT_HAD
+        return UNAVAILABLE
     out(to_json(_document(found, flown)).rstrip() if as_json else _as_text(found, flown))
     return DIFFERS if flown.beyond else 0
 
@@ -56,7 +56,7 @@ def _address(link: str | None) -> LinkAddress:
         raise LinkAddressError("--fly: name the simulator by --vehicle LINK")
     address = parse_link(link)
     if address.kind == "memory":
-        raise LinkAddressError("--vehicle memory://: its other end is in no process")
+        raise LinkAddressError("--vehicle memory://: no other process can use this link")
     return address
 
 
@@ -66,7 +66,7 @@ def _exit_code(error: Exception) -> int:
         return error.code
     if isinstance(error, LinkAddressError):
         return REFUSED
-    return ABORTED if isinstance(error, OperatorAbortError) else NOT_HAD
+    return ABORTED if isinstance(error, OperatorAbortError) else UNAVAILABLE
 
 
 def _new_folder(parent: Path) -> Path:
@@ -76,7 +76,7 @@ def _new_folder(parent: Path) -> Path:
 
 
 def _as_text(found: AttachedVehicle, flown: Flown) -> str:
-    """Return the flown figures and orders as a table with a conclusion."""
+    """Return the measured figures and event orders as a table with a conclusion."""
     rows: list[tuple[str, str, str, str, str]] = []
     for row in flown.figures:
         least, most = row.firmware
@@ -91,11 +91,11 @@ def _as_text(found: AttachedVehicle, flown: Flown) -> str:
         differs = "another order" if order.beyond else ""
         rows.append((f"order: {order.name}", seen, expected, differs, _mark(order.beyond)))
     firmware = FIRMWARES[found.identity.autopilot]
-    who = f"{found.identity.autopilot} {found.identity.version_text}"
+    name = f"{found.identity.autopilot} {found.identity.version_text}"
     if flown.beyond:
-        end = f"{who} differs from {firmware} in {flown.beyond} of {flown.total}"
+        end = f"{name} differs from {firmware} in {flown.beyond} of {flown.total}"
     else:
-        end = f"{who} flies as {firmware}: {flown.total} of {flown.total} within {LIMIT:.0%}"
+        end = f"{name} flies as {firmware}: {flown.total} of {flown.total} within {LIMIT:.0%}"
     return f"{table(_HEADER, rows)}\n{end}"
 
 
@@ -136,15 +136,15 @@ def _document(found: AttachedVehicle, flown: Flown) -> dict[str, Any]:
 
 
 def _identity(found: AttachedVehicle) -> dict[str, Any]:
-    """Return who an attached vehicle is, as plain values."""
-    who = found.identity
+    """Return the identity of an attached vehicle as plain values."""
+    identity = found.identity
     return {
         "link": found.address,
-        "autopilot": who.autopilot,
-        "version": who.version_text,
-        "type": who.vehicle_type,
-        "system_id": who.system_id,
-        "git_hash": who.git_hash,
-        "simulation": who.simulation,
+        "autopilot": identity.autopilot,
+        "version": identity.version_text,
+        "type": identity.vehicle_type,
+        "system_id": identity.system_id,
+        "git_hash": identity.git_hash,
+        "simulation": identity.simulation,
         "armed": found.armed,
     }

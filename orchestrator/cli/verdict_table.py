@@ -1,4 +1,4 @@
-"""The table at the end of a campaign."""
+"""The verdict table at the end of a campaign, and the lines beneath it."""
 
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
@@ -11,6 +11,7 @@ from rich.text import Text
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.cli.external_lines import external_lines
 from orchestrator.cli.progress_display import VERDICT_STYLES
+from orchestrator.cli.text_table import count_text
 from orchestrator.model.acceptance_texts import required_text, shortfall_texts
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, in_short, synthesised_texts
@@ -29,16 +30,15 @@ _COLUMNS = (
     "mixing\nHz",
     "error\npx",
 )
-"""Of all runs of a row the worst: clearance, offset in the gate, takeoff skew, mixing rate, and
+"""The worst of all runs of a row: clearance, offset in the gate, takeoff skew, mixing rate, and
 the largest median of the registration error."""
 
 
 def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
     """Return the table of verdicts by case and mode; 80 columns wide for short names."""
-    count = len(summary.runs)
-    title = f"{summary.campaign}: {count} run{'' if count == 1 else 's'}"
-    if controls := len(summary.controls):
-        title += f", {controls} control{'' if controls == 1 else 's'}"
+    title = f"{summary.campaign}: {count_text(len(summary.runs), 'run')}"
+    if summary.controls:
+        title += f", {count_text(len(summary.controls), 'control')}"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in _COLUMNS:
         words = name in {"case", "mode", "verdict"}
@@ -60,7 +60,7 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
 
 
 def _control_cells(run: RunResult) -> Sequence[RenderableType]:
-    """Return the verdict table's cells of a control; good where it ended as expected."""
+    """Return the verdict table's cells of a control; green where it ended as expected."""
     passed, _, *rest = _cells([run], None)
     met = run.control is not None and run.control.met
     text = f"{run.verdict} (control)" if met else f"{run.verdict} (must not)"
@@ -68,9 +68,9 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
 
 
 def conclusions(summary: Summary, requirements: Sequence[Requirement] = ()) -> list[Text]:
-    """Return beneath the verdict table why runs did not pass, and the conclusion.
+    """Return the lines beneath the verdict table: why runs did not pass, and the conclusion.
 
-    What a verdict has to be read with comes right before the last line, and in it.
+    Caveats come right before the last line, and in it.
     """
     return [*_reasons(summary), *closing_lines(summary, requirements)]
 
@@ -83,18 +83,18 @@ def closing_lines(
 ) -> list[Text]:
     """Return the closing lines of the verdict table: caveats, what decided, the conclusion.
 
-    changed_since_flight: what judges otherwise than at the flight, where that was before.
+    changed_since_flight: options and files that differ from those of the flight.
     """
     outside = [Text(line, style="dim") for line in external_lines(summary.runs)]
     lines = [*caveats(summary.runs), *synthesised_texts(summary), *summary.caveats]
     if summary.not_flown:
         lines.append(f"never flown: {', '.join(summary.not_flown)}")
-    reserved = [Text(line, style="yellow") for line in lines]
+    caveat_lines = [Text(line, style="yellow") for line in lines]
     short = shortfall_texts(summary.runs, requirements) if summary.accepted is False else ()
     decided = [Text(f"{required_text(summary.runs)}: {'; '.join(short)}", style="red")]
     return [
         *outside,
-        *reserved,
+        *caveat_lines,
         *(decided if short else ()),
         _conclusion(summary, changed_since_flight),
     ]
@@ -116,7 +116,7 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
 def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     """Return a row's verdict, with the required share where it is not all.
 
-    A PASS for which runs were flown again has a star; which they were is told beneath.
+    A PASS for which runs were flown again has a star; the lines beneath name those runs.
     """
     if standing is None:
         return Text("reported", style="dim")
@@ -196,35 +196,35 @@ def _reasons(summary: Summary) -> list[Text]:
     return lines + [Text(text, style="bold red") for text in summary.unmet]
 
 
-def _due(summary: Summary) -> int:
-    """Return how many runs the verdict table is due to have."""
+def _planned_count(summary: Summary) -> int:
+    """Return how many runs and controls the campaign should have flown."""
     return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
 
 
 def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> Text:
     """Return the verdict table's last line: accepted or not."""
     words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
-    said, style = words.get(summary.accepted or False, ("", ""))
+    text, style = words.get(summary.accepted or False, ("", ""))
     if summary.accepted is None:
-        said, style = "nothing required was flown", "yellow"
+        text, style = "nothing required was flown", "yellow"
     elif summary.left_out:
-        said += " of what was flown"
+        text += " of what was flown"
     if summary.totals.retried:
-        said, style = f"{said}; {summary.totals.retried} not at the first attempt", "yellow"
-    for reservation in in_short(summary):
-        said, style = f"{said}; {reservation}", "yellow"
+        text, style = f"{text}; {summary.totals.retried} not at the first attempt", "yellow"
+    for caveat in in_short(summary):
+        text, style = f"{text}; {caveat}", "yellow"
     if summary.not_flown:
-        said += f"; never flown: {len(summary.not_flown)} of {_due(summary)}"
+        text += f"; never flown: {len(summary.not_flown)} of {_planned_count(summary)}"
     if summary.left_out:
         style = "yellow" if summary.accepted else style
-        said += f"; required, and left out: {', '.join(summary.left_out)}"
+        text += f"; required, and left out: {', '.join(summary.left_out)}"
     if summary.ending:
         style = "yellow" if summary.accepted is not False else style
-        said += f"; {summary.ending}"
+        text += f"; {summary.ending}"
     if changed_since_flight:
         style = "yellow" if summary.accepted else style
-        said += f"; judged by other options or files than flown: {', '.join(changed_since_flight)}"
+        text += f"; judged by other options or files than flown: {', '.join(changed_since_flight)}"
     if summary.unmet:
-        said, style = f"{said}: {'; '.join(summary.unmet)}", "bold red"
+        text, style = f"{text}: {'; '.join(summary.unmet)}", "bold red"
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
-    return Text(said, style=style).append(note, style="dim")
+    return Text(text, style=style).append(note, style="dim")

@@ -1,1 +1,1 @@
-"""Where operators' commands come in and what flies is told to them: sockets, MQTT, one desk."""
+"""Operator commands and status reports: local socket, MQTT, and the campaign controller."""

@@ -8,19 +8,19 @@ from orchestrator.model.flight_place import FlightPlace
 from safety.guard.core.operator_command import OperatorCommand
 
 WITHIN_S = 5.0
-"""What is in flight and has not acknowledged a command for so long is named."""
+"""Runs in flight that have not acknowledged a command after this time are reported by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """Who has acknowledged a command, and who has not yet: runs, each with where it flies."""
+    """Runs that have acknowledged a command, and runs that have not yet, each with its place."""
 
     command: OperatorCommand
     by: Mapping[str, str]
     waiting: Mapping[str, str]
 
     def plain(self) -> dict[str, Any]:
-        """Return it as plain values for an operator."""
+        """Return the acknowledgements as plain values for an operator."""
         return {
             "command": self.command.kind,
             "who": self.command.who,
@@ -30,7 +30,7 @@ class Acknowledged:
 
 
 class Acknowledgements:
-    """Of the newest command: the runs that are to acknowledge it, and those that have."""
+    """Tracks which runs have acknowledged the newest operator command."""
 
     def __init__(self) -> None:
         self._command: OperatorCommand | None = None
@@ -38,32 +38,32 @@ class Acknowledgements:
         self._by: dict[str, FlightPlace] = {}
 
     def expect(self, command: OperatorCommand, runs: Mapping[str, FlightPlace]) -> None:
-        """Begin with a command that was passed on to runs."""
+        """Track a new command, which was passed on to these runs."""
         self._command, self._waiting, self._by = command, dict(runs), {}
 
-    def take(self, run: str, command_id: str) -> None:
-        """Take that a run has acknowledged a command; an older one's is dropped."""
+    def acknowledge(self, run: str, command_id: str) -> None:
+        """Record that a run has acknowledged a command; an older command is ignored."""
         if self._command is not None and command_id == self._command.command_id:
             place = self._waiting.pop(run, None)
             if place is not None:
                 self._by[run] = place
 
     def ended(self, run: str) -> None:
-        """Take that a run is over: nobody waits for it any more."""
+        """Record that a run is over: its acknowledgement is not awaited any more."""
         self._waiting.pop(run, None)
 
     @property
     def newest(self) -> Acknowledged | None:
-        """Return who has acknowledged the newest command; None before the first."""
+        """Return the acknowledgements of the newest command; None before the first."""
         if self._command is None:
             return None
-        return Acknowledged(self._command, _in_words(self._by), _in_words(self._waiting))
+        return Acknowledged(self._command, _place_texts(self._by), _place_texts(self._waiting))
 
 
 def runs_text(places: Mapping[str, str]) -> str:
-    """Return runs in words, with where they fly."""
+    """Return the names of runs with their places, for a message."""
     return ", ".join(f"{run} on {place}" if place else run for run, place in places.items())
 
 
-def _in_words(places: Mapping[str, FlightPlace]) -> dict[str, str]:
+def _place_texts(places: Mapping[str, FlightPlace]) -> dict[str, str]:
     return {run: str(place) for run, place in places.items()}

@@ -1,4 +1,4 @@
-"""Who may do what at the embedded broker: users and passwords of one campaign; pure."""
+"""Users, passwords and topic permissions of a campaign's embedded MQTT broker; pure."""
 
 import hmac
 import secrets
@@ -14,10 +14,11 @@ CAMPAIGN, OPERATOR, WATCHER = "wil", "operator", "watcher"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerAccess:
-    """The users of a campaign's own broker. base: above its topics; passwords: by user.
+    """The users of an embedded broker. base: the prefix of its topics; passwords: by user.
 
-    The campaign may do everything beneath base. The operator reads it, and publishes commands. The
-    watcher reads it. Nobody reaches any other topic, and a name without a password is nobody.
+    The campaign may do everything beneath base. The operator may subscribe to it and publish
+    commands. The watcher may subscribe to it. No user may use any other topic, and a user without
+    a password may not connect.
     """
 
     base: str
@@ -30,13 +31,13 @@ class BrokerAccess:
         return cls(base=base, passwords={user: secrets.token_urlsafe(18) for user in users})
 
     def admits(self, user: str | None, password: str | None) -> bool:
-        """Return whether somebody may connect."""
+        """Return whether a user with this password may connect."""
         wanted = self.passwords.get(user or "", "")
         given = (password or "").encode("utf-8", "replace")
         return bool(wanted) and hmac.compare_digest(given, wanted.encode())
 
     def permits(self, user: str | None, action: Action, topic: str) -> bool:
-        """Return whether a user may do this. topic: or a filter, for a subscription."""
+        """Return whether a user may do this. topic: for a subscription a filter."""
         if user not in self.passwords or not topic.startswith(f"{self.base}/"):
             return False
         if user == CAMPAIGN or action != "publish":

@@ -1,4 +1,7 @@
-"""The embedded broker's doors: amqtt loads these by their names. Importing this needs amqtt."""
+"""Plugins of the embedded broker: authentication and topic permissions; needs amqtt.
+
+amqtt loads the classes by their names.
+"""
 
 from dataclasses import dataclass, field
 
@@ -32,7 +35,7 @@ def _access_of(context: BaseContext) -> BrokerAccess:
 
 
 class CampaignAuth(BaseAuthPlugin):  # type: ignore[misc]  # amqtt is not typed
-    """Lets in who has a password, with no last will but where it may publish."""
+    """Admits users with a valid password; a last will only for a topic they may publish on."""
 
     Config = _Config
 
@@ -44,14 +47,14 @@ class CampaignAuth(BaseAuthPlugin):  # type: ignore[misc]  # amqtt is not typed
         """Return whether a client may connect."""
         if not self._access.admits(session.username, session.password):
             return False
-        # The broker publishes a last will without asking for the right to.
+        # The broker publishes a last will without checking topic permissions.
         return not session.will_flag or self._access.permits(
             session.username, "publish", session.will_topic or ""
         )
 
 
 class CampaignTopics(BaseTopicPlugin):  # type: ignore[misc]  # as above
-    """Holds users to their topics."""
+    """Restricts users to their topics."""
 
     Config = _Config
 

@@ -1,4 +1,4 @@
-"""The desk: where all commands for a campaign come together, whatever way they came."""
+"""The campaign controller: executes operator commands from every operator channel."""
 
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -25,36 +25,36 @@ class Fleet(Protocol):
     """The workers that fly a campaign, as the controller commands them (protocol)."""
 
     def abort(self, command: OperatorCommand) -> None:
-        """Have every run in flight land as aborted, and begin none."""
+        """Land every run in flight as aborted, and start no other."""
 
     def pass_on(self, command: OperatorCommand) -> int:
         """Pass an operator command to every run in flight; return how many there are."""
 
     def pause(self) -> None:
-        """Begin no run until `go_on`."""
+        """Start no run until `go_on`."""
 
     def go_on(self) -> None:
-        """Begin runs again."""
+        """Start runs again."""
 
 
 class Follower(Protocol):
-    """Receives what happens in a campaign from its controller (protocol)."""
+    """Receives the progress of a campaign from its controller (protocol)."""
 
     def news(self, news: News) -> None:
-        """Take news of a run from the campaign controller."""
+        """Receive news of a run from the campaign controller."""
 
     def finished(self, result: RunResult) -> None:
-        """Take a run's verdict from the campaign controller."""
+        """Receive a run's verdict from the campaign controller."""
 
     def status(self) -> None:
-        """Take that the campaign's status has changed."""
+        """Receive notice that the campaign's status has changed."""
 
 
 class CampaignController:
     """Executes operator commands on a campaign: abort, hold, resume, fence.
 
-    An abort goes straight to the campaign's guards too, past runs that may hang. say: for the
-    person at the terminal.
+    An abort is also sent directly to the campaign's guards, because a run may hang. say: prints a
+    message on the terminal.
     """
 
     def __init__(
@@ -66,8 +66,8 @@ class CampaignController:
         fleet: Fleet,
         say: Callable[[str], None],
     ) -> None:
-        self._campaign = campaign
-        self._folder = folder
+        self.campaign = campaign
+        self.folder = folder
         self._total = total
         self._fleet = fleet
         self.guards: Callable[[], Sequence[Place]] = tuple
@@ -78,7 +78,7 @@ class CampaignController:
         self._places: dict[str, FlightPlace] = {}
         self._acknowledgements = Acknowledgements()
         self._numbers = count(1)
-        self._partly: list[OperatorCommand] = []
+        self._partial_aborts: list[OperatorCommand] = []
         """Aborts of one node or bench."""
         self._answers: deque[Happening] = deque(maxlen=_MOST_ANSWERS)
         self.log = OperatorLog(path=folder / "operator.jsonl")
@@ -86,19 +86,9 @@ class CampaignController:
         self.stopped: Stop | None = None
 
     @property
-    def campaign(self) -> str:
-        """Return the controlled campaign's name."""
-        return self._campaign
-
-    @property
-    def folder(self) -> Path:
-        """Return the controlled campaign's folder of results."""
-        return self._folder
-
-    @property
     def session(self) -> str:
-        """Return which start of the campaign this is: the name of its folder."""
-        return self._folder.name
+        """Return the name of the results folder, which identifies this start of the campaign."""
+        return self.folder.name
 
     @property
     def flying(self) -> Collection[str]:
@@ -107,14 +97,14 @@ class CampaignController:
 
     @property
     def state(self) -> str:
-        """Return the controlled campaign's state in a word."""
+        """Return the controlled campaign's state: flying, held or landing."""
         if self.stopped is not None:
             return "landing"
         return "held" if self.held else "flying"
 
     @property
     def acknowledged(self) -> Acknowledged | None:
-        """Return who has acknowledged the newest command; None before the first."""
+        """Return the acknowledgements of the newest command; None before the first."""
         return self._acknowledgements.newest
 
     def follow(self, follower: Follower) -> None:
@@ -124,18 +114,18 @@ class CampaignController:
     @property
     def ended_by(self) -> Stop | None:
         """Return what stopped the campaign, or parts of it; None where nothing did."""
-        return self.stopped or ("command" if self._partly else None)
+        return self.stopped or ("command" if self._partial_aborts else None)
 
     def begun(self, run: str, place: FlightPlace) -> None:
-        """Take that a run is begun somewhere."""
+        """Record that a run has started, and where."""
         self._places[run] = place
 
     def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
-        """Execute an operator's command, return what was done. Raises RefusedLineError."""
+        """Execute an operator's command; return what was done. Raises RefusedLineError."""
         if not command.command_id:
             command = replace(command, command_id=f"{self.session}/{next(self._numbers)}")
         try:
-            done = self._do(command, stop)
+            done = self._execute(command, stop)
         except RefusedLineError as error:
             self.log.write(command, ok=False, text=str(error))
             raise
@@ -145,7 +135,7 @@ class CampaignController:
         return done
 
     def warn(self, text: str) -> None:
-        """Record something about a way for operators, and tell the person at the terminal."""
+        """Log a problem of an operator channel, and print it on the terminal."""
         self.log.note(text)
         self._say(text)
 
@@ -157,34 +147,36 @@ class CampaignController:
         self.obey(OperatorCommand("abort", name), stop="signal")
 
     def news(self, news: News) -> None:
-        """Take news of a run and pass it to followers."""
+        """Handle news of a run, and pass it to followers."""
         if isinstance(news, Progress):
             self._flying[news.run] = news
         elif news.kind == "answer":
             self._take_answer(news)
         elif news.kind == "acknowledged":
-            self._acknowledgements.take(news.run, news.command_id)
+            self._acknowledgements.acknowledge(news.run, news.command_id)
         for follower in self._followers:
             with Contained("news for operators"):
                 follower.news(news)
 
     def _take_answer(self, news: Happening) -> None:
-        """Take a run's delayed reply to an operator's command."""
+        """Record a run's delayed reply to an operator's command."""
         command = OperatorCommand("geofence", news.who)
         self.log.write(command, ok=news.word == "ok", text=f"{news.run}: {news.text}")
         self._say(f"{news.run}: {news.text}")
         self._answers.append(news)
 
     def finished(self, run: RunResult, *, may_end: bool = True) -> None:
-        """Take a run's verdict; one ended by an operator or pilot ends the campaign.
+        """Handle a run's verdict; a run aborted by an operator or pilot ends the campaign.
 
-        may_end: False for a run that was to end before arming.
+        may_end: False for a run that was planned to end before arming.
         """
         name = f"{run.case}/{run.mode}/{run.rep}"
-        place = self._over(name)
+        place = self._forget_run(name)
         self._verdicts[name] = run.verdict
-        partly = any(place.is_meant(node=one.node, bench=one.bench) for one in self._partly)
-        if may_end and run.verdict == "ABORTED" and self.stopped is None and not partly:
+        is_partial = any(
+            place.is_meant(node=one.node, bench=one.bench) for one in self._partial_aborts
+        )
+        if may_end and run.verdict == "ABORTED" and self.stopped is None and not is_partial:
             self.stopped = "command"
             self._fleet.abort(OperatorCommand("abort", f"{name} ({run.reason})"))
         for follower in self._followers:
@@ -193,12 +185,12 @@ class CampaignController:
         self._send_status()
 
     def left(self, name: str) -> None:
-        """Take that a flight between runs is over."""
-        self._over(name)
+        """Record that a flight between runs is over."""
+        self._forget_run(name)
         self._send_status()
 
-    def _over(self, name: str) -> FlightPlace:
-        """Take that a run flies no more; return where it did."""
+    def _forget_run(self, name: str) -> FlightPlace:
+        """Remove a run from those in flight; return where it flew."""
         self._flying.pop(name, None)
         self._acknowledgements.ended(name)
         return self._places.pop(name, FlightPlace())
@@ -207,7 +199,7 @@ class CampaignController:
         """Return the controlled campaign's status without its runs in flight."""
         return {
             "state": state,
-            "campaign": self._campaign,
+            "campaign": self.campaign,
             "session": self.session,
             "held": self.held,
             "stopped": self.stopped,
@@ -227,7 +219,7 @@ class CampaignController:
         ]
         return {
             **self.summary(self.state),
-            "folder": str(self._folder),
+            "folder": str(self.folder),
             "flying": flying,
             "answers": answers,
             "acknowledged": None if self.acknowledged is None else self.acknowledged.plain(),
@@ -238,7 +230,7 @@ class CampaignController:
             with Contained("the status for operators"):
                 follower.status()
 
-    def _do(self, command: OperatorCommand, stop: Stop) -> str:
+    def _execute(self, command: OperatorCommand, stop: Stop) -> str:
         match command.kind:
             case "abort":
                 return self._abort(command, stop)
@@ -262,18 +254,18 @@ class CampaignController:
         return "all vehicles land, and no further run is flown"
 
     def _abort_place(self, command: OperatorCommand) -> str:
-        """Land what flies on one node or bench, and fly nothing more there."""
+        """Land the runs on one node or bench, and start no other run there."""
         meant = self._expect(command)
         what = f"bench {command.bench}" if command.bench else f"node {command.node}"
         if not meant:
             there = ", ".join(sorted({str(one) for one in self._places.values()} - {""})) or "none"
-            raise RefusedLineError(f"abort: no run of it flies on {what}; in flight are: {there}")
-        self._partly.append(command)
+            raise RefusedLineError(f"abort: no run flies on {what}; runs fly on: {there}")
+        self._partial_aborts.append(command)
         self._fleet.abort(command)
-        return f"{_runs(len(meant))} on {what} will land, and nothing more is flown there"
+        return f"{_runs(len(meant))} on {what} will land, and no further run is flown there"
 
     def _expect(self, command: OperatorCommand) -> Mapping[str, FlightPlace]:
-        """Return the runs that a command is for, which are to acknowledge it."""
+        """Return the runs that a command is for, and await their acknowledgements."""
         meant = {
             run: place
             for run, place in self._places.items()
@@ -306,7 +298,7 @@ class CampaignController:
         if not self._flying:
             raise RefusedLineError("geofence: no vehicle in flight has a fence that can be changed")
         count = self._fleet.pass_on(command)
-        return f"sent to {_runs(count)}, which will answer"
+        return f"sent to {_runs(count)}; each run will report its result"
 
     def _refuse_when_stopped(self, command: OperatorCommand) -> None:
         if self.stopped is not None:

@@ -1,4 +1,4 @@
-"""Which campaigns fly on this machine: a record of each, beside those of the guards."""
+"""Records of the campaigns in flight on this machine, beside the records of their guards."""
 
 import contextlib
 import os
@@ -16,9 +16,9 @@ from vehicles.processes.identity import ProcessId
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A socket that takes operator commands. folder: of the results; name: for people.
+    """A socket that takes operator commands. folder: of the results; name: for messages.
 
-    process: what listens there; a signal reaches it where the socket does not.
+    process: the one that listens there, to be signalled when the socket does not answer.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """The records of what flies on this machine; a campaign's runs have guards in `guards`."""
+    """The records of campaigns in flight on this machine, and of the guards of their runs."""
 
     campaigns: tuple[Place, ...]
     guards: tuple[Place, ...]
@@ -49,7 +49,7 @@ class Places:
 
 
 def places() -> Places:
-    """Return the records of what this user flies on this machine. Raises OSError."""
+    """Return the records of this user's flights on this machine. Raises OSError."""
     folders = runtime_folders()
     guards = [
         Place(one.run, Path(one.folder), Path(one.socket), one.guard)
@@ -71,9 +71,9 @@ class _Entry:
 
 
 class CampaignRecord:
-    """The record on this machine that a campaign flies; a context manager. Raises OSError.
+    """Registers a campaign as in flight on this machine; a context manager. Raises OSError.
 
-    passed_over: which folders for sockets are not safe and were not used, in words.
+    passed_over: messages about socket folders that are unsafe and were not used.
     """
 
     def __init__(self, *, name: str, folder: Path) -> None:

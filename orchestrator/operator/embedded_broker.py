@@ -1,4 +1,4 @@
-"""A broker of our own for a campaign without one: on loopback, for the campaign's users alone."""
+"""Runs an embedded MQTT broker on loopback, for the users of one campaign."""
 
 import logging
 from collections.abc import AsyncIterator
@@ -13,10 +13,7 @@ _PLUGINS = "orchestrator.operator.broker_plugins"
 
 @asynccontextmanager
 async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> AsyncIterator[None]:
-    """Run an MQTT broker at an address. Raises OperatingError when it cannot.
-
-    Raises OperatingError when it cannot be started.
-    """
+    """Run an MQTT broker at an address. Raises OperatingError when it cannot be started."""
     try:
         from amqtt.broker import Broker  # noqa: PLC0415 - slow, optional, rarely used
         from amqtt.errors import BrokerError  # noqa: PLC0415
@@ -24,7 +21,7 @@ async def embedded_broker(address: BrokerAddress, access: BrokerAccess) -> Async
         raise OperatingError(
             "an embedded broker needs amqtt: pip install 'wil-campaign[broker]', or name a broker"
         ) from error
-    # It logs every client that goes without a word as an error.
+    # amqtt logs every client that disconnects without notice as an error.
     for name in ("amqtt", "transitions"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     users = {"base": access.base, "passwords": dict(access.passwords)}

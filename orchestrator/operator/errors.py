@@ -1,4 +1,4 @@
-"""What can go wrong with the ways for operators."""
+"""Errors of the operator channels."""
 
 
 class OperatingError(Exception):

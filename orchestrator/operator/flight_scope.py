@@ -1,4 +1,4 @@
-"""Which flights of this machine a console or a bridge is for: what it shows and commands."""
+"""The flights of this machine that a console or a Foxglove bridge shows and commands."""
 
 from pathlib import Path
 
@@ -8,10 +8,10 @@ _MOST_DECIDED = 1000
 
 
 class FlightScope:
-    """All that this user flies here, what writes to a results folder, or a program's campaign.
+    """All flights of this user on this machine, or those of one folder or one program.
 
-    folder: only what writes its results there. program: the process whose campaign it is, once it
-    has one; its guards belong to it still when it has ended.
+    folder: only flights that write their results there. program: only the campaign of the process
+    with this pid, once it has started; its guards stay in the scope after the process has ended.
     """
 
     def __init__(self, *, folder: Path | None = None, program: int | None = None) -> None:
@@ -22,11 +22,11 @@ class FlightScope:
 
     @property
     def is_whole_machine(self) -> bool:
-        """Whether it has all flights of this machine."""
+        """Whether the scope has all flights of this machine."""
         return self._folder is None and self._program is None
 
     def places(self) -> Places:
-        """Return the records of what flies now and is in it. Raises OSError."""
+        """Return the records of the flights in the scope that are in the air. Raises OSError."""
         found = places().beneath(self._folder)
         if self._program is None:
             return found
@@ -42,9 +42,9 @@ class FlightScope:
         )
 
     def covers(self, run: str) -> bool:
-        """Return whether the run of a folder is in it.
+        """Return whether the run with this results folder is in the scope.
 
-        A campaign's record is there before its first run: one look decides for each run.
+        A campaign's record is written before its first run, so that one check per run suffices.
         """
         if run not in self._decided:
             if len(self._decided) >= _MOST_DECIDED:

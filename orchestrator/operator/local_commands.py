@@ -1,4 +1,4 @@
-"""Commands to what flies on this machine, from a terminal as from the console: one path."""
+"""Sends operator commands from the CLI and the console to the flights of this machine."""
 
 import os
 import signal
@@ -21,37 +21,34 @@ class CommandReply:
 
 
 def tell_guards(folder: Path, who: str) -> None:
-    """Have the guards of one results folder land what they guard; waits for no answer."""
+    """Make the guards of one results folder land their vehicles; does not wait for replies."""
     try:
         guards = places().beneath(folder).guards
     except OSError:
-        return  # without the folder of records the run is told by its pipe still
+        return  # the run gets the abort by its pipe as well
     for guard in guards:
         tell(guard.socket, "abort", who=who)
 
 
 def send_command(flying: Places, kind: OperatorKind, who: str) -> Iterator[CommandReply]:
-    """Send abort, hold or resume to what flies; yield the replies as they come.
+    """Send abort, hold or resume to campaigns and guards; yield the replies as they come.
 
     An abort goes to all guards and campaigns at the same time; a process whose socket does not
-    answer gets SIGTERM, on which it lands as well. Others go to campaigns, and to guards only where
-    no campaign is left.
+    answer gets SIGTERM, on which it lands as well. Hold and resume go to campaigns, and to guards
+    only where no campaign is left.
     """
     return _abort(flying, who) if kind == "abort" else _to_campaigns(flying, kind, who)
 
 
 def abort_place(flying: Places, who: str, *, node: str, bench: str) -> Iterator[CommandReply]:
-    """Have campaigns land what they fly on one node or bench of a cluster; yield the replies."""
+    """Make campaigns land their runs on one node or bench of a cluster; yield the replies."""
     names = {name: text for name, text in (("node", node), ("bench", bench)) if text}
     for campaign in flying.campaigns:
-        try:
-            yield _reply(campaign, ask(campaign.socket, "abort", who=who, **names))
-        except NoAnswerError as error:
-            yield CommandReply(ok=False, text=str(error))
+        yield _send_to_socket(campaign, "abort", who, **names)
 
 
 def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
-    """Ask all sockets at once, so that none which hangs delays another; then signal those."""
+    """Send abort to all sockets at once, so that none delays another; signal those that fail."""
     everyone = (*flying.guards, *flying.campaigns)
     with ThreadPoolExecutor(max(1, len(everyone))) as threads:
         replies = list(threads.map(lambda one: _send_to_socket(one, "abort", who), everyone))
@@ -62,7 +59,7 @@ def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
 
 
 def _signal(place: Place) -> Iterator[CommandReply]:
-    """Send SIGTERM to a campaign or a guard: both take it as an order to land."""
+    """Send SIGTERM to a campaign or a guard; both land on it."""
     process = place.process
     if process is None or not process.lives:
         return
@@ -76,8 +73,8 @@ def _signal(place: Place) -> Iterator[CommandReply]:
         return
     yield CommandReply(
         ok=False,
-        text=f"{place.name}: SIGTERM is sent to process {process.pid}; watch shows whether it "
-        "lands",
+        text=f"{place.name}: SIGTERM was sent to process {process.pid}; `wil-campaign watch` shows "
+        "whether it lands",
     )
 
 
@@ -97,10 +94,10 @@ def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comm
         yield _send_to_socket(guard, kind, who)
 
 
-def _send_to_socket(place: Place, kind: OperatorKind, who: str) -> CommandReply:
+def _send_to_socket(place: Place, kind: OperatorKind, who: str, **more: str) -> CommandReply:
     """Send an operator's command to a socket; return its reply."""
     try:
-        return _reply(place, ask(place.socket, kind, who=who))
+        return _reply(place, ask(place.socket, kind, who=who, **more))
     except NoAnswerError as error:
         return CommandReply(ok=False, text=str(error))
 

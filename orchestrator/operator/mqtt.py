@@ -1,4 +1,4 @@
-"""Operators by MQTT: what happens goes out, commands come in, and a lost broker stops no flight."""
+"""MQTT client of a campaign: publishes reports and receives commands; reconnects by itself."""
 
 import asyncio
 import random
@@ -33,13 +33,13 @@ _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
 _FLUSH_S = 3.0
 _MOST_REFUSALS_A_SECOND = 10
 _LOSS = "mqtt (the broker is away)"
-_OF_THE_CONNECTION = (aiomqtt.MqttError, OperatingError, OSError, UnicodeError)
-"""What a broker, or the way to it, makes aiomqtt raise; anything else is a fault of ours."""
+_CONNECTION_ERRORS = (aiomqtt.MqttError, OperatingError, OSError, UnicodeError)
+"""Errors of aiomqtt caused by the broker or the network; any other is a bug of this program."""
 
 
 @contextmanager
 def _connected() -> Iterator[None]:
-    """Raise OperatingError for the end of a connection: who accounts for tasks expects it."""
+    """Convert MqttError at the end of a connection to OperatingError, an error of this package."""
     try:
         yield
     except aiomqtt.MqttError as error:
@@ -50,7 +50,7 @@ def _connected() -> Iterator[None]:
 class MqttSecrets:
     """The secrets of MQTT: the command token, and the broker's password (empty for none).
 
-    token: None where commands are not signed, and what is published is not either.
+    token: None where neither commands nor publications are signed.
     """
 
     token: str | None
@@ -63,8 +63,8 @@ async def mqtt_operating(
 ) -> AsyncIterator[None]:
     """Connect a campaign controller to an MQTT broker for the context's duration.
 
-    Raises OperatingError when the broker cannot be had at the start; afterwards the connection is
-    made again as often as it is lost.
+    Raises OperatingError when the first connection fails; a connection that is lost later is made
+    again.
     """
     client = MqttOperator(setup=setup, secrets_=secrets_, controller=controller)
     running = start(client.run(), name="mqtt")
@@ -83,7 +83,7 @@ _OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
 
 
 class MqttOperator:
-    """One campaign at one MQTT broker. jitter: a random share of each wait to reconnect."""
+    """The MQTT client of one campaign. jitter: a random share of each wait to reconnect."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class MqttOperator:
         self._status_key = None if secrets_.token is None else status_key(secrets_.token)
         self._outbox = Outbox()
         self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._away: asyncio.TimerHandle | None = None
+        self._loss_timer: asyncio.TimerHandle | None = None
         self._connected = False
         self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
         self._answers = CommandAnswers(
@@ -130,7 +130,7 @@ class MqttOperator:
     async def run(self) -> None:
         """Stay connected to the MQTT broker until cancelled.
 
-        An exception of ours stops no flight either: it is reported, and the connection made again.
+        A bug in this client stops no flight either: it is reported, and the client reconnects.
         """
         wait_s = _FIRST_WAIT_S
         while True:
@@ -144,17 +144,17 @@ class MqttOperator:
             await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
 
     async def _connection(self) -> str:
-        """Connect once to the MQTT broker; return why it ended.
+        """Connect once to the MQTT broker; return why the connection ended.
 
-        Before the first connection whatever it is is told to who waits for that.
+        Before the first connection `first_connection` raises the error, so it is not reported.
         """
         try:
             await self._keep_connected()
         except (*FAULTS, BaseExceptionGroup) as error:
             if asked_to_end(error):
                 raise
-            ours = [one for one in leaves(error) if not isinstance(one, _OF_THE_CONNECTION)]
-            for one in ours if self._first.done() else ():
+            bugs = [one for one in leaves(error) if not isinstance(one, _CONNECTION_ERRORS)]
+            for one in bugs if self._first.done() else ():
                 report(one, "mqtt")
             return _error_text(error)
         return "the connection ended"
@@ -167,29 +167,29 @@ class MqttOperator:
             if self._outbox.empty:
                 break
             await asyncio.sleep(0.01)
-        # The last one may be on its way still.
+        # The last publication may still be in transit.
         await asyncio.sleep(0.05)
 
     def close(self) -> None:
-        """Stop handling an absent MQTT broker, and wait for no acknowledgement."""
+        """Cancel the timers of a lost broker and of awaited acknowledgements."""
         self._answers.close()
-        if self._away is not None:
-            self._away.cancel()
+        if self._loss_timer is not None:
+            self._loss_timer.cancel()
 
     def news(self, news: News) -> None:
         """Publish a run's news by MQTT."""
         for publication in publications(news):
             self._outbox.put(publication)
-        self._answers.look()
+        self._answers.update()
 
     def finished(self, result: RunResult) -> None:
         """Publish a verdict by MQTT."""
         self._outbox.put(verdict_of(result))
-        self._answers.look()
+        self._answers.update()
 
     def status(self) -> None:
         """Publish the campaign's status by MQTT."""
-        self._answers.look()
+        self._answers.update()
         self._outbox.put(status_of(self._controller.summary(self._controller.state)))
 
     async def _keep_connected(self) -> None:
@@ -225,7 +225,7 @@ class MqttOperator:
         )
 
     def _sign(self, topic: str, payload: bytes) -> bytes:
-        """Return what is published: with its time, so that an old one is seen to be old."""
+        """Return a payload with its time, which shows whether it is old, and its signature."""
         if self._status_key is None:
             return payload
         at = f', "at": {round(self._utc(), 3)}}}'
@@ -253,24 +253,24 @@ class MqttOperator:
                 kind = str(message.topic).rpartition("/")[2]
                 if kind != "ack":
                     payload = message.payload if isinstance(message.payload, bytes) else b""
-                    self._take(kind, payload, retained=bool(message.retain))
+                    self._execute_command(kind, payload, retained=bool(message.retain))
 
-    def _take(self, kind: str, payload: bytes, *, retained: bool) -> None:
+    def _execute_command(self, kind: str, payload: bytes, *, retained: bool) -> None:
         try:
-            asked = self._reader.read(kind, payload, retained=retained, now_s=self._utc())
+            command = self._reader.read(kind, payload, retained=retained, now_s=self._utc())
         except RefusedCommandError as error:
             self._refuse(kind, error)
             return
         try:
-            text = self._controller.obey(asked)
+            text = self._controller.obey(command)
         except RefusedLineError as error:
-            self._answers.refused(asked, str(error))
+            self._answers.refused(command, str(error))
         else:
-            self._answers.obeyed(asked, text)
+            self._answers.obeyed(command, text)
 
     def _refuse(self, kind: str, error: RefusedCommandError) -> None:
         if self._refusals.is_exceeded(asyncio.get_running_loop().time()):
-            return  # Who floods gets no answers, and does not fill the disk.
+            return  # A client that floods gets no answers, and does not fill the disk.
         self._controller.log.refused(f"mqtt: {kind}: {error}", who=error.who)
         self._answer(
             id=error.command_id, command=kind, ok=False, text=str(error), who=error.who, final=True
@@ -282,17 +282,17 @@ class MqttOperator:
         kind, who, number = command.kind, command.who, command.command_id
         self._answer(id=number, command=kind, ok=ok, text=text, who=who, final=final)
 
-    def _answer(self, **said: str | bool) -> None:
-        self._outbox.put(ack_of(session=self._controller.session, **said))
+    def _answer(self, **fields: str | bool) -> None:
+        self._outbox.put(ack_of(session=self._controller.session, **fields))
 
     def _reconnected(self) -> None:
         if self._first.done():
             self._controller.log.note("reconnected to the MQTT broker")
         else:
             self._first.set_result(None)
-        if self._away is not None:
-            self._away.cancel()
-            self._away = None
+        if self._loss_timer is not None:
+            self._loss_timer.cancel()
+            self._loss_timer = None
         self._connected = True
         self.status()
 
@@ -302,7 +302,7 @@ class MqttOperator:
         self._connected = False
         self._controller.log.note(f"the MQTT broker is disconnected: {why}")
         loop = asyncio.get_running_loop()
-        self._away = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
+        self._loss_timer = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
 
     def _disconnected_too_long(self) -> None:
         kind = self._setup.on_loss
@@ -312,7 +312,7 @@ class MqttOperator:
         try:
             self._controller.obey(command)
         except RefusedLineError:
-            return  # It is held, or lands, already; the log says so.
+            return  # The campaign is held or landing already; the log says so.
 
     def _unreachable(self, why: str) -> OperatingError:
         broker = self._setup.broker
@@ -325,7 +325,6 @@ class MqttOperator:
 
 
 def _error_text(error: BaseException) -> str:
-    """Return an MQTT connection error in words, without OpenSSL's source place."""
+    """Return the text of an MQTT connection error, without the source line of OpenSSL."""
     error = leaves(error)[0]
-    # OpenSSL's words without where in its source they stand.
     return _OF_OPENSSL.sub("", str(error)) or type(error).__name__

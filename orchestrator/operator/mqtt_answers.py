@@ -1,4 +1,4 @@
-"""Answers to commands by MQTT: what was done, at once, and who has acknowledged it."""
+"""Replies to MQTT commands: one at once, and a final one after all runs have acknowledged."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -16,10 +16,10 @@ class Answer(Protocol):
 
 
 class CommandAnswers:
-    """Answers commands: final once each run that was in flight has acknowledged, or is over.
+    """Answers commands; the answer is final once each run in flight has acknowledged or ended.
 
-    acknowledged: who has acknowledged the campaign's newest command. An answer that is awaited when
-    another command comes is final then.
+    acknowledged: returns the acknowledgements of the campaign's newest command. When another
+    command comes first, the awaited answer becomes final at once.
     """
 
     def __init__(self, *, acknowledged: Callable[[], Acknowledged | None], answer: Answer) -> None:
@@ -29,43 +29,43 @@ class CommandAnswers:
         self._late: asyncio.TimerHandle | None = None
 
     def obeyed(self, command: OperatorCommand, text: str) -> None:
-        """Answer a command that was obeyed; of a fence each run says what became of it."""
+        """Answer a command that was executed; each run itself reports the result of a geofence."""
         if command.kind == "geofence":
             self._answer(command, ok=True, text=text, final=False)
             return
-        found = self._acknowledged()
-        is_awaited = found is not None and found.command is command and bool(found.waiting)
+        newest = self._acknowledged()
+        is_awaited = newest is not None and newest.command is command and bool(newest.waiting)
         self._answer(command, ok=True, text=text, final=not is_awaited)
         if is_awaited:
             self._awaited = command
             loop = asyncio.get_running_loop()
-            self._late = loop.call_later(WITHIN_S, self._end_without)
+            self._late = loop.call_later(WITHIN_S, self._end_late)
 
     def refused(self, command: OperatorCommand, text: str) -> None:
         """Answer a command that was refused."""
         self._answer(command, ok=False, text=text, final=True)
 
-    def look(self) -> None:
-        """Answer the awaited command once it is acknowledged by all, or another one came."""
-        found = self._acknowledged()
-        if self._awaited is None or found is None:
+    def update(self) -> None:
+        """Answer the awaited command once all runs have acknowledged, or another command came."""
+        newest = self._acknowledged()
+        if self._awaited is None or newest is None:
             return
-        if found.command is not self._awaited:
+        if newest.command is not self._awaited:
             self._end(ok=True, text="another command came before each run had acknowledged this")
-        elif not found.waiting:
-            self._end(ok=True, text=_by_text(found.by))
+        elif not newest.waiting:
+            self._end(ok=True, text=_by_text(newest.by))
 
     def close(self) -> None:
-        """Await no acknowledgement any more."""
+        """Stop waiting for acknowledgements."""
         self._awaited = None
         if self._late is not None:
             self._late.cancel()
             self._late = None
 
-    def _end_without(self) -> None:
-        found = self._acknowledged()
-        if found is not None:
-            missing = runs_text(found.waiting)
+    def _end_late(self) -> None:
+        newest = self._acknowledged()
+        if newest is not None:
+            missing = runs_text(newest.waiting)
             self._end(ok=False, text=f"not acknowledged within {WITHIN_S:g} s by {missing}")
 
     def _end(self, *, ok: bool, text: str) -> None:
@@ -76,4 +76,4 @@ class CommandAnswers:
 
 
 def _by_text(by: Mapping[str, str]) -> str:
-    return f"acknowledged by {runs_text(by)}" if by else "what was in flight has ended"
+    return f"acknowledged by {runs_text(by)}" if by else "all runs in flight have ended"

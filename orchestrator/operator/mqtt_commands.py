@@ -1,14 +1,14 @@
-"""Commands by MQTT: what is obeyed, and what is refused and why; pure.
+"""Parses and authenticates MQTT commands; refuses invalid ones with a reason; pure.
 
 A command is a JSON object on <root>/<campaign>/operator/{abort,hold,resume,geofence}:
 
     {"session": "20261121T153936Z", "id": "a1", "at": 1763739601.2, "who": "anna",
      "signature": "..."}
 
-signature: by the operators' token, see message_signing; none where a campaign has `commands:
-unsigned`. session: which start of the campaign is meant, as `status` says it. id: anything that is
-not used twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant; it
-has to fly. geofence, for the command of that name alone: an object as of a campaign, a
+signature: by the operators' token, see message_signing; absent where a campaign has `commands:
+unsigned`. session: the start of the campaign that is meant, as in `status`. id: a text that is
+never used twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant;
+it must be in flight. geofence, only for the command of that name: an object as in a campaign, a
 QGroundControl plan, GeoJSON, or the text of a file with one of them.
 """
 
@@ -29,7 +29,7 @@ _KINDS: frozenset[str] = frozenset(get_args(OperatorKind))
 
 
 class RefusedCommandError(Exception):
-    """A refused MQTT command; says why. id, who: as far as they could be read."""
+    """A refused MQTT command, with the reason. command_id, who: empty if they were not read."""
 
     def __init__(self, reason: str, *, command_id: str = "", who: str = "") -> None:
         super().__init__(reason)
@@ -40,8 +40,8 @@ class RefusedCommandError(Exception):
 class CommandReader:
     """Reads one campaign's MQTT commands; remembers ids, so that none runs twice.
 
-    base: above the topics of the campaign. token: what commands are signed by; None where they are
-    not. flying: returns the runs in flight.
+    base: the prefix of the campaign's topics. token: the key of signatures; None where commands are
+    not signed. flying: returns the runs in flight.
     """
 
     def __init__(
@@ -62,62 +62,61 @@ class CommandReader:
 
     def read(self, kind: str, payload: bytes, *, retained: bool, now_s: float) -> OperatorCommand:
         """Return the command in an MQTT message. now_s: since 1970. Raises RefusedCommandError."""
-        said = self._authentic(kind, payload)
-        command_id = _id(said)
+        fields = self._authentic(kind, payload)
+        command_id = _id(fields)
         if not command_id:
-            raise RefusedCommandError(f"id is a text of 1 to {_LONGEST_ID} printable characters")
+            raise RefusedCommandError(
+                f"id must be a text of 1 to {_LONGEST_ID} printable characters"
+            )
         try:
-            who = checked_who(said.get("who", "operator"))
+            who = checked_who(fields.get("who", "operator"))
         except RefusedLineError as error:
             raise RefusedCommandError(str(error), command_id=command_id) from error
-        reason = self._refusal(kind, said, retained=retained, now_s=now_s)
+        reason = self._refusal(kind, fields, retained=retained, now_s=now_s)
         if reason or self._is_known(command_id, now_s):
             raise RefusedCommandError(
                 reason or "this id was used already", command_id=command_id, who=who
             )
-        why = said.get("reason", "")
+        why = fields.get("reason", "")
         text = why if isinstance(why, str) and _is_fit(why, _LONGEST_REASON) else ""
         return OperatorCommand(
-            cast("OperatorKind", kind), f"mqtt:{who}", text, _document(said), command_id
+            cast("OperatorKind", kind), f"mqtt:{who}", text, _document(fields), command_id
         )
 
     def _authentic(self, kind: str, payload: bytes) -> dict[str, Any]:
-        """Return the object that was signed, or that needs no signature.
-
-        Raises RefusedCommandError.
-        """
-        said = _object(payload)
+        """Return the command's object after checking its signature. Raises RefusedCommandError."""
+        fields = _object(payload)
         if self._key is None:
-            return said
+            return fields
         try:
             body = verified(f"{self._base}/operator/{kind}", payload, self._key)
         except SignatureError as error:
-            raise RefusedCommandError(str(error), command_id=_id(said)) from error
-        # What was signed, and not what else a parser may read into the message.
+            raise RefusedCommandError(str(error), command_id=_id(fields)) from error
+        # Only the signed bytes: a parser may read more into the whole message.
         return _object(body)
 
-    def _refusal(self, kind: str, said: dict[str, Any], *, retained: bool, now_s: float) -> str:
+    def _refusal(self, kind: str, fields: dict[str, Any], *, retained: bool, now_s: float) -> str:
         """Return why an authorised MQTT command is refused; empty when it is not."""
-        unknown = sorted(ascii(key)[1:-1] for key in set(said) - _KEYS)
+        unknown = sorted(ascii(key)[1:-1] for key in set(fields) - _KEYS)
         checks = (
             (bool(unknown), f"unknown keys: {', '.join(unknown)[:_LONGEST_ID]}"),
             (kind not in _KINDS, f"there is no command '{kind[:_LONGEST_ID]}'"),
             (retained, "it was retained by the broker: publish commands without retain"),
-            (not _is_time(said.get("at")), "at is the time in seconds since 1970"),
+            (not _is_time(fields.get("at")), "at must be the time in seconds since 1970"),
             (
-                not _is_fresh(said.get("at"), now_s),
+                not _is_fresh(fields.get("at"), now_s),
                 f"stale: more than {OLDEST_S:g} s old, or the clocks differ by as much",
             ),
             (
-                said.get("session") != self._session,
+                fields.get("session") != self._session,
                 f"for another session of the campaign; the session is {self._session}",
             ),
             (
-                ("geofence" in said) != (kind == "geofence"),
-                "geofence is for the command geofence, and needed there",
+                ("geofence" in fields) != (kind == "geofence"),
+                "geofence is required for the command geofence, and only there",
             ),
             (
-                "run" in said and said["run"] not in list(self._flying()),
+                "run" in fields and fields["run"] not in list(self._flying()),
                 "for a run that is not in flight",
             ),
         )
@@ -136,14 +135,14 @@ def _object(payload: bytes) -> dict[str, Any]:
     if len(payload) > LONGEST_COMMAND_BYTES:
         raise RefusedCommandError(f"longer than {LONGEST_COMMAND_BYTES} bytes")
     try:
-        said = json.loads(payload.decode("utf-8"))
+        fields = json.loads(payload.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise RefusedCommandError("not UTF-8") from error
     except (ValueError, RecursionError) as error:
         raise RefusedCommandError("not JSON") from error
-    if not isinstance(said, dict):
+    if not isinstance(fields, dict):
         raise RefusedCommandError("not a JSON object")
-    return said
+    return fields
 
 
 def _is_time(at_s: Any) -> bool:
@@ -153,19 +152,19 @@ def _is_time(at_s: Any) -> bool:
 
 def _is_fresh(at_s: Any, now_s: float) -> bool:
     """Return whether an MQTT command's time is recent."""
-    # Written so that NaN is not fresh, and integers beyond every float may come.
+    # These comparisons are false for NaN, and accept integers beyond the range of floats.
     return _is_time(at_s) and now_s - OLDEST_S <= at_s <= now_s + OLDEST_S
 
 
-def _id(said: dict[str, Any]) -> str:
-    """Return an MQTT command's id; empty when it has none that is fit for a record."""
-    value = said.get("id")
+def _id(fields: dict[str, Any]) -> str:
+    """Return an MQTT command's id; empty when it is missing or not printable."""
+    value = fields.get("id")
     return value if isinstance(value, str) and _is_fit(value, _LONGEST_ID) else ""
 
 
-def _document(said: dict[str, Any]) -> str:
+def _document(fields: dict[str, Any]) -> str:
     """Return the fence document of an MQTT command as text."""
-    given = said.get("geofence", "")
+    given = fields.get("geofence", "")
     return given if isinstance(given, str) else json.dumps(given)
 
 

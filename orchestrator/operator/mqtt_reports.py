@@ -1,4 +1,4 @@
-"""What is published by MQTT: topics beneath <root>/<campaign>, and JSON objects; pure."""
+"""MQTT reports: topics beneath <root>/<campaign>, with JSON objects as payload; pure."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from orchestrator.model.results import RunResult
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """An MQTT message to publish. important: kept without a broker, sent at least once."""
+    """An MQTT message to publish. important: queued while disconnected, sent at least once."""
 
     topic: str
     payload: bytes
@@ -23,22 +23,24 @@ class Publication:
 def publications(news: News) -> Iterator[Publication]:
     """Yield the MQTT messages that report a run's news."""
     if isinstance(news, Progress):
-        yield _of("run", {"run": news.run, **_standing_of(news)})
+        yield _publication("run", {"run": news.run, **_progress_fields(news)})
         for vehicle in news.vehicles:
-            yield _of(f"vehicle/{vehicle.name}", {"run": news.run, **_vehicle(vehicle)})
+            yield _publication(
+                f"vehicle/{vehicle.name}", {"run": news.run, **_vehicle_fields(vehicle)}
+            )
         return
-    said = {"run": news.run, "t_s": round(news.t_s, 6)}
+    common = {"run": news.run, "t_s": round(news.t_s, 6)}
     match news.kind:
         case "stage":
-            yield _of("run", {**said, "stage": news.word}, important=True)
+            yield _publication("run", {**common, "stage": news.word}, important=True)
         case "collision":
-            touched = {"oracle": news.word, "vehicle": news.vehicle, "text": news.text}
-            yield _of("collision", {**said, **touched}, important=True)
+            collision = {"oracle": news.word, "vehicle": news.vehicle, "text": news.text}
+            yield _publication("collision", {**common, **collision}, important=True)
         case "decisive":
             verdict = {"verdict": news.word, "reason": news.text, "final": False}
-            yield _of("verdict", {**said, **verdict}, important=True)
+            yield _publication("verdict", {**common, **verdict}, important=True)
         case "guard":
-            yield _guard(said, news)
+            yield _guard_report(common, news)
         case "answer":
             yield ack_of(
                 id=news.command_id,
@@ -53,7 +55,7 @@ def publications(news: News) -> Iterator[Publication]:
 
 def verdict_of(result: RunResult) -> Publication:
     """Return the MQTT report of a run's final verdict."""
-    return _of(
+    return _publication(
         "verdict",
         {
             "run": f"{result.case}/{result.mode}/{result.rep}",
@@ -68,21 +70,21 @@ def verdict_of(result: RunResult) -> Publication:
 
 def status_of(status: dict[str, Any]) -> Publication:
     """Return the MQTT report of the campaign's status, retained for later subscribers."""
-    return _of("status", status, important=True, retain=True)
+    return _publication("status", status, important=True, retain=True)
 
 
-def ack_of(**said: str | bool) -> Publication:
+def ack_of(**fields: str | bool) -> Publication:
     """Return the MQTT reply to a command."""
-    return _of("operator/ack", said, important=True)
+    return _publication("operator/ack", fields, important=True)
 
 
-def _guard(said: dict[str, Any], news: Happening) -> Publication:
+def _guard_report(common: dict[str, Any], news: Happening) -> Publication:
     """Return the MQTT report of a guard event."""
-    body = {**said, "event": news.word, "vehicle": news.vehicle, "text": news.text}
-    return _of("guard", body, important=True)
+    body = {**common, "event": news.word, "vehicle": news.vehicle, "text": news.text}
+    return _publication("guard", body, important=True)
 
 
-def _standing_of(news: Progress) -> dict[str, Any]:
+def _progress_fields(news: Progress) -> dict[str, Any]:
     """Return a run's progress as fields of its MQTT report."""
     return {
         "t_s": round(news.t_s, 3),
@@ -94,7 +96,7 @@ def _standing_of(news: Progress) -> dict[str, Any]:
     }
 
 
-def _vehicle(vehicle: VehicleProgress) -> dict[str, Any]:
+def _vehicle_fields(vehicle: VehicleProgress) -> dict[str, Any]:
     """Return a vehicle's progress as fields of an MQTT report."""
     place, speed = vehicle.position_ned_m, vehicle.velocity_ned_m_s
     return {
@@ -112,7 +114,7 @@ def _round_value(value: float | None) -> float | None:
     return round(value, 3) if value is not None and math.isfinite(value) else None
 
 
-def _of(
+def _publication(
     topic: str, body: dict[str, Any], *, important: bool = False, retain: bool = False
 ) -> Publication:
     """Return an MQTT message of a topic with a JSON body."""

@@ -1,4 +1,4 @@
-"""Opens the ways in which an operator reaches a campaign, for as long as it flies."""
+"""Opens the operator channels of a campaign, its socket and MQTT, while it flies."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from safety.guard.operator.operator_socket import POINTER, OperatorSocket, write
 
 TOKEN = "operator.token"  # noqa: S105 - a file's name
 ACCESS = "operator.access.json"
-"""The file in a results folder with what it takes to reach the campaign's broker."""
+"""The file in a results folder with address, topics and passwords of the campaign's broker."""
 
 
 @asynccontextmanager
@@ -26,7 +26,7 @@ async def open_operator_channels(
 ) -> AsyncIterator[None]:
     """Open the campaign controller's operator channels: its socket, and MQTT.
 
-    Says on this machine that the campaign flies. Raises OperatingError.
+    Registers the campaign as in flight on this machine. Raises OperatingError.
     """
     controller.guards = lambda: _guards(controller)
     async with AsyncExitStack() as stack:
@@ -47,29 +47,29 @@ async def _connect(stack: AsyncExitStack, controller: CampaignController, mqtt: 
 
     token: str | None = None
     if mqtt.signed:
-        token = _variable(mqtt.token_env, "token_env") or _make_token(controller.folder)
+        token = _read_variable(mqtt.token_env, "token_env") or _make_token(controller.folder)
     else:
         controller.warn(
-            f"operator.mqtt.commands is unsigned: whoever may publish at {mqtt.broker} commands "
-            "this flight"
+            f"operator.mqtt.commands is unsigned: any client that may publish at {mqtt.broker} can "
+            "command this flight"
         )
-    password = _variable(mqtt.password_env, "password_env")
+    password = _read_variable(mqtt.password_env, "password_env")
     access: BrokerAccess | None = None
     if mqtt.broker.embedded:
         access = BrokerAccess.new(f"{mqtt.root}/{controller.campaign}")
         mqtt, password = replace(mqtt, user=CAMPAIGN), access.passwords[CAMPAIGN]
         await stack.enter_async_context(embedded_broker(mqtt.broker, access))
     _write_access(controller, mqtt, access)
-    found = MqttSecrets(token=token, password=password)
-    await stack.enter_async_context(mqtt_operating(mqtt, found, controller))
+    secrets_ = MqttSecrets(token=token, password=password)
+    await stack.enter_async_context(mqtt_operating(mqtt, secrets_, controller))
 
 
 def _write_access(
     controller: CampaignController, mqtt: MqttSetup, access: BrokerAccess | None
 ) -> None:
-    """Write where operators reach the campaign, for its owner alone; without the token."""
+    """Write the broker's address and passwords, without the token, readable by the owner only."""
     passwords = {} if access is None else access.passwords
-    said = {
+    access_document = {
         "host": mqtt.broker.host,
         "port": mqtt.broker.port,
         "tls": mqtt.broker.tls,
@@ -78,10 +78,10 @@ def _write_access(
         "signed": mqtt.signed,
         "passwords": {user: passwords[user] for user in passwords if user != CAMPAIGN},
     }
-    _write_secret(controller.folder / ACCESS, json.dumps(said, indent=2))
+    _write_secret(controller.folder / ACCESS, json.dumps(access_document, indent=2))
 
 
-def _variable(name: str, key: str) -> str:
+def _read_variable(name: str, key: str) -> str:
     """Return an environment variable with an operator's secret; empty where none is named."""
     if not name:
         return ""
@@ -127,5 +127,5 @@ def _guards(controller: CampaignController) -> Sequence[Place]:
     try:
         return places().beneath(controller.folder).guards
     except OSError:
-        # Without the folder of records the runs are told by their pipes still.
+        # The runs get the abort by their pipes as well.
         return ()

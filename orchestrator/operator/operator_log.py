@@ -1,4 +1,4 @@
-"""operator.jsonl: who asked what of a campaign, when, and what came of it."""
+"""operator.jsonl: every operator command with its time, its operator and its result."""
 
 import contextlib
 import json
@@ -12,7 +12,7 @@ from safety.guard.core.operator_command import OperatorCommand
 class OperatorLog:
     """The operator log: one line for each command, executed or refused.
 
-    A disk that takes no more must not keep an abort from being obeyed: then the line is lost.
+    A full disk must not prevent an abort: the line is lost then.
     """
 
     def __init__(self, *, path: Path) -> None:
@@ -23,15 +23,15 @@ class OperatorLog:
         self._append(who=command.who, command=command.kind, ok=ok, text=text)
 
     def refused(self, text: str, *, who: str = "") -> None:
-        """Append a refused message to the operator log: no command, or unauthorised."""
+        """Append a refused message, which was invalid or unauthorised, to the operator log."""
         self._append(who=who, command="", ok=False, text=text)
 
     def note(self, text: str) -> None:
         """Append an event of an operator channel to the operator log."""
         self._append(who="", command="", ok=True, text=text)
 
-    def _append(self, **said: str | bool) -> None:
+    def _append(self, **fields: str | bool) -> None:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
-        line = json.dumps({"utc": stamp, **said}, ensure_ascii=False)
+        line = json.dumps({"utc": stamp, **fields}, ensure_ascii=False)
         with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as stream:
             stream.write(line + "\n")

@@ -1,4 +1,4 @@
-"""Speaks to operators' sockets: one line asked, one line answered."""
+"""Client of operator sockets: sends a JSON line and reads the JSON line of the reply."""
 
 import contextlib
 import json
@@ -44,9 +44,9 @@ def tell(path: Path, command: str, *, who: str) -> None:
 
 
 def _connect(end: socket.socket, path: Path, *, within_s: float) -> None:
-    """Connect to a socket of this user's. Raises OSError.
+    """Connect to a socket that belongs to this user. Raises OSError.
 
-    A queue of connections that is full is tried again: unix(7) reports it at once, as EAGAIN.
+    Retries while the listener's backlog is full: unix(7) reports that at once, as EAGAIN.
     """
     if not stat.S_ISSOCK(path.lstat().st_mode):
         raise OSError("it is not a socket")

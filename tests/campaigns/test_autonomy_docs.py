@@ -66,10 +66,10 @@ def test_the_figures_of_the_page_are_those_of_the_code() -> None:
     rate = AutonomyPart.model_fields["rate_hz"]
     limits = {name: value for one in rate.metadata for name, value in vars_of(one).items()}
     assert f"({limits['ge']:g} to {limits['le']:g}, {rate.default:g} by default)" in PAGE
-    assert f"taken {AutonomyLimits().call_s:g} s is a FAIL" in PAGE
+    assert f"longer than {AutonomyLimits().call_s:g} s is a FAIL" in PAGE
     assert f"a constructor has {AutonomyLimits().build_s:g} s" in PAGE
     assert f"more than {autonomy_calls._LARGEST:g}".replace("1e+06", "1e6") in PAGE
-    assert f"up to {autonomy_calls._LONGEST_NOTE} letters" in PAGE
+    assert f"up to {autonomy_calls._LONGEST_NOTE} characters" in PAGE
 
 
 def vars_of(constraint: object) -> dict[str, float]:

@@ -1,1 +1,1 @@
-"""Clearance: distances between a vehicle's body and the things of a scene."""
+"""Clearance: distances between a vehicle's body and the objects of a scene."""

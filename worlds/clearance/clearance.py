@@ -1,7 +1,7 @@
-"""Clearance between a vehicle's body and the things of a scene, swept between two samples.
+"""Clearance between a vehicle's body and the objects of a scene, swept between two samples.
 
-Nothing thin is passed through. Distance between two bodies changes by no more than the way that
-any of their points goes, so the distances at both ends of a stretch bound those in between, and
+No thin object is missed. The distance between two bodies changes by no more than the way that any
+of their points goes, so the distances at both ends of a stretch bound those in between, and
 stretches are halved until the bound is tight (Schwarzer, Saha and Latombe 2005). A second bound
 is tight at once: for convex parts a plane that separates at one end, for triangle surfaces the
 distance to the hull of the body at both ends.
@@ -22,7 +22,7 @@ __all__ = ["Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
 
 TOLERANCE_M = 2e-4
 _SHORTEST = 2.0**-30
-"""Of a stretch: parts that are shorter are not halved again, whatever jumps in them."""
+"""Fraction of a stretch: shorter parts are not halved again, even if a pose jumps in them."""
 _Key = tuple[str, bool]
 
 
@@ -49,8 +49,8 @@ class Clearance:
 class ClearanceProbe:
     """Measures the clearance of one body to one scene.
 
-    exclude: names of things to leave out. floors: whether floors of rooms are measured.
-    within_m: things farther than this are not reported; what is reported is exact to 1 mm.
+    exclude: names of objects to leave out. floors: whether floors of rooms are measured.
+    within_m: objects farther than this are not reported; reported clearances are exact to 1 mm.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class ClearanceProbe:
         self._targets = [
             target
             for part in scene.bodies
-            if part.thing.name not in exclude
+            if part.scene_object.name not in exclude
             for target in (_Target(part, is_floor=False), _Target(part, is_floor=True))
             if target.parts and (floors or not target.is_floor)
         ]
@@ -85,8 +85,8 @@ class ClearanceProbe:
     ) -> tuple[Clearance, ...]:
         """Return the least clearance to each near object between two samples of the pose.
 
-        The body moves straight and turns evenly from pose_0 to pose_1; things move as they do.
-        below_m: by `Clearance.key`, what is known already: only what is less is reported.
+        The body moves straight and turns evenly from pose_0 to pose_1; objects by their motion.
+        below_m: known clearances by `Clearance.key`: only smaller ones are reported.
         only_least: whether an object that is farther than one before it may be left out, which is
         quicker; the least of all is reported.
         """
@@ -134,30 +134,32 @@ class _Stretch:
 
     def pose_of(self, body: RigidBody, t_s: float) -> Pose:
         """Return a body's pose at a time; limbs of one object share where that is."""
-        return body.pose_on(self._placed_at(body.thing, t_s))
+        return body.pose_on(self._placed_at(body.scene_object, t_s))
 
     def travel_of(self, body: RigidBody, from_fraction: float, to_fraction: float) -> Travel:
         """Return how far a body goes and turns at most between two fractions of the stretch."""
-        return body.travel_on(self._travel(body.thing, from_fraction, to_fraction))
+        return body.travel_on(self._travel(body.scene_object, from_fraction, to_fraction))
 
-    def way_of(self, thing: SceneObject) -> tuple[Vec3, float]:
+    def way_of(self, scene_object: SceneObject) -> tuple[Vec3, float]:
         """Return where an object is at the beginning (NED, metres), and how far it goes."""
-        begin = self._placed_at(thing, self.t_0_s).pose.position_ned_m
-        return begin, self._travel(thing, 0.0, 1.0).length_m
+        begin = self._placed_at(scene_object, self.t_0_s).pose.position_ned_m
+        return begin, self._travel(scene_object, 0.0, 1.0).length_m
 
-    def _placed_at(self, thing: SceneObject, t_s: float) -> Placed:
-        key = (thing.object_id, t_s)
+    def _placed_at(self, scene_object: SceneObject, t_s: float) -> Placed:
+        key = (scene_object.object_id, t_s)
         placed = self._placed.get(key)
         if placed is None:
-            placed = self._placed[key] = thing.placed_at(t_s, self.events)
+            placed = self._placed[key] = scene_object.placed_at(t_s, self.events)
         return placed
 
-    def _travel(self, thing: SceneObject, from_fraction: float, to_fraction: float) -> Travel:
-        key = (thing.object_id, from_fraction, to_fraction)
+    def _travel(
+        self, scene_object: SceneObject, from_fraction: float, to_fraction: float
+    ) -> Travel:
+        key = (scene_object.object_id, from_fraction, to_fraction)
         travel = self._travels.get(key)
         if travel is None:
             first_s, last_s = self.time_s(from_fraction), self.time_s(to_fraction)
-            travel = self._travels[key] = thing.travel(first_s, last_s, self.events)
+            travel = self._travels[key] = scene_object.travel(first_s, last_s, self.events)
         return travel
 
 
@@ -165,22 +167,22 @@ class _Target:
     """A rigid body (or its floor) with its parts ready for clearance measurement."""
 
     def __init__(self, body: RigidBody, *, is_floor: bool) -> None:
-        thing = body.thing
+        scene_object = body.scene_object
         self.body = body
         self.is_floor = is_floor
         self.is_limb = body.joint is not None
-        self.key = (thing.name, is_floor)
+        self.key = (scene_object.name, is_floor)
         self.parts = [PartSolid(p) for p in body.shape.parts if p.is_floor is is_floor]
         self.radius_m = body.radius_m
-        self.place_m = thing.pose.position_ned_m if thing.motion is None else None
-        self.at_rest = thing.pose.inverse() if thing.motion is None else None
+        self.place_m = scene_object.pose.position_ned_m if scene_object.motion is None else None
+        self.at_rest = scene_object.pose.inverse() if scene_object.motion is None else None
 
     def is_near(self, stretch: _Stretch, body_radius_m: float, limit_m: float) -> bool:
         """Return whether the object may come nearer than a limit, by bounding spheres."""
         reach_m = self.radius_m + body_radius_m + limit_m
         way_m, center = stretch.way_m, self.place_m
         if center is None:
-            center, moved_m = stretch.way_of(self.body.thing)
+            center, moved_m = stretch.way_of(self.body.scene_object)
             way_m += moved_m
         return math.dist(stretch.pose_0.position_ned_m, center) - way_m < reach_m
 
@@ -201,7 +203,7 @@ class _Sweep:
         self._body, self._target, self._stretch = body, target, stretch
         self._first = self._seen_at_sample(stretch.pose_0, stretch.t_0_s)
 
-    # Most stretches are far from every part, and need neither of these.
+    # Computed when needed: most stretches are far from every part.
 
     @cached_property
     def _last(self) -> Pose:

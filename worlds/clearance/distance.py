@@ -1,7 +1,7 @@
-"""Distance between a vehicle's body and one part of a thing.
+"""Distance between a vehicle's body and one part of an object.
 
 Convex parts by our own GJK (`gjk`); triangle surfaces by a tree of them (`surfaces`).
-Everything is in the thing's frame: parts stay where they are, the body is placed.
+All coordinates are in the object's frame: parts are fixed, the body is placed at a pose.
 """
 
 import math
@@ -12,11 +12,11 @@ import numpy as np
 from worlds.clearance.gjk import PRECISION_M, posed_distance
 from worlds.clearance.surfaces import TriangleTree, surface_distance, swept_beyond, triangle_tree
 from worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
-from worlds.scene.meshes import FloatArray
+from worlds.scene.meshes import FloatArray, vec3
 from worlds.scene.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
 
 Body = BoxShape | SphereShape
-"""A vehicle for the purpose of touching: a box (half extents FRD, metres) or a ball."""
+"""A vehicle's body for contact: a box (half extents FRD, metres) or a ball."""
 
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 
@@ -48,8 +48,8 @@ class PartSolid:
         self.tree: TriangleTree | None = None
         if isinstance(part.shape, SurfaceShape):
             self.tree = triangle_tree(self.corners_m, part.shape.faces)
-        self._low_m = _vec3(corners.min(axis=0) - self.rounding_m)
-        self._high_m = _vec3(corners.max(axis=0) + self.rounding_m)
+        self._low_m = vec3(corners.min(axis=0) - self.rounding_m)
+        self._high_m = vec3(corners.max(axis=0) + self.rounding_m)
 
     def at_least_m(self, center_m: Vec3, reach_m: Vec3) -> float:
         """Return a lower bound of the part's distance from a sphere about a centre."""
@@ -130,8 +130,3 @@ def _core(shape: PartShape) -> tuple[FloatArray, float]:
     if isinstance(shape, BoxShape):
         return _CUBE * np.array(shape.half_m), 0.0
     return np.ascontiguousarray(shape.vertices_m), 0.0
-
-
-def _vec3(array: FloatArray) -> Vec3:
-    """Return an array of three numbers as a vector, for distances."""
-    return (float(array[0]), float(array[1]), float(array[2]))

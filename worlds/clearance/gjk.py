@@ -98,8 +98,8 @@ def has_inside(simplex: F64) -> bool:
 def nearest(simplex: F64, count: Int) -> tuple[Vector, Int]:
     """Return the GJK simplex's point nearest to the origin, and the corners it needs, as bits.
 
-    Faces count where the origin projects into them, edges always: the best of all, so that
-    slivers mislead nobody.
+    Faces count where the origin projects into them, edges always; the best of all is taken, so
+    that slivers do no harm.
     """
     best, bits = corner(simplex, 0), 1
     if count == 4 and has_inside(simplex):

@@ -85,8 +85,8 @@ def extent(corners: F64) -> tuple[F64, F64]:
 def nearest_triangle(corners: F64, tree: TriangleTree, enough_m: Float, limit_m: Float) -> Float:
     """Return a lower bound, to PRECISION_M, of a hull's distance from a surface's triangles.
 
-    What is farther than limit_m counts as that far. Ends as soon as something is found to be
-    nearer than enough_m; what is returned then is the distance to that.
+    Triangles farther than limit_m count as that far. Ends as soon as a triangle is nearer than
+    enough_m, and returns its distance then.
     """
     low, high = extent(corners)
     waiting, distance = np.empty(_DEEPEST, np.int64), np.empty(_DEEPEST)

@@ -1,4 +1,4 @@
-"""YAML files of ours with the place of every value, so that each fault can be shown where it is.
+"""YAML documents with the line and column of every value, so that each fault shows its place.
 
 World, recipe and campaign files share this: `load` a file, `check` it against a model, and
 report what else is wrong with `Document.problem`.
@@ -83,7 +83,7 @@ class Document:
     def place(self, path: Path, *, key: bool = False) -> tuple[int, int]:
         """Return line and column (from 1) of a value in the document, or of its key.
 
-        A path that does not exist stands at the key of the last part that does.
+        For a path that does not exist: the place of the key of its last part that does.
         """
         spot = self._spot(path, key=key)
         return spot.line, spot.column
@@ -103,16 +103,16 @@ class Document:
     def override(self, dotted_key: str, entry: Entry) -> "Document":
         """Return the document with the value at a dotted key replaced by an entry.
 
-        Places beneath are those of the entry, in the file (or option) where it stands. Raises
-        BadInput when the way there leads through what is no mapping or list, or through a key
-        that is missing but like one that is not, for an empty part, and beyond MAX_DEPTH.
+        Places beneath are those of the entry, in its own file or option. Raises
+        BadInput when the path leads through a value that is neither mapping nor list, or through a
+        missing key that resembles an existing one, has an empty part, or more than MAX_DEPTH parts.
         """
         steps = tuple(dotted_key.split("."))
         if not all(steps):
-            raise _no_way(entry, dotted_key, "a part between its dots is empty")
+            raise _override_error(entry, dotted_key, "a part between its dots is empty")
         if len(steps) > MAX_DEPTH:
-            said = f"has {len(steps)} parts, at most {MAX_DEPTH} are possible"
-            raise _no_way(entry, dotted_key, said)
+            reason = f"has {len(steps)} parts, at most {MAX_DEPTH} are possible"
+            raise _override_error(entry, dotted_key, reason)
         return Document(self.path, _replace_value(self.root, steps, entry, dotted_key))
 
     def _spot(self, path: Path, *, key: bool) -> Place:
@@ -140,23 +140,23 @@ def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key:
     if isinstance(value, tuple):
         if not (step.isascii() and step.isdigit() and int(step) < len(value)):
             count = f"a list of {len(value)}, indices begin at 0"
-            raise _no_way(entry, dotted_key, f"'{step}' is not an index of {count}")
+            raise _override_error(entry, dotted_key, f"'{step}' is not an index of {count}")
         items = list(value)
         inner = items[int(step)]
         items[int(step)] = _replace_value(inner, rest, entry, dotted_key) if rest else entry.node
         return sequence_node(tuple(items), node.place)
     if not isinstance(value, dict):
-        raise _no_way(entry, dotted_key, f"'{step}' would be inside {describe(value)}")
+        raise _override_error(entry, dotted_key, f"'{step}' would be inside {describe(value)}")
     if not rest:
         return mapping_node({**value, step: entry}, node.place)
     if step not in value and (meant := closest(step, value)):
-        raise _no_way(entry, dotted_key, f"there is no '{step}'", meant)
+        raise _override_error(entry, dotted_key, f"there is no '{step}'", meant)
     old = value.get(step, Entry(entry.key, mapping_node({}, entry.key)))
     inside = _replace_value(old.node, rest, entry, dotted_key)
     return mapping_node({**value, step: Entry(old.key, inside)}, node.place)
 
 
-def _no_way(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -> BadInput:
+def _override_error(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -> BadInput:
     """Return the BadInput that a document cannot be overridden at a dotted key."""
     return BadInput([entry.key.problem(f"override '{dotted_key}': {message}", suggestion)])
 
@@ -164,7 +164,7 @@ def _no_way(entry: Entry, dotted_key: str, message: str, suggestion: str = "") -
 def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Document:
     """Return the YAML document in a file. name: what to call it in messages; None: the path.
 
-    json: the file is JSON, in which tabs may stand between the parts; YAML knows the rest of it.
+    json: the file is JSON, which allows tabs between its tokens; the rest of JSON is YAML.
 
     Raises BadInput, with every problem found, for a file that is missing, unreadable, too big,
     not UTF-8 or not YAML, and for what `parse` refuses.
@@ -176,8 +176,8 @@ def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Docu
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        said = error.strerror if isinstance(error, OSError) else None
-        raise BadInput([Place(source).problem(f"cannot be read: {said or error}")]) from error
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise BadInput([Place(source).problem(f"cannot be read: {reason or error}")]) from error
     if len(content) > MAX_BYTES:
         raise BadInput([Place(source).problem(f"is larger than {MAX_BYTES} bytes")])
     if json:

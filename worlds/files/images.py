@@ -1,6 +1,6 @@
-"""Image files, decoded only once their own header says that they are of a bearable size.
+"""Reads image files, after a check of the size that their headers state.
 
-Known are PNG, JPEG, BMP, TIFF, WebP and PNM; OpenCV decodes them.
+Supported are PNG, JPEG, BMP, TIFF, WebP and PNM; OpenCV decodes them.
 """
 
 import re
@@ -24,7 +24,7 @@ _PNM_HEAD_BYTES = 4096
 
 
 class ImageError(ValueError):
-    """A file that is no image of a known kind, or a too large one; says why."""
+    """An image file that is of an unsupported kind, damaged or too large; says why."""
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
@@ -48,12 +48,12 @@ def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
         raise ImageError("not a PNG, JPEG, BMP, TIFF, WebP or PNM image")
     check_pixels(*size)
     try:
-        found: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise ImageError("it is damaged") from error
-    if found is None:
+    if image is None:
         raise ImageError("it is damaged")
-    return found
+    return image
 
 
 def check_pixels(width_px: int, height_px: int) -> None:
@@ -65,7 +65,7 @@ def check_pixels(width_px: int, height_px: int) -> None:
 
 
 def image_size(data: bytes) -> Size | None:
-    """Return the size that an image's header states; None for what is none of the known kinds."""
+    """Return the size that an image's header states; None for an unsupported kind."""
     for magic, size in _KINDS:
         if data.startswith(magic):
             try:
@@ -123,7 +123,7 @@ def _webp(data: bytes) -> Size | None:
 
 
 def _tiff(data: bytes) -> Size | None:
-    """Return the largest of what the directories state: the decoder chooses one of them."""
+    """Return the largest size of all directories: the decoder chooses one of them."""
     order = "<" if data[:2] == b"II" else ">"
     found: list[Size] = []
     (at,) = struct.unpack_from(f"{order}I", data, 4)

@@ -1,4 +1,4 @@
-"""JSON from elsewhere: its size, values and depth are limited before it is read."""
+"""Reads JSON of other programs, with limits on its size, values and depth."""
 
 import json
 import os
@@ -23,7 +23,7 @@ def read_limited(path: Path, most_bytes: int = MAX_RESULTS_BYTES) -> bytes:
 
 def check_values(text: bytes) -> None:
     """Raise JsonLimitError for a JSON text whose objects would fill the memory."""
-    # What is long and has few values are images as text, which take no more than their length.
+    # A long text of few values has images as text, which take no more memory than the text.
     if len(text) > MAX_MESSAGE_VALUES:
         values = sum(text.count(part) for part in (b",", b"[", b"{"))
         if values > MAX_MESSAGE_VALUES:

@@ -1,6 +1,6 @@
-"""How much a file of a user may hold: sizes after decoding, counts and depths.
+"""Limits for the files of users: sizes after decoding, counts and depths.
 
-Each is checked before memory is taken for what it limits. docs/security.md lists them.
+Each is checked before memory is allocated for the data that it limits. docs/security.md lists them.
 """
 
 MAX_IMAGE_BYTES = 100_000_000

@@ -1,4 +1,4 @@
-"""Which keys a pydantic model lets stand at a path: what a misspelt key can have meant."""
+"""The keys that a pydantic model allows at a path, to suggest one for a misspelt key."""
 
 import types
 import typing
@@ -11,7 +11,7 @@ Path = tuple[str | int, ...]
 
 
 def descend(here: object, step: str | int) -> tuple[bool, object]:
-    """Return whether a value has this key or index, and what stands there."""
+    """Return whether a value has this key or index, and its value there."""
     if isinstance(here, dict) and step in here:
         return True, here[step]
     if isinstance(here, list) and isinstance(step, int) and 0 <= step < len(here):

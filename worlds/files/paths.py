@@ -1,6 +1,6 @@
-"""Whether there is something at a path that a user wrote; never raises.
+"""File checks for paths that a user wrote; they never raise.
 
-Before Python 3.14 pathlib's own raise for a name that is too long, and behind a folder that may not
+Before Python 3.14 pathlib's methods raise for a name that is too long, and in a folder that may not
 be entered.
 """
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a file is there, as far as we may see."""
+    """Return whether the path is a file; False where access is denied."""
     try:
         return path.is_file()
     except OSError:
@@ -16,7 +16,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether a folder is there, as far as we may see."""
+    """Return whether the path is a folder; False where access is denied."""
     try:
         return path.is_dir()
     except OSError:
@@ -24,7 +24,7 @@ def is_folder(path: Path) -> bool:
 
 
 def exists(path: Path) -> bool:
-    """Return whether anything is there, as far as we may see."""
+    """Return whether the path exists; False where access is denied."""
     try:
         return path.exists()
     except OSError:

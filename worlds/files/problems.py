@@ -1,4 +1,4 @@
-"""What is wrong with a file: one problem with its place, and the error that carries all of them."""
+"""Problems of input files with their places, and the error that carries all of them."""
 
 import difflib
 from collections.abc import Iterable
@@ -48,10 +48,10 @@ class Problem:
         return f"{self.headline}\n    {shown}\n    {caret}"
 
 
-class BadInput(Exception):  # noqa: N818 - it is what the user gave, not an error of ours
+class BadInput(Exception):  # noqa: N818 - it is the input, not an error of this program
     """Input files that a user must correct, with every problem found in them.
 
-    warnings: what is legal in them and probably not meant.
+    warnings: contents that are legal and probably unintended.
     """
 
     def __init__(self, problems: Iterable[Problem], warnings: Iterable[Problem] = ()) -> None:

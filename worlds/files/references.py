@@ -1,4 +1,4 @@
-"""`file.py:Name`: things of the user's, loaded from a file beside the one that names it."""
+"""Loads user code by references `file.py:Name`, relative to the file that names it."""
 
 import hashlib
 import importlib.util
@@ -16,13 +16,13 @@ from worlds.files.paths import is_file, is_folder
 
 _PREFIX = "wil_user_"
 _LOADING = threading.RLock()
-"""One file is run at a time: a module that is not whole yet is in `sys.modules` already."""
+"""One file is loaded at a time: a module is in `sys.modules` before it is complete."""
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What ends this program, or lands what flies: no file of the user's takes that away."""
+"""Signals that end this program or land vehicles: user files may not replace their handlers."""
 
 
 class BadReferenceError(Exception):
-    """A reference file.py:Name that leads nowhere; why, and what was probably meant."""
+    """A reference file.py:Name that cannot be resolved; why, and what was probably meant."""
 
     def __init__(self, message: str, suggestion: str = "") -> None:
         super().__init__(message)
@@ -37,11 +37,11 @@ def is_reference(text: str) -> bool:
 def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> object:
     """Return what the reference `file.py:Name` names; the file is relative to a folder.
 
-    beside: what the file that names it is called in messages.
+    beside: what messages call the file that has the reference.
 
-    The file is run once in a process (see `forget_loaded`), and nothing is written beside it; what
-    it prints goes to stderr, for stdout may be a document of ours. Raises BadReferenceError, with
-    the line of the user's file that failed.
+    The file is run once in a process (see `forget_loaded`), and no bytecode is written; its output
+    goes to stderr, because stdout may carry a document of this program. Raises
+    BadReferenceError, with the line of the user's file that failed.
     """
     file, colon, name = text.rpartition(":")
     if not colon or not file.endswith(".py") or not name.isidentifier():
@@ -50,7 +50,7 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
     if not is_file(path):
         raise BadReferenceError(f"there is no file '{file}' beside {beside}", _sibling(path))
     with _LOADING:
-        module = _module(path)
+        module = _load_module(path)
     found = getattr(module, name, None)
     if found is None:
         own = [key for key, value in vars(module).items() if _is_own(value, module)]
@@ -76,7 +76,7 @@ def _is_own(value: object, module: ModuleType) -> bool:
     return callable(value) and getattr(value, "__module__", None) == module.__name__
 
 
-def _module(path: Path) -> ModuleType:
+def _load_module(path: Path) -> ModuleType:
     """Return the module of a referenced file, run at most once."""
     name = f"{_PREFIX}{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:12]}"
     if name in sys.modules:
@@ -88,19 +88,21 @@ def _module(path: Path) -> ModuleType:
     sys.modules[name] = module
     wrote, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
-        with _own_signals(), redirect_stdout(sys.stderr):
+        with _restored_signals(), redirect_stdout(sys.stderr):
             spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise BadReferenceError(f"'{path.name}' cannot be loaded: {_why(error, path)}") from error
+        raise BadReferenceError(
+            f"'{path.name}' cannot be loaded: {_error_text(error, path)}"
+        ) from error
     finally:
         sys.dont_write_bytecode = wrote
     return module
 
 
 @contextmanager
-def _own_signals() -> Iterator[None]:
-    """Keep what this process does on the signals that end it, whatever a file does to them."""
+def _restored_signals() -> Iterator[None]:
+    """Restore this process's handlers of ending signals after user code has run."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -113,11 +115,11 @@ def _own_signals() -> Iterator[None]:
                 signal.signal(number, handler)
 
 
-def _why(error: BaseException, path: Path) -> str:
+def _error_text(error: BaseException, path: Path) -> str:
     """Return an import error of a referenced file with the user's line that led to it."""
-    said = f"{type(error).__name__}: {error}"
+    text = f"{type(error).__name__}: {error}"
     if isinstance(error, SyntaxError):
-        return said
+        return text
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame.lineno for frame in frames if Path(frame.filename) == path]
-    return f"line {own[-1]}: {said}" if own else said
+    return f"line {own[-1]}: {text}" if own else text

@@ -1,4 +1,4 @@
-"""What pydantic says about a value, in words for people and with the path of each fault.
+"""Converts pydantic's errors into faults with readable messages and paths.
 
 Pure: an error, the value and its model in; faults (path, message, suggestion) out.
 """
@@ -79,8 +79,8 @@ _COMPARED = {
 
 def faults_of(error: ValidationError, value: Data, model: type[BaseModel]) -> list[Fault]:
     """Return the faults of a pydantic ValidationError; paths are relative to `value`."""
-    said = error.errors(include_url=False)
-    details = [_locate(detail, value) for detail in said if not _counts_good_ones(detail)]
+    errors = error.errors(include_url=False)
+    details = [_locate(detail, value) for detail in errors if not _counts_good_ones(detail)]
     faults = [_fault(path, detail, model, value) for path, detail in _settle_unions(details)]
     return _without_echoes(faults)
 
@@ -168,7 +168,7 @@ def _all_wanted_keys(item: _Located, located: list[_Located]) -> ErrorDetails:
 
 
 def _wanted_by(detail: ErrorDetails) -> list[str]:
-    """Return in words the values or types that a validation error demands."""
+    """Return the names of the values or types that a validation error demands."""
     if detail["type"] == "literal_error":
         return _quote(str(detail.get("ctx", {})["expected"]))
     return [_WANTED[detail["type"]]] if detail["type"] in _WANTED else []
@@ -181,7 +181,7 @@ def _either(words: Iterable[str]) -> str:
 
 
 def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data) -> Fault:
-    """Return the fault of a validation error in the file's words."""
+    """Return the fault of a validation error in the terms of the file."""
     kind, context = detail["type"], detail.get("ctx", {})
     cause = context.get("error")
     if kind in {"missing", "union_tag_not_found"}:
@@ -193,8 +193,8 @@ def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data
     if kind in {"literal_error", "enum", "union_tag_invalid"}:
         return _choice_fault(path, detail)
     on_key = detail["loc"][-1:] == ("[key]",)
-    said = str(cause) if cause is not None else _mismatch(detail)
-    return Fault(path, said, on_key=on_key)
+    message = str(cause) if cause is not None else _mismatch(detail)
+    return Fault(path, message, on_key=on_key)
 
 
 def _missing_fault(path: Path, detail: ErrorDetails) -> Fault:
@@ -222,7 +222,7 @@ def _choice_fault(path: Path, detail: ErrorDetails) -> Fault:
 
 def _mismatch(detail: ErrorDetails) -> str:
     """Return the validation message of a value of the wrong type or size."""
-    kind, given, said = detail["type"], detail["input"], detail["msg"]
+    kind, given, message = detail["type"], detail["input"], detail["msg"]
     context = detail.get("ctx", {})
     if kind in _COMPARED:
         words, key = _COMPARED[kind]
@@ -234,8 +234,8 @@ def _mismatch(detail: ErrorDetails) -> str:
         words, key = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
         return f"must have at {words} {context[key]} entries, has {context['actual_length']}"
     if kind == "string_too_short":
-        return "must not be empty" if context["min_length"] == 1 else said
-    return said.replace("Input should", "must").replace("Value error, ", "")
+        return "must not be empty" if context["min_length"] == 1 else message
+    return message.replace("Input should", "must").replace("Value error, ", "")
 
 
 def _hint(wanted: str, given: object) -> str:
@@ -249,7 +249,7 @@ def _hint(wanted: str, given: object) -> str:
     if given.lower().strip("+-") in {".nan", "nan", ".inf", "inf", "infinity"}:
         return " (it must be finite)"
     if re.match(r"\s*[-+]?[0-9.]+\s*[A-Za-z/°%]", given):
-        return " (a plain number; its unit stands in the key)"
+        return " (a plain number; the key has its unit)"
     return ""
 
 

@@ -1,8 +1,8 @@
-"""YAML text into nodes that know their place; the core schema of YAML 1.2, not PyYAML's 1.1.
+"""Parses YAML text into nodes with places; the core schema of YAML 1.2, not PyYAML's 1.1.
 
 Only true and false are booleans (`on`, `yes` and `no` are words), `12:30:00` and dates are text,
-`1e-3` is a number, and keys are always text. What is not finite (`.nan`, `.inf`, `1e999`) stays
-text, so that nothing that wants a number takes it. Work is bounded: depth, size, aliases.
+`1e-3` is a number, and keys are always text. Values that are not finite (`.nan`, `.inf`, `1e999`)
+stay text, so that they are refused as numbers. Depth, size and aliases are limited.
 """
 
 import math
@@ -19,17 +19,17 @@ from worlds.files.problems import BadInput, Problem
 
 Scalar = str | int | float | bool | None
 Data = Scalar | dict[str, "Data"] | list["Data"]
-"""What a node means, as plain values."""
+"""The value of a node, as plain values."""
 
 MAX_DEPTH = 40
 MAX_NODES = 100_000
 _C_LOADER: Any = getattr(yaml, "CSafeLoader", None)
 """The parser of libyaml, seven times as fast as PyYAML's own; None where PyYAML lacks it."""
-_READ_OTHERWISE = re.compile(r"[^\n -~\u00a1-\ud7ff]|[?\u2028\u2029]")
-"""What libyaml reads otherwise than PyYAML: tabs, `?`, byte order marks, other line breaks."""
-_KEPT_TEXTS = 64
-_LARGEST_KEPT = 50_000
-"""Of the texts that are kept parsed: how many, and characters of each."""
+_PARSED_DIFFERENTLY = re.compile(r"[^\n -~\u00a1-\ud7ff]|[?\u2028\u2029]")
+"""Characters that libyaml parses differently from PyYAML: tabs, `?`, BOMs, other line breaks."""
+_CACHED_TEXTS = 64
+_LARGEST_CACHED = 50_000
+"""The cache of parsed texts: how many, and the most characters of each."""
 
 _WORDS: dict[str, bool | None] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -117,21 +117,21 @@ def parse_nodes(text: str, source: Source) -> Node | None:
     Raises BadInput with every problem found: syntax, duplicate keys, tags, several documents,
     aliases of themselves or too many of them, nesting deeper than MAX_DEPTH.
     """
-    return (_parse_kept if len(text) <= _LARGEST_KEPT else _parse)(text, source)
+    return (_parse_cached if len(text) <= _LARGEST_CACHED else _parse)(text, source)
 
 
 def _parse(text: str, source: Source) -> Node | None:
-    """Return the root node by libyaml; by PyYAML what libyaml refuses, for the messages' sake."""
-    if _C_LOADER is not None and not _READ_OTHERWISE.search(text):
+    """Return the root node by libyaml; by PyYAML where libyaml refuses, for its messages."""
+    if _C_LOADER is not None and not _PARSED_DIFFERENTLY.search(text):
         fast = _Builder(text, source, _C_LOADER)
         with suppress(yaml.YAMLError, ValueError, OverflowError, BadInput):
             root = fast.document()
             if not fast.problems and not fast.has_doubtful_place:
                 return root
-    return _parse_in_words(text, source)
+    return _parse_with_messages(text, source)
 
 
-def _parse_in_words(text: str, source: Source) -> Node | None:
+def _parse_with_messages(text: str, source: Source) -> Node | None:
     builder = _Builder(text, source, yaml.SafeLoader)
     try:
         root = builder.document()
@@ -149,7 +149,7 @@ def _parse_in_words(text: str, source: Source) -> Node | None:
     return root
 
 
-_parse_kept = lru_cache(maxsize=_KEPT_TEXTS)(_parse)
+_parse_cached = lru_cache(maxsize=_CACHED_TEXTS)(_parse)
 """A campaign names the same world and the same profiles in every case."""
 
 
@@ -157,8 +157,8 @@ def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
     """Return the problem of a YAML syntax error."""
     mark = error.problem_mark or error.context_mark
     place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
-    said = [part for part in (error.context, error.problem) if part]
-    return place.problem("not YAML: " + ", ".join(said))
+    parts = [part for part in (error.context, error.problem) if part]
+    return place.problem("not YAML: " + ", ".join(parts))
 
 
 class _Builder:
@@ -167,7 +167,7 @@ class _Builder:
     def __init__(self, text: str, source: Source, loader: Any) -> None:
         self.problems: list[Problem] = []
         self.has_doubtful_place = False
-        """Whether there is an empty value of which libyaml says another place than PyYAML."""
+        """Whether an empty value may have another place in libyaml than in PyYAML."""
         self._flows = 0
         self._source = source
         self._events: Iterator[Any] = yaml.parse(text, Loader=loader)

@@ -26,14 +26,14 @@ class Hits:
 class RayCaster:
     """Casts rays at one scene; moving objects are hit where they are at the time.
 
-    Embree builds its tree once: things at rest together, each that moves in its own frame.
+    Embree builds its trees once: one for all objects at rest, and one for each moving object.
     """
 
     def __init__(self, scene: Scene) -> None:
-        resting = [body for body in scene.bodies if body.thing.motion is None]
-        poses = [body.thing.pose for body in resting]
+        resting = [body for body in scene.bodies if body.scene_object.motion is None]
+        poses = [body.scene_object.pose for body in resting]
         self._resting = _Group(resting, poses) if resting else None
-        moving = [body for body in scene.bodies if body.thing.motion is not None]
+        moving = [body for body in scene.bodies if body.scene_object.motion is not None]
         self._moving = [(body, _Group([body], [AT_ORIGIN])) for body in moving]
 
     def cast(
@@ -61,12 +61,12 @@ class _Group:
     """Bodies with fixed relative places in one tree for ray casting."""
 
     def __init__(self, bodies: Sequence[RigidBody], poses: Sequence[Pose]) -> None:
-        # Needed by few: lidars and tests.
+        # Only lidars and tests need these.
         from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
         from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
 
         self._scene: Any = EmbreeScene()
-        self._ids = np.array([body.thing.object_id for body in bodies], np.uint8)
+        self._ids = np.array([body.scene_object.object_id for body in bodies], np.uint8)
         self._corners: list[FloatArray] = []
         self._meshes: list[Any] = []
         for body, pose in zip(bodies, poses, strict=True):

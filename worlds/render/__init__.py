@@ -1,1 +1,1 @@
-"""Pictures of scenes: colour, depth and object ids from an exact pinhole, on the CPU."""
+"""Rendering on the CPU: colour, depth and object id images of an exact pinhole camera."""

@@ -20,9 +20,9 @@ class Geometry(NamedTuple):
     """The arrays of all triangles of a scene to render, each object in its own frame.
 
     vertices, normals: (n, 3). uv: (n, 2), repeats of the texture, above 0. faces: (m, 3).
-    face_object, face_id, face_material: (m,); the id is what pictures of ids carry.
-    vertex_range, face_range: (objects, 2), first and past
-    the last. spheres: (objects, 4), bounding sphere in the object's frame: centre, radius.
+    face_object, face_id, face_material: (m,); the id is the value in id images.
+    vertex_range, face_range: (objects, 2), first and past the last.
+    spheres: (objects, 4), bounding sphere in the object's frame: centre, radius.
     """
 
     vertices: F64

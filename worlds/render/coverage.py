@@ -31,7 +31,7 @@ Corners = tuple[Int, Int, Int]
 Triangle = tuple[Float, Float, Float, Float, Float, Float]
 """Pixels of three corners: x, y, x, y, x, y."""
 GUARD_PX = 1_000_000.0
-"""How far outside of the picture a triangle may reach: products then fit into 64 bits."""
+"""How far outside of the image a triangle may reach: products then fit into 64 bits."""
 
 
 @inlined

@@ -23,7 +23,7 @@ def pack_geometry(scene: Scene) -> Geometry:
     face_range = _ranges([len(mesh.faces) for mesh in shapes])
     material_range = _ranges([len(mesh.materials) for mesh in shapes])
     objects = range(len(shapes))
-    ids = np.array([body.thing.object_id for body in bodies], np.uint8)
+    ids = np.array([body.scene_object.object_id for body in bodies], np.uint8)
     return Geometry(
         vertices=_stack([mesh.vertices_m for mesh in shapes], 3, np.float64),
         normals=_stack([mesh.normals for mesh in shapes], 3, np.float64),

@@ -1,4 +1,4 @@
-"""The renderer: pictures of one scene from any pose, from any thread."""
+"""The renderer: images of one scene from any pose, from any thread."""
 
 import math
 import threading
@@ -55,9 +55,11 @@ class Renderer:
         self._geometry: Geometry = pack_geometry(scene)
         self._looks: Looks = pack_looks(scene)
         self._local = threading.local()
-        poses = [body.thing.pose for body in self._bodies]
+        poses = [body.scene_object.pose for body in self._bodies]
         self._closed = np.array([body.shape.mesh.closed for body in self._bodies], bool)
-        self._moving = [(k, body) for k, body in enumerate(self._bodies) if body.thing.motion]
+        self._moving = [
+            (k, body) for k, body in enumerate(self._bodies) if body.scene_object.motion
+        ]
         self._rotations = np.array([matrix_from_quat(pose.q_wxyz) for pose in poses])
         self._rotations = self._rotations.reshape(-1, 3, 3)
         self._positions_m = np.array([pose.position_ned_m for pose in poses]).reshape(-1, 3)
@@ -76,7 +78,7 @@ class Renderer:
         """Return the rendered image of a camera at a time.
 
         camera_pose: in the world (NED), FRD axes, x looks out. intrinsics: distortion is
-        ignored. events: when each happened, for things that move. only: names of the objects
+        ignored. events: when each happened, for objects that move. only: names of the objects
         to draw; all others are absent, and hide nothing.
         """
         width, height = intrinsics.width_px, intrinsics.height_px
@@ -126,7 +128,7 @@ class Renderer:
         shifts = (positions_ned_m - np.array(camera_pose.position_ned_m)) @ optical_from_ned.T
         shown, outside = self._show(rotations, shifts, intrinsics)
         if only is not None:
-            shown &= np.array([body.thing.name in only for body in self._bodies], bool)
+            shown &= np.array([body.scene_object.name in only for body in self._bodies], bool)
         return View(
             rotations=rotations,
             shifts=shifts,

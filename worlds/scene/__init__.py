@@ -1,1 +1,1 @@
-"""Scenes: shapes, meshes and surfaces of things, and how the things move."""
+"""Scenes: shapes, meshes and surfaces of objects, and their motion."""

@@ -1,9 +1,9 @@
-"""How the limbs of a walking person move, from the way walked alone; pure.
+"""The gait of a walking person: limb poses as a function of the distance walked; pure.
 
 Hips swing like pendulums, half a step to either side, arms against them; the knee bends while its
 leg swings forward, feet stay level, and the trunk is as low as the straight leg lets it. On each
 leg of its path a person starts from, and comes back to, standing with both feet together. As the
-pose depends on the way only, no point moves faster than a bound times the person's own speed.
+pose depends on the distance only, no point moves faster than a bound times the person's own speed.
 
 Step length: speed = length x rate, and length / rate (the walk ratio) is about 0.0065 m per
 step/min for adults at any speed (Sekiya and Nagasaki, Gait & Posture 7, 1998, 225-227).
@@ -38,7 +38,7 @@ _ARM_TO_HIP = 0.8
 _HIP_RAD_PER_M = (math.pi + 3.0) * math.asin(_LONGEST_STEP_M / 2.0 / HIP_M) / _LONGEST_STEP_M
 """How fast the hip turns at most, for each metre walked: swing and its beginning together."""
 CHORD_S = 0.02
-"""In so short a time a limb goes straight: to 1 cm at 1.4 m/s, to 3 cm at 2.5 m/s."""
+"""For so long a limb moves straight: within 1 cm at 1.4 m/s, within 3 cm at 2.5 m/s."""
 _KNEE_RAD_PER_M = _KNEE_TO_HIP * _HIP_RAD_PER_M
 
 
@@ -65,7 +65,7 @@ def step_m(speed_m_s: float) -> float:
 
 
 def limb_pose(joint: Joint, stride: Stride | None) -> Pose:
-    """Return where a limb is against where it is on a standing person; None: standing."""
+    """Return the pose of a limb relative to that of a standing person; stride None: standing."""
     if stride is None or stride.length_m <= 0.0:
         return AT_ORIGIN
     length_m = step_m(stride.speed_m_s)
@@ -99,7 +99,7 @@ def limb_travel(joint: Joint, walked: Travel) -> Travel:
 
 
 def _turn(height_m: float, pitch_rad: float) -> Pose:
-    """Return the pose of what turns about an axis to the right at a height; forward is positive."""
+    """Return the pose of a turn about an axis to the right at a height; forward is positive."""
     q_wxyz = quat_from_euler(0.0, pitch_rad, 0.0)
     forward, right, down = rotate(q_wxyz, (0.0, 0.0, height_m))
     return Pose((forward, right, down - height_m), q_wxyz)

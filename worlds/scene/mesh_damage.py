@@ -1,4 +1,4 @@
-"""What is the matter with a mesh file that cannot be read, by its format's own rules."""
+"""Diagnoses a mesh file that cannot be read, by the rules of its format."""
 
 import json
 import struct
@@ -51,12 +51,12 @@ def _glb(data: bytes) -> str:
 def _json(data: bytes, what: str) -> str:
     """Return how a glTF mesh file's JSON is damaged; "" when sound."""
     try:
-        said = json.loads(data)
+        document = json.loads(data)
     except json.JSONDecodeError as error:
         return f"{what} is not JSON (line {error.lineno}, column {error.colno})"
     except (UnicodeDecodeError, RecursionError):
         return f"{what} is not JSON"
-    if not isinstance(said, dict) or "asset" not in said:
+    if not isinstance(document, dict) or "asset" not in document:
         return f"{what} is JSON but not glTF"
     return ""
 

@@ -134,8 +134,8 @@ def _load(path: Path) -> list[Any]:
         scene = trimesh.load_scene(str(path), process=False)
         dumped = scene.dump()
     except Exception as error:
-        # The readers behind trimesh raise whatever a broken file makes them stumble over, in words
-        # about their own insides.
+        # The readers behind trimesh raise any exception for a damaged file, with messages about
+        # their internals.
         why = damage(path) or "it is damaged, or its format does not match its suffix"
         raise MeshFileError(f"cannot be read as a mesh: {why}") from error
     parts = [part for part in dumped if isinstance(part, trimesh.Trimesh)]
@@ -145,15 +145,15 @@ def _load(path: Path) -> list[Any]:
 
 
 def _check_part(part: Any) -> None:
-    """Refuse a mesh that its reader took from a damaged file as it was."""
+    """Refuse a mesh with invalid values, which its reader accepted from a damaged file."""
     if not np.isfinite(part.vertices).all():
         raise MeshFileError("it has coordinates that are not finite")
     if part.vertices.ndim != 2 or part.vertices.shape[1] != len("xyz"):
-        raise MeshFileError("it has points of other than three coordinates")
+        raise MeshFileError("it has points that do not have three coordinates")
     if len(part.vertices) and np.abs(part.vertices).max() > _FARTHEST:
         raise MeshFileError(f"it has coordinates beyond {_FARTHEST:g}")
     if len(part.faces) and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
-        raise MeshFileError(f"a face names a vertex that is none of its {len(part.vertices)}")
+        raise MeshFileError(f"a face refers to a vertex beyond its {len(part.vertices)}")
 
 
 def _check_companions(path: Path) -> None:
@@ -161,15 +161,15 @@ def _check_companions(path: Path) -> None:
     if path.suffix.lower() != ".obj":
         return
     for library in _named_files(path, "mtllib"):
-        for picture in _named_files(library, "map_Kd"):
-            if not is_file(picture):
-                raise MeshFileError(f"'{library.name}' names the picture '{picture.name}': no file")
+        for image in _named_files(library, "map_Kd"):
+            if not is_file(image):
+                raise MeshFileError(f"'{library.name}' names the image '{image.name}': no file")
 
 
 def _named_files(path: Path, keyword: str) -> list[Path]:
     """Return the files that lines of a text file name; options before the name are skipped."""
     if not is_file(path):
-        raise MeshFileError(f"it refers to the materials '{path.name}': no such file")
+        raise MeshFileError(f"it refers to the materials file '{path.name}': no such file")
     if path.stat().st_size > MAX_MESH_BYTES:
         raise MeshFileError(f"'{path.name}' is larger than {MAX_MESH_BYTES} bytes")
     lines = path.read_text("utf-8", "replace").splitlines()
@@ -183,7 +183,7 @@ def _convert(part: Any, turn: FloatArray) -> Mesh:
     vertices = np.asarray(part.vertices, np.float64) @ turn.T
     uv = getattr(part.visual, "uv", None)
     uv = np.zeros((len(vertices), 2)) if uv is None or len(uv) != len(vertices) else np.array(uv)
-    # Files count v upwards from the picture's last row, we downwards from its first.
+    # Files count v upwards from the image's last row; this program downwards from its first.
     uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
     old, normals, faces = smoothed(vertices, uv, np.ascontiguousarray(part.faces, np.int32))
     face_material, materials = _materials(part)
@@ -205,10 +205,10 @@ def _materials(part: Any) -> tuple[IntArray, tuple[Material, ...]]:
 def _material(visual: Any) -> Material:
     """Return the material of a mesh file's visual: its texture or its colour."""
     material = getattr(visual, "material", None)
-    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if picture is not None:
-        _check_texture(picture)
-        rgb = np.asarray(picture.convert("RGB"), np.uint8)
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if image is not None:
+        _check_texture(image)
+        rgb = np.asarray(image.convert("RGB"), np.uint8)
         tint = getattr(material, "baseColorFactor", None)
         texture = to_powers_of_two(np.ascontiguousarray(rgb[:, :, ::-1]))
         return Material(_WHITE if tint is None else _rgb(tint), texture)
@@ -216,11 +216,11 @@ def _material(visual: Any) -> Material:
     return Material(_PLAIN_RGB if color is None else _rgb(color))
 
 
-def _check_texture(picture: Any) -> None:
+def _check_texture(image: Any) -> None:
     try:
-        check_pixels(*picture.size)
+        check_pixels(*image.size)
     except ImageError as error:
-        raise MeshFileError(f"a picture in it cannot be decoded: {error}") from error
+        raise MeshFileError(f"an image in it cannot be decoded: {error}") from error
 
 
 def _rgb(color: Any) -> Rgb:

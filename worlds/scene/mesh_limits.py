@@ -1,4 +1,4 @@
-"""Whether a mesh file is small enough to be read: by what it states, before anything is allocated.
+"""Checks the sizes that a mesh file states, before anything is allocated.
 
 A file of a few bytes may state a million instances of a mesh, a thousand million vertices, or
 entities that expand without end. Sizes, counts and depths are in worlds.files.limits.
@@ -35,13 +35,13 @@ Graph = Mapping[str, tuple[int, tuple[str, ...]]]
 
 
 class MeshLimitError(Exception):
-    """A mesh file that states more than is read; says what."""
+    """A mesh file beyond a limit; says which."""
 
 
 def check_mesh_file(path: Path) -> None:
     """Raise MeshLimitError for a file that is too large, or would become so.
 
-    A damaged file passes: what reads it says what is wrong with it.
+    A damaged file passes: its reader reports the damage.
     """
     if path.stat().st_size > MAX_MESH_BYTES:
         raise MeshLimitError(f"it is larger than {MAX_MESH_BYTES} bytes")
@@ -56,29 +56,29 @@ def _check_gltf(path: Path) -> None:
         (length,) = struct.unpack_from("<I", data.ljust(20, b"\0"), _GLB_HEAD_BYTES)
         data = data[_GLB_HEAD_BYTES + 8 : _GLB_HEAD_BYTES + 8 + length]
     try:
-        said = json.loads(data)
-        if isinstance(said, dict):
-            _check_buffers(path, said)
-            _check_counts(said)
-            _check_graph(_gltf_graph(said), [str(index) for index in _gltf_roots(said)])
+        document = json.loads(data)
+        if isinstance(document, dict):
+            _check_buffers(path, document)
+            _check_counts(document)
+            _check_graph(_gltf_graph(document), [str(index) for index in _gltf_roots(document)])
     except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RecursionError):
         return  # It is damaged, and trimesh refuses it.
 
 
-def _check_buffers(path: Path, said: Mapping[str, Any]) -> None:
-    """Check files beside it; what is inside of it is as large as the file."""
-    for part in (*said.get("buffers", ()), *said.get("images", ())):
+def _check_buffers(path: Path, document: Mapping[str, Any]) -> None:
+    """Check files beside the glTF file; embedded buffers are limited by its own size."""
+    for part in (*document.get("buffers", ()), *document.get("images", ())):
         uri = part.get("uri", "data:")
         if not uri.startswith("data:"):
             beside = path.parent / uri
             if is_file(beside) and beside.stat().st_size > MAX_MESH_BYTES:
                 raise MeshLimitError(f"'{uri}' is larger than {MAX_MESH_BYTES} bytes")
-    for picture in said.get("images", ()):
-        _check_picture(path, picture.get("uri", "data:"))
+    for image in document.get("images", ()):
+        _check_image(path, image.get("uri", "data:"))
 
 
-def _check_picture(path: Path, uri: str) -> None:
-    """Check the size that a picture states; one inside of a buffer is checked when it is used."""
+def _check_image(path: Path, uri: str) -> None:
+    """Check the size that an image states; one in a buffer is checked when it is used."""
     if uri.startswith("data:"):
         data = base64.b64decode(uri.partition(",")[2])
     elif is_file(path.parent / uri):
@@ -89,30 +89,32 @@ def _check_picture(path: Path, uri: str) -> None:
         try:
             check_pixels(*size)
         except ImageError as error:
-            raise MeshLimitError(f"a picture in it cannot be decoded: {error}") from error
+            raise MeshLimitError(f"an image in it cannot be decoded: {error}") from error
 
 
-def _check_counts(said: Mapping[str, Any]) -> None:
-    values = sum(int(accessor["count"]) for accessor in said.get("accessors", ()))
+def _check_counts(document: Mapping[str, Any]) -> None:
+    values = sum(int(accessor["count"]) for accessor in document.get("accessors", ()))
     if values > MAX_MESH_VALUES:
         raise MeshLimitError(f"it has {values} values; at most {MAX_MESH_VALUES} are read")
 
 
-def _gltf_graph(said: Mapping[str, Any]) -> Graph:
-    meshes = [_gltf_faces(mesh, said.get("accessors", ())) for mesh in said.get("meshes", ())]
+def _gltf_graph(document: Mapping[str, Any]) -> Graph:
+    meshes = [
+        _gltf_faces(mesh, document.get("accessors", ())) for mesh in document.get("meshes", ())
+    ]
     return {
         str(index): (
             meshes[node["mesh"]] if "mesh" in node else 0,
             tuple(map(str, node.get("children", ()))),
         )
-        for index, node in enumerate(said.get("nodes", ()))
+        for index, node in enumerate(document.get("nodes", ()))
     }
 
 
-def _gltf_roots(said: Mapping[str, Any]) -> Iterable[int]:
-    scenes = said.get("scenes", ())
+def _gltf_roots(document: Mapping[str, Any]) -> Iterable[int]:
+    scenes = document.get("scenes", ())
     found = {root for scene in scenes for root in scene.get("nodes", ())}
-    return found or range(len(said.get("nodes", ())))
+    return found or range(len(document.get("nodes", ())))
 
 
 def _gltf_faces(mesh: Mapping[str, Any], accessors: Any) -> int:
@@ -125,7 +127,7 @@ def _gltf_faces(mesh: Mapping[str, Any], accessors: Any) -> int:
 
 
 def _check_graph(graph: Graph, roots: Iterable[str]) -> None:
-    """Walk a scene graph with all its instances; stop as soon as one limit is left behind."""
+    """Walk a scene graph with all its instances; stop as soon as one limit is exceeded."""
     waiting = [(root, 1) for root in roots]
     nodes = faces = 0
     while waiting:

@@ -1,4 +1,4 @@
-"""Triangle meshes: what a camera sees of a thing, in the thing's own FRD frame, metres."""
+"""Triangle meshes, as cameras see them, in the object's own FRD frame, metres."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,7 +49,7 @@ class Mesh:
         return float(np.sqrt((self.vertices_m**2).sum(axis=1).max()))
 
     def moved(self, pose: Pose) -> "Mesh":
-        """Return this mesh as seen from the frame in which `pose` is given."""
+        """Return this mesh in the frame in which `pose` is given."""
         rotation = matrix_from_quat(pose.q_wxyz)
         return replace(
             self,
@@ -152,15 +152,15 @@ def box(size_m: Vec3, material: Material) -> Mesh:
     sides = []
     for normal, up in _SIDES:
         right = np.cross(np.array(up), np.array(normal))
-        center, across, along = (_vec3(np.array(edge) * half) for edge in (normal, right, up))
+        center, across, along = (vec3(np.array(edge) * half) for edge in (normal, right, up))
         sides.append(quad(center, across, along, material))
     return replace(
         merge(sides), materials=(material,), face_material=np.zeros(12, np.int32), closed=True
     )
 
 
-def _vec3(array: FloatArray) -> Vec3:
-    """Return an array of three numbers as a vector of a mesh."""
+def vec3(array: FloatArray) -> Vec3:
+    """Return an array of three numbers as a vector."""
     return (float(array[0]), float(array[1]), float(array[2]))
 
 

@@ -1,4 +1,4 @@
-"""How things move: along waypoints at given speeds, from a time or an event on.
+"""Motion of objects along waypoints at given speeds, from a time or an event on.
 
 Pure: the pose depends on the time and on when events happened, on nothing else.
 """
@@ -16,10 +16,10 @@ from worlds.scene.speed_ramp import ramped_leg, way_share
 
 Moment = Literal["takeoff", "at_height", "goal", "done"]
 MOMENTS: tuple[Moment, ...] = get_args(Moment)
-"""What happens in a run that motion may wait for: the takeoff command, both vehicles at height,
+"""Events of a run that a motion may wait for: the takeoff command, both vehicles at height,
 t0 (the goal is given), the autonomy is done."""
 TURN_RATE_RAD_S = math.pi
-"""How fast a thing turns at most: where a way is too short for its turn, it takes longer."""
+"""The fastest turn of an object: a leg that is too short for its turn takes longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ Start = StartAt | StartOn
 class Waypoint:
     """A motion's waypoint: where, how fast, and the heading to turn to (radians; None keeps it).
 
-    A way too short to turn on at TURN_RATE_RAD_S is gone more slowly.
+    A leg that is too short for its turn at TURN_RATE_RAD_S is flown more slowly.
     """
 
     position_ned_m: Vec3
@@ -79,7 +79,7 @@ class Leg:
     ramp: float = 0.0
 
     def share(self, since_s: float) -> float:
-        """Return the share of the leg's way that is behind at a time of the motion."""
+        """Return the share of the leg that is completed at a time of the motion."""
         time_share = (since_s - self.begin_s) / self.duration_s
         return way_share(min(max(time_share, 0.0), 1.0), self.ramp)
 

@@ -1,4 +1,4 @@
-"""What a vehicle can touch of a thing, and what it can fly through."""
+"""The solid parts of an object, which vehicles can touch, and its openings."""
 
 import math
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Crossing:
     """Where a path crosses the plane of an object's opening.
 
     fraction: of the way from the first to the second point. offset_m: distance from the
-    opening's centre, to be held against the opening's limit. direction: +1 along the thing's
+    opening's centre, to be compared with the opening's limit. direction: +1 along the object's
     forward axis, -1 against it.
     """
 

@@ -1,4 +1,4 @@
-"""A scene: the named things that stand in one world, immutable; where each is at a time."""
+"""A scene: the named objects of one world, immutable, and their poses over time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,8 +26,8 @@ class Placed:
 class SceneObject:
     """A named object of a scene: its shape, and where it is.
 
-    object_id: 1 to 254, what pictures of ids carry; 0 is background. pose: in the world (NED),
-    at rest and before motion begins. motion: None for what never moves.
+    object_id: 1 to 254, the value in id images; 0 is background. pose: in the world (NED),
+    at rest and before motion begins. motion: None for an object that never moves.
     """
 
     object_id: int
@@ -44,7 +44,7 @@ class SceneObject:
     def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
         """Return the scene object's pose at a time; events: when each happened.
 
-        Of a run in which a vehicle flies it (`RunHistory`): where that one is.
+        In a run in which a vehicle flies it (`RunHistory`): the pose of that vehicle.
         """
         if self.motion is None:
             return self.pose
@@ -53,7 +53,7 @@ class SceneObject:
         return self.motion.pose_at(t_s, events)
 
     def placed_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Placed:
-        """Return the scene object's pose and stride at a time: by them all its limbs stand."""
+        """Return the scene object's pose and stride at a time, which place all its limbs."""
         stride = None if self.motion is None else self.motion.stride_at(t_s, events)
         return Placed(self.pose_at(t_s, events), stride)
 
@@ -89,30 +89,30 @@ class RigidBody:
     displaced as the limb is.
     """
 
-    thing: SceneObject
+    scene_object: SceneObject
     shape: Shape
     joint: Joint | None = None
 
     @property
     def radius_m(self) -> float:
         """Return the radius of the sphere about the body's origin that holds it at any time."""
-        return self.thing.shape.radius_m if self.joint else self.shape.radius_m
+        return self.scene_object.shape.radius_m if self.joint else self.shape.radius_m
 
     def pose_at(self, t_s: float, events: Mapping[str, float] = NO_EVENTS) -> Pose:
         """Return the body's pose at a time; events: when each happened."""
         if self.joint is None:
-            return self.thing.pose_at(t_s, events)
-        return self.pose_on(self.thing.placed_at(t_s, events))
+            return self.scene_object.pose_at(t_s, events)
+        return self.pose_on(self.scene_object.placed_at(t_s, events))
 
     def pose_on(self, placed: Placed) -> Pose:
         """Return the body's pose where its object is placed so."""
-        if self.joint is None or self.thing.motion is None:
+        if self.joint is None or self.scene_object.motion is None:
             return placed.pose
         return placed.pose.compose(limb_pose(self.joint, placed.stride))
 
     def travel(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> Travel:
         """Return how far the body goes and turns at most between two times."""
-        return self.travel_on(self.thing.travel(from_s, to_s, events))
+        return self.travel_on(self.scene_object.travel(from_s, to_s, events))
 
     def travel_on(self, travel: Travel) -> Travel:
         """Return how far the body goes and turns at most where its object does so."""
@@ -121,26 +121,26 @@ class RigidBody:
     def is_even(self, from_s: float, to_s: float, events: Mapping[str, float] = NO_EVENTS) -> bool:
         """Return whether the body rests, or moves straight, evenly and unturned.
 
-        A limb does for no longer than CHORD_S while its object moves.
+        A limb of a moving object does so for at most CHORD_S.
         """
         if self.joint is None:
-            return self.thing.is_even(from_s, to_s, events)
-        return to_s - from_s <= CHORD_S or self.thing.travel(from_s, to_s, events) == AT_REST
+            return self.scene_object.is_even(from_s, to_s, events)
+        return to_s - from_s <= CHORD_S or self.scene_object.travel(from_s, to_s, events) == AT_REST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """A scene of named objects, each name and id once.
 
-    Raises ValueError when a name or an id stands twice, or an id is not 1 to 254.
+    Raises ValueError when a name or an id occurs twice, or an id is not 1 to 254.
     """
 
     objects: tuple[SceneObject, ...] = ()
     _by_name: dict[str, SceneObject] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        by_name = {thing.name: thing for thing in self.objects}
-        ids = {thing.object_id for thing in self.objects}
+        by_name = {scene_object.name: scene_object for scene_object in self.objects}
+        ids = {scene_object.object_id for scene_object in self.objects}
         if len(by_name) != len(self.objects) or len(ids) != len(self.objects):
             raise ValueError("every object of a scene needs a unique name and a unique id")
         if not all(1 <= object_id <= MAX_OBJECTS for object_id in ids):
@@ -150,12 +150,12 @@ class Scene:
     @property
     def bodies(self) -> tuple[RigidBody, ...]:
         """Return the rigid bodies of all objects of the scene, in the order of the file."""
-        return tuple(body for thing in self.objects for body in thing.bodies)
+        return tuple(body for scene_object in self.objects for body in scene_object.bodies)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the names of the scene's objects in the order of the file."""
-        return tuple(thing.name for thing in self.objects)
+        return tuple(scene_object.name for scene_object in self.objects)
 
     def __contains__(self, name: str) -> bool:
         return name in self._by_name
@@ -166,9 +166,9 @@ class Scene:
 
 
 def virtual_only(real: Scene, virtual: Scene) -> dict[int, str]:
-    """Return id and name of each object in the virtual world alone; rooms do not count."""
+    """Return id and name of each object in the virtual world only; rooms do not count."""
     return {
-        thing.object_id: thing.name
-        for thing in virtual.objects
-        if thing.name not in real and not thing.is_room
+        scene_object.object_id: scene_object.name
+        for scene_object in virtual.objects
+        if scene_object.name not in real and not scene_object.is_room
     }

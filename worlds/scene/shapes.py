@@ -1,4 +1,4 @@
-"""Built-in things: gate, box, person, quadrotor, room; each with mesh, parts and openings.
+"""Built-in shapes: gate, box, person, quadrotor, room; each with mesh, parts and openings.
 
 Frames: FRD metres. A gate's origin is the centre of its opening and it is flown through along
 forward; a box and a quadrotor have theirs in the middle, a person on the ground between the
@@ -23,8 +23,8 @@ from worlds.scene.parts import BoxShape, HullShape, Opening, Part
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1
 SHIRT_RGB: Rgb = (70, 110, 160)
-_KEPT = 8
-"""Shapes of a kind that are kept: each case of a campaign has the same; nobody writes to them."""
+_CACHED_SHAPES = 8
+"""Cached shapes of a kind: the cases of a campaign share them, and none is modified."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,11 +83,11 @@ def _hull(mesh: Mesh) -> tuple[HullShape, Pose]:
     whole = (
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     )
-    pose = Pose((float(middle[0]), float(middle[1]), float(middle[2])))
-    return HullShape(np.ascontiguousarray(corners), faces[whole].astype(np.int32)), pose
+    hull = HullShape(np.ascontiguousarray(corners), faces[whole].astype(np.int32))
+    return hull, Pose(meshes.vec3(middle))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_SHAPES)
 def gate(
     form: Literal["square", "ring"], inner_size_m: float, bar_m: float, color: Rgb = NAMED["orange"]
 ) -> Shape:
@@ -151,7 +151,7 @@ def box(size_m: Vec3, color: Rgb = NAMED["grey"]) -> Shape:
     return Shape("box", meshes.box(size_m, Material(color)), (part,))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_SHAPES)
 def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
     """Return the shape of a quadrotor in X layout; size is its width over the rotors."""
     body, dark = Material(color), Material((45, 45, 50))
@@ -196,7 +196,7 @@ def quadrotor(size_m: float = 0.3, color: Rgb = NAMED["silver"]) -> Shape:
     return _assemble("quadrotor", pieces)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_SHAPES)
 def person(color: Rgb = SHIRT_RGB) -> Shape:
     """Return the shape of a standing person of 1.75 m, facing forward; colour of the shirt."""
     skin, hair = Material((214, 168, 140)), Material((70, 48, 35))
@@ -250,13 +250,13 @@ def person(color: Rgb = SHIRT_RGB) -> Shape:
     return replace(standing, limbs=tuple(limbs))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_SHAPES)
 def room(
     size_north_m: float, size_east_m: float, height_m: float, *, ceiling: bool = True, seed: int = 0
 ) -> Shape:
     """Return the shape of a room: the space inside its inner faces is free.
 
-    Every wall has a texture of its own, so that a picture tells where it looks. Solid are the
+    Every wall has its own texture, so that an image shows where the camera looks. Solid are the
     walls outside of the inner faces; the part "floor" is marked as such.
     """
     sides = _room_sides(size_north_m, size_east_m, height_m, seed)
@@ -270,8 +270,7 @@ def room(
         # The walls overlap at the corners, so that no gap is left there.
         half = np.where(np.abs(normal) > 0.5, thick / 2.0, half + thick)
         at = np.array(side.center_m) - normal * thick / 2.0
-        shape = BoxShape((float(half[0]), float(half[1]), float(half[2])))
-        pose = Pose((float(at[0]), float(at[1]), float(at[2])))
+        shape, pose = BoxShape(meshes.vec3(half)), Pose(meshes.vec3(at))
         parts.append(Part(side.name, shape, pose, is_floor=side.name == "floor"))
     return Shape("room", meshes.merge([side.mesh() for side in drawn]), tuple(parts))
 

@@ -1,4 +1,4 @@
-"""Normals for meshes that bring none: smooth where faces meet gently, sharp at edges."""
+"""Computes normals for meshes without them: smooth where faces meet gently, sharp at edges."""
 
 import math
 

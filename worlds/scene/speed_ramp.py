@@ -1,4 +1,4 @@
-"""How speed rises and falls on a leg: at once, or at a constant acceleration at both ends; pure.
+"""The speed profile of a leg: constant, or with constant acceleration at both ends; pure.
 
 A leg's time runs from 0 to 1 and so does its way. `ramp` is the share of the time in which speed
 rises, and again that in which it falls: 0 for a constant speed, 0.5 for a leg that is too short
@@ -20,7 +20,7 @@ def ramped_leg(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> t
 
 
 def way_share(time_share: float, ramp: float) -> float:
-    """Return the share of a ramped leg's way that is behind at a share of its time."""
+    """Return the share of a ramped leg's length that is completed at a share of its time."""
     if ramp <= 0.0:
         return time_share
     left = 1.0 - time_share

@@ -1,7 +1,7 @@
-"""Surfaces for cameras: textures made from a seed, and textures from picture files.
+"""Textures of surfaces: generated from a seed, or loaded from image files.
 
-What is made here has structure on several scales, so that a camera sees motion, and muted
-colours, so that colour detectors are not led astray.
+Generated textures have structure on several scales, so that a camera sees motion, and muted
+colours, so that colour detectors are not misled.
 """
 
 import math
@@ -91,17 +91,17 @@ def panels(seed: int, base_bgr: tuple[int, int, int]) -> BgrTexture:
 def load_texture(path: Path) -> BgrTexture:
     """Return the texture in an image file, its sides brought to powers of two.
 
-    Raises ValueError when there is no picture in the file, OSError when it cannot be read.
+    Raises ValueError when there is no image in the file, OSError when it cannot be read.
     """
     return to_powers_of_two(np.asarray(read_image(path), np.uint8))
 
 
-def to_powers_of_two(picture: BgrTexture) -> BgrTexture:
+def to_powers_of_two(image: BgrTexture) -> BgrTexture:
     """Return a texture with each side at the nearest power of two, at most 2048."""
-    height, width = (_power_of_two(side) for side in picture.shape[:2])
-    if (height, width) == picture.shape[:2]:
-        return np.ascontiguousarray(picture)
-    resized = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    height, width = (_power_of_two(side) for side in image.shape[:2])
+    if (height, width) == image.shape[:2]:
+        return np.ascontiguousarray(image)
+    resized = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(resized, np.uint8)
 
 

@@ -1,7 +1,7 @@
-"""Where objects of a scene went that vehicles fly: poses as they are reported, in flight.
+"""Tracks of scene objects that vehicles fly: poses as they are reported in flight.
 
-All other motion follows from when events happened (`motion.py`). Both together are the history of a
-run, by which a scene says where everything is.
+All other motion follows from the times of events (`motion.py`). Both together are the history of a
+run, from which a scene computes the pose of every object.
 """
 
 import bisect
@@ -12,7 +12,7 @@ from worlds.frames import Pose, Vec3, add, angle_between, norm, scale, subtract
 from worlds.scene.motion import AT_REST, Travel
 
 AHEAD_S = 0.1
-"""How far a pose is carried on at its velocity: five periods of reports; from then on it stands."""
+"""For how long a pose is extrapolated at its velocity: five periods of reports."""
 _STILL_M = 1e-6
 _STILL_RAD = 1e-6
 
@@ -20,7 +20,7 @@ _STILL_RAD = 1e-6
 class Track:
     """The poses of one flown object over time; straight and even between two of them.
 
-    Before the first it has none. After the last it goes on at its velocity for AHEAD_S.
+    It has no pose before the first. After the last it is extrapolated for AHEAD_S, then it rests.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class Track:
         return self._times_s[-1] if self._times_s else None
 
     def add(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> bool:
-        """Add a pose to the track; return whether it was later than the last, and was taken."""
+        """Add a pose to the track; return whether it was later than the last and so added."""
         if self._times_s and t_s <= self._times_s[-1]:
             return False
         self._times_s.append(t_s)
@@ -85,7 +85,7 @@ class Track:
 
 
 class RunHistory(dict[str, float]):
-    """When each event of a run happened, and where the objects went that vehicles fly.
+    """The times of a run's events, and the tracks of the objects that vehicles fly.
 
     tracks: by the object's name. A plain mapping of events is a history in which nothing is flown.
     """
@@ -100,5 +100,5 @@ class RunHistory(dict[str, float]):
 
 
 def track_of(name: str, events: Mapping[str, float]) -> Track | None:
-    """Return the track of an object in a run's history; None for one that nothing flies."""
+    """Return the track of an object in a run's history; None if no vehicle flies it."""
     return events.tracks.get(name) if isinstance(events, RunHistory) else None

@@ -1,1 +1,1 @@
-"""World files: what they may say, and the scenes that they describe."""
+"""World files: their schema, and the scenes that they describe."""

@@ -1,4 +1,4 @@
-"""A world file as scenes: which things stand in W and in Wv, by mode of the run."""
+"""A world file as scenes: which objects exist in W and in Wv, by mode of the run."""
 
 from dataclasses import dataclass
 
@@ -38,14 +38,18 @@ class World:
     @property
     def objects(self) -> tuple[str, ...]:
         """Return the names of all objects of the world, in the order of the file."""
-        return tuple(each.thing.name for each in self.placed)
+        return tuple(each.scene_object.name for each in self.placed)
 
     @property
     def events(self) -> frozenset[str]:
         """Return the names of the events that motions of the world's objects wait for."""
-        starts = (each.thing.motion.start for each in self.placed if each.thing.motion)
+        starts = (
+            each.scene_object.motion.start for each in self.placed if each.scene_object.motion
+        )
         return frozenset(start.event for start in starts if isinstance(start, StartOn))
 
     def scene(self, mode: Mode, which: Which) -> Scene:
         """Return the scene of W or Wv in runs of a mode; ids are the same in all scenes."""
-        return Scene(tuple(each.thing for each in self.placed if each.stands_in(mode, which)))
+        return Scene(
+            tuple(each.scene_object for each in self.placed if each.stands_in(mode, which))
+        )

@@ -1,4 +1,4 @@
-"""From a checked world file to things: shapes built, colours and files looked up, faults noted."""
+"""Builds the objects of a validated world file: shapes, colours, meshes; collects problems."""
 
 import math
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ _Path = tuple[str | int, ...]
 class Placed:
     """An object that the world reader has built, and in which worlds it exists."""
 
-    thing: SceneObject
+    scene_object: SceneObject
     exists_in: ExistsModel
 
     def stands_in(self, mode: Mode, which: Which) -> bool:
@@ -47,7 +47,7 @@ class Placed:
 class WorldReader:
     """Reads the objects of one world document and collects their problems.
 
-    seed: of the speeds that motions draw; None: every motion has the speeds of the file.
+    seed: for drawing the speeds of motions; None: every motion has the speeds of the file.
     """
 
     def __init__(self, document: Document, *, seed: int | None = None) -> None:
@@ -68,7 +68,7 @@ class WorldReader:
         )
         floor_m = _floor_down_m(placed)
         for each in placed:
-            self._check_floor(each.thing, floor_m)
+            self._check_floor(each.scene_object, floor_m)
         return placed
 
     def _note(self, path: _Path, message: str, suggestion: str = "") -> None:
@@ -133,28 +133,28 @@ class WorldReader:
         found = closest_file(path.name, [each.name for each in path.parent.iterdir()])
         return str((path.parent / found).relative_to(self._folder)) if found else ""
 
-    def _check_floor(self, thing: SceneObject, floor_m: float) -> None:
+    def _check_floor(self, scene_object: SceneObject, floor_m: float) -> None:
         """Note objects of the world file that stick in the floor, at rest or at waypoints.
 
-        Meshes from files may: terrain and roots do; they must only not be buried whole.
+        Meshes from files may stick in it, as terrain and roots do, but must not be buried whole.
         """
-        if thing.is_room or thing.name in self._unreadable:
+        if scene_object.is_room or scene_object.name in self._unreadable:
             return
-        buried = thing.shape.kind == "mesh"
-        stops: list[tuple[_Path, Pose]] = [(("pose",), thing.pose)]
-        legs = thing.motion.waypoints if thing.motion else ()
+        buried = scene_object.shape.kind == "mesh"
+        stops: list[tuple[_Path, Pose]] = [(("pose",), scene_object.pose)]
+        legs = scene_object.motion.waypoints if scene_object.motion else ()
         stops += [
-            (("motion", "waypoints", index), Pose(each.position_ned_m, thing.pose.q_wxyz))
+            (("motion", "waypoints", index), Pose(each.position_ned_m, scene_object.pose.q_wxyz))
             for index, each in enumerate(legs)
         ]
         for path, pose in stops:
-            down_m = _down_extent(thing.shape, pose)
+            down_m = _down_extent(scene_object.shape, pose)
             edge_m = down_m[0] if buried else down_m[1]
             if edge_m > floor_m + _IN_FLOOR_TOLERANCE_M:
                 depth_m = edge_m - floor_m
-                what = f"'{thing.name}' reaches {depth_m:.3g} m below the floor"
+                what = f"'{scene_object.name}' reaches {depth_m:.3g} m below the floor"
                 higher = -pose.position_ned_m[2] + depth_m
-                place = ("objects", thing.name, *path, "up_m")
+                place = ("objects", scene_object.name, *path, "up_m")
                 self._note(place, f"{what}; up_m must be at least {higher:.4g}")
 
 
@@ -167,7 +167,9 @@ def _exists_in(model: ObjectModel) -> ExistsModel:
 
 def _floor_down_m(placed: tuple[Placed, ...]) -> float:
     """Return the down coordinate of the world file's lowest room floor, else 0."""
-    rooms = [each.thing.pose.position_ned_m[2] for each in placed if each.thing.is_room]
+    rooms = [
+        each.scene_object.pose.position_ned_m[2] for each in placed if each.scene_object.is_room
+    ]
     return max(rooms, default=0.0)
 
 

@@ -1,4 +1,4 @@
-"""What a world file may say: the shape of the YAML, with units in its keys."""
+"""The schema of a world file, with units in its keys."""
 
 import math
 from typing import Annotated, Literal
@@ -132,7 +132,7 @@ class MeshModel(FilePart):
         """Require up and forward of a world file's mesh together, along different axes."""
         if (self.up is None) != (self.forward is None):
             raise KeyFaultError(
-                "up" if self.up else "forward", "'up' and 'forward' are given together or not"
+                "up" if self.up else "forward", "'up' and 'forward' must be given together"
             )
         if self.up and self.forward and self.up[-1] == self.forward[-1]:
             raise KeyFaultError("forward", "'up' and 'forward' must be different axes")
@@ -205,7 +205,7 @@ class StartModel(FilePart):
     def _one_of_both(self) -> "StartModel":
         """Require either a time or an event for a world file's motion start."""
         if (self.at_s is None) == (self.on is None):
-            raise ValueError("motion starts either 'at_s' or 'on' an event")
+            raise ValueError("a motion's start needs either 'at_s' or 'on'")
         return self
 
 

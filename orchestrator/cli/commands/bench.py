@@ -1,4 +1,4 @@
-"""`wil-campaign bench`: places with real vehicles."""
+"""`wil-campaign bench`: check bench files, and serve a bench to a cluster."""
 
 import tempfile
 import threading
@@ -36,7 +36,7 @@ def check(*files: Path) -> int:
 def serve(file: Path, *, engine: str) -> int:
     """Join a cluster, and fly its campaigns on a bench of this machine; Ctrl-C lands and ends it.
 
-    Each campaign has to be consented to on this terminal, after its vehicle was identified. Guard,
+    Each campaign needs consent on this terminal, after the vehicle was identified. Guard,
     operator socket and `wil-campaign abort` are those of this machine.
 
     Parameters
@@ -53,7 +53,7 @@ def serve(file: Path, *, engine: str) -> int:
     try:
         address = engine_address(engine)
         if address is None:
-            err("--engine ray: a bench joins a cluster that is there: --engine ray://HOST:PORT")
+            err("--engine ray: a bench joins a running cluster; give --engine ray://HOST:PORT")
             return 2
         with held_benches((bench,)):
             return _serve_bench(bench, address)
@@ -64,12 +64,12 @@ def serve(file: Path, *, engine: str) -> int:
         err(error)
         return error.code
     except KeyboardInterrupt:
-        return 0  # what flew has landed
+        return 0  # vehicles that flew have landed
 
 
 def _serve_bench(bench: Bench, address: str) -> int:
     """Serve a bench until its node of the cluster has ended. Raises EngineError."""
-    server = BenchServer(bench, consent=lambda asked: consent_at_bench(bench, asked), say=err)
+    server = BenchServer(bench, consent=lambda request: consent_at_bench(bench, request), say=err)
     with tempfile.TemporaryDirectory(prefix="wil-bench-") as folder:
         socket = Path(folder) / "server"
         with (
@@ -84,5 +84,5 @@ def _serve_bench(bench: Bench, address: str) -> int:
             threading.Thread(target=stop_with_node, daemon=True).start()
             err(f"{bench_summary(bench)}, serves {address}; Ctrl-C ends it")
             server.serve(listener)
-    err(f"bench {bench.name} has lost its cluster at {address}; start it again")
+    err(f"bench {bench.name}: the connection to {address} is lost; start `bench serve` again")
     return 3

@@ -1,4 +1,4 @@
-"""`wil-campaign calibrate`: measure a real camera, and write what campaigns name."""
+"""`wil-campaign calibrate`: calibrate a real camera, and write a calibration file."""
 
 import asyncio
 import re
@@ -74,7 +74,7 @@ class Live:
     size
         WIDTHxHEIGHT of a live camera's images, in pixels.
     seconds
-        How long images of a live camera are taken.
+        For how long images of a live camera are taken.
     """
 
     size: str | None = None
@@ -85,21 +85,21 @@ _RECORDED, _A_MINUTE = PoseOptions(), Live()
 
 
 def calibrate(
-    pictures: str = "",
+    images: Annotated[str, Parameter(name=("--images", "--pictures"))] = "",
     *,
     board: str,
     out_: Annotated[Path | None, Parameter(name="--out")] = None,
     coefficients: Literal["4", "5", "8"] = "4",
     optics: Path | None = None,
-    whereabouts: PoseOptions = _RECORDED,
+    pose_options: PoseOptions = _RECORDED,
     live: Live = _A_MINUTE,
     draw: Path | None = None,
 ) -> int:
-    """Measure a camera by a board: its optics; with poses also how it sits, and how late it is.
+    """Measure a camera by a board: its optics; with poses also its mounting and its latency.
 
     Parameters
     ----------
-    pictures
+    images
         A video, a folder of images, an .mcap, a run's folder, or a live camera's address.
     board
         chessboard:9x6:25mm (inner corners, square) or charuco:8x6:30mm:22mm (squares, square,
@@ -109,7 +109,7 @@ def calibrate(
     coefficients
         The number of distortion coefficients.
     optics
-        A calibration file whose optics are kept: only mounting and latency are measured.
+        A calibration file whose optics are used: only mounting and latency are measured.
     draw
         Write the ChArUco board as an image to be printed, and do nothing else.
     """
@@ -117,48 +117,48 @@ def calibrate(
         target = parse_board(board)
         if draw is not None:
             return _draw(target, draw)
-        file = _name_file(pictures, out_)
-        kept = None if optics is None else read_optics(optics)
-        seen, path, flown_s = _search_images(pictures, target, whereabouts, live)
-        how = MeasurementOptions(
+        file = _name_file(images, out_)
+        known = None if optics is None else read_optics(optics)
+        views, path, flown_s = _search_images(images, target, pose_options, live)
+        options = MeasurementOptions(
             board=target,
             coefficients=_COEFFICIENTS[coefficients],
-            optics=kept,
+            optics=known,
             flown_latency_s=flown_s,
         )
-        found = measure_camera(seen, path, how)
-        write_whole(file, as_yaml(found, made_of=pictures))
+        calibration = measure_camera(views, path, options)
+        write_whole(file, as_yaml(calibration, made_of=images))
     except (OfflineError, BadInput) as error:
         err(error)
         return 2
     except VehicleError as error:
-        err(f"{pictures}: {error}" if pictures not in str(error) else error)
+        err(f"{images}: {error}" if images not in str(error) else error)
         return 3
     except OSError as error:
         err(f"{out_}: cannot be written: {error.strerror or error}")
         return 3
-    out(_as_text(found, seen, file))
+    out(_as_text(calibration, views, file))
     return 0
 
 
 def _search_images(
-    pictures: str, board: Board, where: PoseOptions, live: Live
+    images: str, board: Board, where: PoseOptions, live: Live
 ) -> tuple[BoardViews, BodyPath | None, float]:
     """Return the board's views, the body's path, and the latency as flown, to calibrate."""
-    if not pictures.startswith(_LIVE) and not pictures.endswith(".sdp"):
-        return _search_recording(Path(pictures), board, where.poses, where.vehicle, where.sensor)
+    if not images.startswith(_LIVE) and not images.endswith(".sdp"):
+        return _search_recording(Path(images), board, where.poses, where.vehicle, where.sensor)
     poses = where.poses
     mocap = None if poses is None else _mocap(poses, where.body, where.poses_latency_ms)
-    order = _live(pictures, live.size, live.seconds, mocap)
-    err(f"taking images of {pictures} for {live.seconds:g} s: move the board, or the body")
-    seen, path = asyncio.run(search_live(order, board))
-    return seen, path, 0.0
+    order = _live(images, live.size, live.seconds, mocap)
+    err(f"taking images of {images} for {live.seconds:g} s: move the board, or the body")
+    views, path = asyncio.run(search_live(order, board))
+    return views, path, 0.0
 
 
-def _name_file(pictures: str, file: Path | None) -> Path:
+def _name_file(images: str, file: Path | None) -> Path:
     """Return the output file of `calibrate`. Raises OfflineError without one."""
-    if file is None or not pictures:
-        raise OfflineError("give pictures and --out FILE; or --draw FILE for a board to print")
+    if file is None or not images:
+        raise OfflineError("give images and --out FILE; or --draw FILE for a board to print")
     return file
 
 
@@ -181,7 +181,7 @@ def _live(address: str, size: str | None, seconds: float, mocap: MocapSetup | No
     if match is None:
         raise OfflineError("a live camera needs --size WIDTHxHEIGHT, as 1280x720")
     if not 1.0 <= seconds <= 3600.0:
-        raise OfflineError(f"--seconds {seconds:g}: between 1 and 3600")
+        raise OfflineError(f"--seconds {seconds:g}: must be between 1 and 3600")
     try:
         camera = SourcePart(address=address).setup(Path.cwd(), latency_s=0.0)
     except KeyFaultError as error:
@@ -206,29 +206,29 @@ def _reason(error: ValueError) -> str:
 def _draw(board: Board, path: Path) -> int:
     """Draw the calibration board to print it. Raises OfflineError."""
     if not isinstance(board, CharucoBoard):
-        raise OfflineError("--draw: a ChArUco board alone; chessboards are easily found")
+        raise OfflineError("--draw writes ChArUco boards only; chessboards are easily found")
     if not cv2.imwrite(str(path), board.picture(_CELL_PX)):
         raise OfflineError(f"--draw {path}: cannot be written; end its name with .png")
     wide, high = (1000.0 * board.square_m * count for count in (board.columns, board.rows))
-    out(f"{path}: print it {wide:g} mm wide and {high:g} mm high, on something flat, with a rim")
+    out(f"{path}: print it {wide:g} mm wide and {high:g} mm high, on something flat, with a margin")
     return 0
 
 
-def _as_text(found: CalibrationPart, seen: BoardViews, path: Path) -> str:
+def _as_text(calibration: CalibrationPart, views: BoardViews, path: Path) -> str:
     """Return a calibration's result in words."""
-    camera, quality = found.camera, found.quality
-    lines = [f"the board was seen in {len(seen.sightings)} of {seen.searched} pictures"]
+    camera, quality = calibration.camera, calibration.quality
+    lines = [f"the board was seen in {len(views.sightings)} of {views.searched} images"]
     if quality is not None:
         lines.append(
             f"optics: fx {camera.fx_px:.1f}, fy {camera.fy_px:.1f}, middle {camera.cx_px:.1f}, "
-            f"{camera.cy_px:.1f} px; {quality.rms_px:.2f} px off in {quality.pictures} pictures"
+            f"{camera.cy_px:.1f} px; {quality.rms_px:.2f} px off in {quality.pictures} images"
         )
         if quality.covered < _WELL_COVERED:
             lines.append(
-                f"  corners were seen in {quality.covered:.0%} of the picture alone: elsewhere the "
+                f"  corners were seen in only {quality.covered:.0%} of the image: elsewhere the "
                 "distortion is a guess; show the board in each corner"
             )
-    mount, spread = found.mount, found.spread
+    mount, spread = calibration.mount, calibration.spread
     if mount is not None and spread is not None:
         lines.append(
             f"mounting: forward {mount.forward_m:.3f}, right {mount.right_m:.3f}, down "
@@ -236,7 +236,7 @@ def _as_text(found: CalibrationPart, seen: BoardViews, path: Path) -> str:
             f"{mount.pitch_deg:.2f}, yaw {mount.yaw_deg:.2f} degrees (± {spread.mount_deg:.3f})"
         )
         lines.append(
-            f"latency: {found.latency_ms:.1f} ms (± {spread.latency_ms:.2f}), middle of the "
+            f"latency: {calibration.latency_ms:.1f} ms (± {spread.latency_ms:.2f}), middle of the "
             "exposure to arrival"
         )
     return "\n".join([*lines, f"written to {path}; name it as a camera's `calibration`"])

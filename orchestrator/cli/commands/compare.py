@@ -1,4 +1,4 @@
-"""`wil-campaign compare`: whether a case became worse since other flights."""
+"""`wil-campaign compare`: whether a case became worse since earlier flights."""
 
 import json
 from dataclasses import asdict
@@ -32,16 +32,16 @@ def compare(
 ) -> int:
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
-    2: a folder is no campaign's, or they share no case and mode; 3: something is damaged, the
-    judged campaign was stopped or broken outside of its runs or does not say that it came to its
-    end, a shared case, or a larger share of its flights than before, proves nothing, or a case or
-    an oracle of before is not there any more, unless --removed is given.
+    2: a folder has no campaign, or the campaigns share no case and mode. 3: something is damaged;
+    the judged campaign was stopped, failed outside of its runs, or does not record its end; a
+    shared case, or a larger share of its flights than before, proves nothing; or AFTER lacks a case
+    or an oracle of BEFORE and --removed is not given.
 
     Parameters
     ----------
     before
-        The results folder of a campaign, or a folder of several: then the last of them that were
-        begun before the other one are the baseline together.
+        The results folder of a campaign, or a folder of several: then the last of them that
+        started before AFTER are the baseline together.
     after
         The results folder of the campaign that is judged.
     worse_by
@@ -50,7 +50,7 @@ def compare(
         The loss of an oracle's mean margin that matters, in its unit; without it margins are not
         compared.
     confidence
-        Of all tests together that what is called worse is no chance.
+        The confidence, of all tests together, that a reported loss is not chance.
     last
         How many campaigns the baseline has, where `before` holds several.
     removed
@@ -69,7 +69,7 @@ def compare(
     problems = [*baseline.problems, *judged.problems]
     out(_as_json(found, baseline) if json_ else _as_text(found, baseline, after))
     if found.is_less and not removed:
-        err("compared with less than was judged before: give --removed where that is on purpose")
+        err("AFTER lacks cases or oracles of BEFORE; give --removed if that is intended")
     for text in (*problems, *baseline.endings, *judged.endings):
         err(printable(text))
     if problems or judged.endings or found.unproven or found.fewer_proven:
@@ -107,7 +107,7 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
     undecided = sum(one.outcome == "undecided" for one in found.changes)
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if undecided:
-        last += f"; {undecided} lost more than the size and may be chance: fly more"
+        last += f"; {undecided} lost more than the limit, which may be chance: fly more"
     return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
 
 

@@ -1,7 +1,6 @@
-"""`wil-campaign console`: the page in the browser that shows what flies, or a finished run."""
+"""`wil-campaign console`: shows runs in flight, or a finished run, in the browser."""
 
 import asyncio
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
@@ -31,7 +30,7 @@ def console(
     foxglove: str | None = None,
     beside: Annotated[int | None, Parameter(show=False)] = None,
 ) -> int:
-    """Show what flies on this machine in the browser, and take an operator's commands there.
+    """Show the runs in flight on this machine in the browser, and take an operator's commands.
 
     It prints two links, each good for one browser: one for an operator, one for viewers. With the
     folder of a finished run it shows that run again. Ctrl-C ends the console and nothing else.
@@ -50,7 +49,7 @@ def console(
     speed
         The playback speed of a finished run; 1.0 is the speed of the flight.
     foxglove
-        What flies, live for Foxglove too: HOST, HOST:PORT or :PORT of loopback; auto for
+        Send runs in flight live to Foxglove too: HOST, HOST:PORT or :PORT of loopback; auto for
         127.0.0.1:8765. It needs the extra foxglove.
     """
     if (tls_cert is None) != (tls_key is None):
@@ -61,7 +60,7 @@ def console(
         return 2
     recorded = _recorded(folder)
     if recorded is not None and foxglove is not None:
-        err(f"--foxglove shows what flies: open {recorded / _RECORDING} itself in Foxglove")
+        err(f"--foxglove shows runs in flight only: open {recorded / _RECORDING} in Foxglove")
         return 2
     try:
         settings = ConsoleSettings(
@@ -71,12 +70,8 @@ def console(
             speed=speed,
             tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
         )
-        with (
-            nullcontext()
-            if foxglove is None
-            else foxglove_beside(foxglove, _announce, folder=folder)
-        ):
-            asyncio.run(serve_console(settings, _announce, beside=beside))
+        with nullcontext() if foxglove is None else foxglove_beside(foxglove, out, folder=folder):
+            asyncio.run(serve_console(settings, out, beside=beside))
     except BridgeError as error:
         err(error)
         return 2
@@ -87,12 +82,7 @@ def console(
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """Return a finished run's folder; None for what flies."""
+    """Return the folder if it is of a finished run, else None."""
     if folder is None or not (folder / _RECORDING).is_file():
         return None
     return folder if (folder / "result.json").is_file() else None
-
-
-def _announce(line: str) -> None:
-    out(line)
-    sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""`wil-campaign doctor`: what this machine has and lacks."""
+"""`wil-campaign doctor`: checks programs, ports, permissions and orphans of this machine."""
 
 import json
 from collections.abc import Iterable
@@ -29,10 +29,10 @@ def doctor(
     fly: Annotated[bool, Parameter(negative=())] = False,
     arm_real: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
-    """Look at what is installed, at ports, autopilots, brokers, clocks and permissions.
+    """Check installed packages, ports, autopilots, brokers, clocks and permissions.
 
-    Exits with 3 when something is in the way of every campaign, or of those named. With --vehicle
-    it looks at that vehicle alone; with --fly it exits with 1 when the vehicle differs from the
+    Exits with 3 when something prevents every campaign, or those named, from flying. With --vehicle
+    it checks that vehicle only; with --fly it exits with 1 when the vehicle differs from the
     firmware that the embedded vehicles emulate.
 
     Parameters
@@ -53,7 +53,7 @@ def doctor(
     """
     if vehicle is not None or fly:
         if files:
-            err("--vehicle and --fly look at a vehicle alone; leave the campaign files out")
+            err("--vehicle and --fly check a vehicle only; leave the campaign files out")
             return REFUSED
         return check_vehicle(vehicle, fly=fly, arm_real=arm_real, results=out_, as_json=json_)
     findings = [*_findings(out_), *links.campaign_links(files)]
@@ -79,10 +79,10 @@ def _findings(results: Path) -> Iterable[Finding]:
     )
     yield from machine.guard_scheduling(machine.granted_scheduling())
     yield from machine.disk(next(one for one in (results, *results.parents) if one.is_dir()))
-    yield from _left_over(results)
+    yield from _orphans(results)
 
 
-def _left_over(results: Path) -> Iterable[Finding]:
+def _orphans(results: Path) -> Iterable[Finding]:
     """Yield doctor's findings about orphaned processes and parameter backups."""
     launches = find_orphans(results) if results.is_dir() else ()
     for text in unsafe_folders():

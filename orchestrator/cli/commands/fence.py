@@ -1,32 +1,32 @@
-"""`wil-campaign fence`: new fences for what flies on this machine."""
+"""`wil-campaign fence`: sends new fences to the vehicles in flight on this machine."""
 
 import secrets
 import time
 from pathlib import Path
 
-from orchestrator.cli.commands.operate import NOBODY, account, find_campaigns
+from orchestrator.cli.commands.operate import NONE_OBEYED, account, find_campaigns
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.operator.campaign_records import Place
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
 
 _ANSWERS_S = 60.0
-"""An upload over a bad radio takes half of it, putting the old fence back the rest."""
+"""Half of this for an upload over a bad radio, half for restoring the old fence."""
 _POLL_S = 0.1
 _LONGEST_FILE_BYTES = LONGEST_LINE_BYTES // 2
-"""Written as JSON it grows, and its line has to fit."""
+"""The text grows when it is written as JSON, and the line has to fit."""
 
 
 def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> int:
-    """Give what flies on this machine new fences, for the rest of its runs in flight.
+    """Send new fences to the vehicles in flight on this machine, for the rest of their runs.
 
-    Every vehicle has to be inside of its new fence, and able to stop there, and every autopilot has
-    to take it; else nothing changes.
+    Every vehicle must be inside its new fence and able to stop there, and every autopilot must
+    accept it; otherwise nothing changes.
 
     Parameters
     ----------
     file
-        What a campaign says as `geofence`, a QGroundControl .plan, or GeoJSON; the last two keep
+        A `geofence` as in a campaign, a QGroundControl .plan, or GeoJSON; the last two keep
         the floor and ceiling of the present fences.
     folder
         The campaign's folder; needed where several fly.
@@ -43,17 +43,17 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
         return 2
     flying = find_campaigns(folder)
     if flying is None:
-        return NOBODY
+        return NONE_OBEYED
     if len(flying.campaigns) > 1:
-        # A fence is drawn for one world; an abort may mean all of them, this may not.
+        # A fence is drawn for one world; unlike an abort it cannot be for several campaigns.
         folders = ", ".join(str(campaign.folder) for campaign in flying.campaigns)
         err(f"several campaigns are in flight; name one by its folder: {folders}")
-        return NOBODY
+        return NONE_OBEYED
     answers = [
         _change_fences(campaign, document, f"cli:{who or account()}")
         for campaign in flying.campaigns
     ]
-    return 0 if answers and all(answers) else NOBODY
+    return 0 if answers and all(answers) else NONE_OBEYED
 
 
 def _change_fences(campaign: Place, document: str, who: str) -> bool:
@@ -70,15 +70,15 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
         while waiting and time.monotonic() < give_up_s:
             time.sleep(_POLL_S)
             status = ask(campaign.socket, "status", who=who)
-            for said in status["answers"]:
-                if said["id"] == command_id and said["run"] in waiting:
-                    waiting.discard(said["run"])
-                    obeyed = obeyed and said["ok"]
-                    (out if said["ok"] else err)(f"{said['run']}: {said['text']}")
+            for reply in status["answers"]:
+                if reply["id"] == command_id and reply["run"] in waiting:
+                    waiting.discard(reply["run"])
+                    obeyed = obeyed and reply["ok"]
+                    (out if reply["ok"] else err)(f"{reply['run']}: {reply['text']}")
             waiting &= set(status["flying"])
     except NoAnswerError as error:
         err(error)
         return False
     for run in sorted(waiting):
-        err(f"{run}: it did not answer")
+        err(f"{run}: no answer within {_ANSWERS_S:g} s")
     return obeyed and not waiting

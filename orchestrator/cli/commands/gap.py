@@ -16,11 +16,11 @@ from worlds.files.problems import printable
 def gap(
     folder: Path, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
 ) -> int:
-    """Print what a flown campaign says about its modes: pass rates, tests, and the gap.
+    """Print the statistics of a flown campaign by mode: pass rates, tests, and the gap.
 
-    The gap is how far flights of `sim` and of `wil` are from flights of `real`. Exit code 2: no
-    campaign's folder, or one that flew no reality beside another mode; 3: something is missing or
-    damaged.
+    The gap is how far flights of `sim` and of `wil` are from flights of `real`. Exit code 2: the
+    folder has no campaign, or the campaign has no flights of `real` beside another mode; 3:
+    something is missing or damaged.
 
     Parameters
     ----------

@@ -48,18 +48,18 @@ def history(
 ) -> int:
     """Show pass rates, margins and durations of campaigns over time.
 
-    Flaky is what ended differently under the same seed and the same inputs; stochastic what did
+    Flaky are cases that ended differently under the same seed and inputs; stochastic those that did
     under different seeds. Exit code 2: there is nothing to show, or the file of --keep is damaged;
-    3: a folder is damaged, or its campaign was stopped or broken outside of its runs, and the rest
-    is shown.
+    3: a folder is damaged, or its campaign was stopped or failed outside of its runs; the rest is
+    shown.
 
     Parameters
     ----------
     folders
         Results folders of campaigns, or folders that hold some; by default `results`.
     keep
-        A file of JSON lines to which flights are appended that it does not have yet; what it has
-        is shown although its folder is gone.
+        A file of JSON lines to which new flights are appended; flights in it are shown even when
+        their folders are gone.
     page
         Write one HTML page here.
     campaign
@@ -76,7 +76,7 @@ def history(
         records = [one for one in (*known, *new) if campaign in {None, one.campaign}]
         if not records:
             where = ", ".join(str(one) for one in folders)
-            problems.append(f"no flights of a campaign are in {where}")
+            problems.append(f"{where} has no flights of a campaign")
         rows, varied = history_rows(records), variations(records)
         if records and page is not None:
             write_whole(page, render_history(rows, varied, made_utc=utc_text(time.time())))
@@ -94,11 +94,11 @@ def history(
 
 
 def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
-    """Return the flights at and beneath folders; what cannot be read is added to the problems."""
+    """Return the flights at and beneath folders; unreadable ones are added to the problems."""
     found: list[FlightRecord] = []
     for folder in folders:
         if not folder.is_dir():
-            problems.append(f"{folder} is no folder")
+            problems.append(f"{folder} is not a folder")
             continue
         for path in results_folders(folder):
             try:
@@ -116,7 +116,7 @@ def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
 
 
 def _new_records(known: Sequence[FlightRecord], read: Sequence[FlightRecord]) -> list[FlightRecord]:
-    """Return what was read and is not known yet, each flight once."""
+    """Return the flights that were read and are not known yet, each once."""
     before = {flight_key(one) for one in known}
     return list({flight_key(one): one for one in read if flight_key(one) not in before}.values())
 
@@ -146,10 +146,10 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
 
 
 def _endings(rows: Sequence[HistoryRow]) -> list[str]:
-    """Return a line for each campaign that did not come to its end, or of which nobody knows."""
+    """Return a line for each campaign that did not end normally, or whose end is unknown."""
     campaigns = {(row.campaign, row.started_utc): row.ending for row in rows}
     return [
-        printable(f"{name} of {started}: {'not known how it ended' if text is None else text}")
+        printable(f"{name} of {started}: {'how it ended is unknown' if text is None else text}")
         for (name, started), text in campaigns.items()
         if text != ""
     ]

@@ -1,4 +1,4 @@
-"""`wil-campaign init`: a campaign that flies at once, to be changed."""
+"""`wil-campaign init`: writes a campaign that is ready to fly, as a starting point."""
 
 import re
 from importlib.resources import files
@@ -25,11 +25,11 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 def init(name: str, *, folder: Annotated[Path | None, Parameter(name="--in")] = None) -> int:
-    """Write a campaign that flies at once: campaign, world, recipe, autonomy, CI workflow.
+    """Write a campaign that is ready to fly: campaign, world, recipe, autonomy, CI workflow.
 
-    Beside them stand the JSON Schemas with which editors complete and explain the files.
+    JSON Schemas are written beside them, with which editors complete and explain the files.
 
-    No file is overwritten. Exit code 2: the name is no folder's, or a file is there already; 3:
+    No file is overwritten. Exit code 2: the name cannot be a folder's, or a file exists already; 3:
     the files cannot be written.
 
     Parameters

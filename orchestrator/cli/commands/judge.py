@@ -1,4 +1,4 @@
-"""`wil-campaign judge`: recorded runs, judged again by what the campaign file says now."""
+"""`wil-campaign judge`: judges recorded runs again by the present campaign file."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -29,11 +29,11 @@ def judge(
 ) -> int:
     """Judge recorded runs again, by the oracles that the campaign file has now; fly nothing.
 
-    Neither the autonomy nor a step of the recipe is loaded: no code but this program's runs.
+    Neither the autonomy nor a step of the recipe is loaded: only this program's code runs.
 
-    The last line and the exit code are those of `run`: what is required and is not in the folder
-    was not flown, and then it is 3, whatever share of the runs may fail. Options and files that
-    judge otherwise than at the flight are named in the last line; another world is refused.
+    The last line and the exit code are those of `run`: a required run that is not in the folder was
+    not flown, and then the code is 3, whatever share of the runs may fail. The last line names
+    options and files that differ from those of the flight; another world is refused.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ def judge(
     mode
         Only this mode: sim, wil or real; may be given several times.
     repetitions
-        How many runs of each case and mode were flown, when not as many as the file says.
+        How many runs of each case and mode were flown, if not as many as the file says.
     set_
-        KEY=VALUE, as of `run`: oracles.altitude.max_m=2.0 asks what another limit had said.
+        KEY=VALUE, as of `run`: oracles.altitude.max_m=2.0 judges by another limit.
     bench_file
         The bench that it was flown on, as of `run`.
     json_
@@ -79,14 +79,14 @@ def judge(
     else:
         rows = [_row(each) for each in judgement.runs]
         out(table(("run", "flown", "now", "reason"), rows))
-        for line in _changes(judgement.runs):
-            out(line)
-        for said in closing_lines(
+        for change in _changes(judgement.runs):
+            out(change)
+        for line in closing_lines(
             judgement.summary,
             campaign.requirements,
             changed_since_flight=judgement.changed_since_flight,
         ):
-            out(said.plain)
+            out(line.plain)
     return judgement.exit_code
 
 

@@ -1,4 +1,4 @@
-"""`wil-campaign list`: what is at hand."""
+"""`wil-campaign list`: lists campaigns, recipe steps, autonomies, oracles and STL signals."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -13,8 +13,7 @@ import campaigns
 from campaigns.setup.autonomy_under_test import shipped_autonomies
 from orchestrator.cli.standard_streams import out
 from orchestrator.cli.text_table import table
-from recipes.language.step_docs import StepDoc
-from recipes.language.step_docs import describe_steps as described_step
+from recipes.language.step_docs import StepDoc, describe_steps
 from recipes.model.registry import steps
 from safety.oracles import registry
 from safety.oracles.oracle_docs import ParameterDoc, common_parameters, describe_oracles
@@ -30,12 +29,12 @@ _WIDTH = 100
 def list_available(
     what: What, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
 ) -> int:
-    """List campaigns, operators and the like.
+    """List what campaigns can name: operators, autonomies, oracles, signals; and campaigns.
 
     Parameters
     ----------
     what
-        campaigns: of ./campaigns and those that come with the program; operators: steps of
+        campaigns: those in ./campaigns and those of the program; operators: steps of
         recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
         signals: what formulas of oracles (stl) may name.
     json_
@@ -47,7 +46,7 @@ def list_available(
     elif what == "oracles":
         out(_oracle_text())
     elif what == "operators":
-        out("\n".join(line for kind in steps() for line in _step_lines(described_step(kind))))
+        out("\n".join(line for kind in steps() for line in _step_lines(describe_steps(kind))))
     elif rows:
         out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
     return 0
@@ -72,7 +71,7 @@ def _campaign(path: Path) -> Row:
 
 def _operators() -> list[Row]:
     """Return the listing of recipe steps."""
-    return [asdict(described_step(kind)) for kind in steps()]
+    return [asdict(describe_steps(kind)) for kind in steps()]
 
 
 def _autonomies() -> list[Row]:

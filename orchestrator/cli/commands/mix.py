@@ -1,4 +1,4 @@
-"""`wil-campaign mix`: mix pictures, videos or recordings by a recipe, without a flight."""
+"""`wil-campaign mix`: mix images, videos or recordings by a recipe, without a flight."""
 
 import json
 import math
@@ -20,18 +20,18 @@ from worlds.frames import AT_ORIGIN, Pose
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputOptics:
-    """What the files of `mix` do not tell of their images.
+    """The options of `mix` about camera optics, distances and pose.
 
     Parameters
     ----------
     real_fov_deg
-        The horizontal field of view of the real camera, where the file does not say.
+        The horizontal field of view of the real camera, where the file does not state it.
     twin_fov_deg
-        The same of the twin's.
+        The horizontal field of view of the twin's camera.
     real_depth
-        Distances of the real picture: .npy in metres, or a 16-bit image in millimetres.
+        Distances of the real image: .npy in metres, or a 16-bit image in millimetres.
     twin_depth
-        The same of the twin's.
+        Distances of the twin's image.
     place
         NORTH,EAST,UP[,YAW[,PITCH]] of the camera in a world file, in metres and degrees.
     """
@@ -55,10 +55,10 @@ def mix(
     stages: Path | None = None,
     frame: int = 0,
     sensor: str | None = None,
-    untold: InputOptics = _USUAL,
+    optics: InputOptics = _USUAL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Mix pictures, videos or recordings by a recipe, without a flight.
+    """Mix images, videos or recordings by a recipe, without a flight.
 
     Exits with 0 when everything was mixed, and with 3 when something had to be left out.
 
@@ -67,9 +67,9 @@ def mix(
     recipe
         The recipe file, YAML or the paper's XML.
     real
-        What the real camera took: an image, a video, an .mcap, or a run's folder.
+        The real camera's images: an image, a video, an .mcap, or a run's folder.
     twin
-        What the twin saw: the same kinds, or a world file, which is drawn from --place.
+        The twin's images: the same kinds, or a world file, which is drawn from --place.
     out_
         Where the mixture goes: an image, a video (.mp4) or a recording (.mcap).
     stages
@@ -84,11 +84,11 @@ def mix(
     try:
         order = MixOrder(
             recipe=load_recipe_file(recipe),
-            real=_side("--real-fov-deg", real, untold.real_fov_deg, untold.real_depth),
-            twin=_side("--twin-fov-deg", twin, untold.twin_fov_deg, untold.twin_depth),
+            real=_side("--real-fov-deg", real, optics.real_fov_deg, optics.real_depth),
+            twin=_side("--twin-fov-deg", twin, optics.twin_fov_deg, optics.twin_depth),
             out=out_,
             sensor=sensor,
-            place=_place(untold.place),
+            place=_place(optics.place),
             stages=stages,
             frame=frame,
         )
@@ -107,16 +107,16 @@ def _print_reports(reports: Sequence[CombinationReport], *, json: bool) -> int:
     if json:
         out(_as_json(reports))
     for report in reports:
-        tell = out if report.complete and not json else err
+        write = out if report.complete and not json else err
         if not (json and report.complete):
-            tell(_as_text(report))
+            write(_as_text(report))
     return 0 if all(report.complete for report in reports) else 3
 
 
 def _side(option: str, file: Path, fov_deg: float, depth: Path | None) -> SideFiles:
     """Return one side's input files of `mix`. Raises OfflineError."""
     if not 0.0 < fov_deg < 180.0:
-        raise OfflineError(f"{option} {fov_deg:g}: an angle between 0 and 180 degrees")
+        raise OfflineError(f"{option} {fov_deg:g}: must be an angle between 0 and 180 degrees")
     return SideFiles(file=file, fov_deg=fov_deg, depth=depth)
 
 
@@ -142,11 +142,11 @@ def _place(text: str | None) -> Pose:
 
 def _as_text(report: CombinationReport) -> str:
     """Return a combination's report of `mix` as text."""
-    said = f"{report.name}: {report.mixed} of {report.frames} mixed"
+    text = f"{report.name}: {report.mixed} of {report.frames} mixed"
     left_out = {**report.dropped, **report.faults}
     if left_out:
-        said += " (" + ", ".join(f"{what} {count}" for what, count in left_out.items()) + ")"
-    return "\n  ".join([said, *report.reasons])
+        text += " (" + ", ".join(f"{what} {count}" for what, count in left_out.items()) + ")"
+    return "\n  ".join([text, *report.reasons])
 
 
 def _as_json(reports: Sequence[CombinationReport]) -> str:

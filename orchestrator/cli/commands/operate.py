@@ -1,4 +1,4 @@
-"""`wil-campaign abort | hold | resume`: an operator's commands, by the sockets of this machine."""
+"""`wil-campaign abort | hold | resume`: operator commands over the local operator sockets."""
 
 import getpass
 import time
@@ -14,8 +14,8 @@ from safety.guard.core.operator_command import OperatorKind
 from safety.guard.process.runtime_folder import unsafe_folders
 
 _POLL_S = 0.1
-NOBODY = 3
-"""The exit code when nothing flies, or nothing obeyed."""
+NONE_OBEYED = 3
+"""The exit code when no run is in flight, or none obeyed."""
 
 
 def abort(
@@ -25,10 +25,11 @@ def abort(
     bench: str | None = None,
     who: str | None = None,
 ) -> int:
-    """Land what flies on this machine, at once; nothing more of its campaigns is flown.
+    """Land all vehicles in flight on this machine at once, and end their campaigns.
 
-    It goes to all guards and campaigns at once, and works when the program that started them is
-    dead. A process whose socket does not answer gets SIGTERM, on which it lands as well.
+    The command goes to all guards and campaigns at once, and works even when the program that
+    started them has died. A process whose socket does not answer gets SIGTERM, on which it lands
+    as well.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def abort(
         Only the campaign or run with this results folder.
     node
         Only the runs on this node of a cluster: they land, nothing more is flown there, and the
-        campaign goes on elsewhere.
+        campaign continues elsewhere.
     bench
         Only the runs on this bench of a cluster.
     who
@@ -46,13 +47,13 @@ def abort(
         return _command("abort", folder, who)
     flying = find_campaigns(folder)
     if flying is None:
-        return NOBODY
+        return NONE_OBEYED
     replies = abort_place(flying, f"cli:{who or account()}", node=node or "", bench=bench or "")
     return _show(replies, flying)
 
 
 def hold(folder: Path | None = None, *, who: str | None = None) -> int:
-    """Have what flies stop and stay in the air, and begin no new run, until `resume`.
+    """Make all vehicles in flight hold their position, and start no run, until `resume`.
 
     A run that is held after its goal was given is INVALID.
 
@@ -67,7 +68,7 @@ def hold(folder: Path | None = None, *, who: str | None = None) -> int:
 
 
 def resume(folder: Path | None = None, *, who: str | None = None) -> int:
-    """Let what is held fly on.
+    """Resume the runs that are held.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def resume(folder: Path | None = None, *, who: str | None = None) -> int:
 
 
 def find_campaigns(folder: Path | None) -> Places | None:
-    """Return what flies, for an operator's command; None, after a message, when nothing does."""
+    """Return the flights that a command is for; None, after a message, when there are none."""
     try:
         flying = places().beneath(folder)
     except OSError as error:
@@ -93,16 +94,16 @@ def find_campaigns(folder: Path | None) -> Places | None:
             else f"no run is in flight in {folder}"
         )
         for text in unsafe_folders():
-            err(f"{text}: it was not searched")
+            err(f"{text}: this folder was not searched")
         return None
     return flying
 
 
 def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
-    """Send an operator's command to what flies; return the exit code."""
+    """Send an operator's command to the flights; return the exit code."""
     flying = find_campaigns(folder)
     if flying is None:
-        return NOBODY
+        return NONE_OBEYED
     return _show(send_command(flying, kind, f"cli:{who or account()}"), flying)
 
 
@@ -113,12 +114,12 @@ def _show(replies: Iterable[CommandReply], flying: Places) -> int:
         (out if reply.ok else err)(reply.text)
         is_obeyed = is_obeyed or reply.ok
     if not is_obeyed:
-        return NOBODY
-    missing = [run for campaign in flying.campaigns for run in _acknowledgements(campaign)]
-    return NOBODY if missing else 0
+        return NONE_OBEYED
+    missing = [run for campaign in flying.campaigns for run in _print_acknowledgements(campaign)]
+    return NONE_OBEYED if missing else 0
 
 
-def _acknowledgements(campaign: Place) -> list[str]:
+def _print_acknowledgements(campaign: Place) -> list[str]:
     """Print which runs of a campaign acknowledge the newest command; return those that do not.
 
     A campaign that has ended meanwhile has none in flight.
@@ -139,7 +140,7 @@ def _acknowledgements(campaign: Place) -> list[str]:
     if found["waiting"]:
         err(
             f"{campaign.name}: not acknowledged within {WITHIN_S:g} s by "
-            f"{runs_text(found['waiting'])}; watch shows what it does"
+            f"{runs_text(found['waiting'])}; `wil-campaign watch` shows them"
         )
     return list(found["waiting"])
 

@@ -1,4 +1,4 @@
-"""`wil-campaign plan`: the runs of a campaign."""
+"""`wil-campaign plan`: shows the runs of a campaign."""
 
 import json
 from pathlib import Path
@@ -10,10 +10,10 @@ from campaigns.expansion.expansion import Campaign, load_campaign
 from campaigns.statistics.proportions import flights_without_failure, least_pass_rate
 from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import out
-from orchestrator.cli.text_table import table
+from orchestrator.cli.text_table import count_text, table
 
 _CLAIMS = (0.80, 0.90, 0.95, 0.99)
-"""Pass rates of which the plan says how many flights without a failure show them."""
+"""Pass rates for which the plan states how many flights without a failure show them."""
 
 
 def plan(
@@ -22,7 +22,7 @@ def plan(
     choice: Choice = ALL,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Show the runs of a campaign, fly nothing.
+    """Show the runs of a campaign; nothing flies.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def _as_table(campaign: Campaign) -> str:
     wanted = [f"{r.case}/{r.mode} {r}" for r in campaign.requirements]
     accepted = ", ".join(wanted) if wanted else "nothing is required"
     shown = table(("case", "mode", "rep", "seed", "counts"), rows)
-    head = f"{campaign.name}: {_count_text(campaign)}; accepted: {accepted}"
+    head = f"{campaign.name}: {_runs_text(campaign)}; accepted: {accepted}"
     return f"{head}\n\n{shown}\n\n{_claim_text(campaign)}"
 
 
 def _claim_text(campaign: Campaign) -> str:
-    """Return what so many flights can show at most, and how many a stronger claim needs."""
+    """Return the strongest claim that the flights can show, and the flights for stronger ones."""
     repetitions = campaign.repetitions
     if (test := campaign.test) is not None:
         return (
@@ -63,17 +63,16 @@ def _claim_text(campaign: Campaign) -> str:
             f"flights when all pass, {test.least_failures} when all fail, {test.most} at most"
         )
     needs = ", ".join(f"{rate:.2f} needs {flights_without_failure(rate)}" for rate in _CLAIMS)
-    count = "1 flight" if repetitions == 1 else f"{repetitions} flights"
     return (
-        f"claims: {count} of a case and mode, all passed, show a pass rate of at least "
-        f"{least_pass_rate(repetitions):.2f} with a confidence of 95 %; {needs}"
+        f"claims: {count_text(repetitions, 'flight')} of a case and mode, all passed, show a pass "
+        f"rate of at least {least_pass_rate(repetitions):.2f} with a confidence of 95 %; {needs}"
     )
 
 
-def _count_text(campaign: Campaign) -> str:
+def _runs_text(campaign: Campaign) -> str:
     """Return the number of planned runs and controls in words."""
     count = len(campaign.controls)
-    controls = f" and {count} control{'' if count == 1 else 's'}" if count else ""
+    controls = f" and {count_text(count, 'control')}" if count else ""
     return f"{len(campaign.runs)} runs{controls}"
 
 

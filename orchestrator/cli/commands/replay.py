@@ -1,4 +1,4 @@
-"""`wil-campaign replay`: mix a recorded run anew and say where it diverges."""
+"""`wil-campaign replay`: mix a recorded run again, and report where the result diverges."""
 
 import json
 from pathlib import Path
@@ -29,22 +29,22 @@ def replay_run(
     out_: Annotated[Path | None, Parameter(name="--out")] = None,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Mix a recorded run anew and say where it diverges from what was recorded.
+    """Mix a recorded run again, and report where the result diverges from the recording.
 
-    Exits with 0 when it does not, with 1 when it does.
+    Exits with 0 when it does not diverge, with 1 when it does.
 
     Parameters
     ----------
     run
         A run's folder, or its run.mcap.
     recipe
-        Another recipe; by default the one that the run was mixed by.
+        Another recipe; by default that of the run.
     trust
         Run the user's own steps that the recording names; without it a recording that names code
         is refused. Steps of a --recipe run in any case.
     out_
-        A folder for the mixture as a video, and for the worst divergence as a picture: what was
-        recorded, what came now, and where they differ.
+        A folder for the mixture as a video, and for the worst divergence as an image: the recorded
+        image, the new one, and their difference.
     json_
         Print one JSON document.
     """
@@ -54,8 +54,8 @@ def replay_run(
             report = replay(run, other, trusted=trust)
         else:
             out_.mkdir(parents=True, exist_ok=True)
-            with _Film(out_ / "mixed.mp4") as film:
-                report = replay(run, other, trusted=trust, on_mixture=film.take)
+            with _ReplayVideo(out_ / "mixed.mp4") as video:
+                report = replay(run, other, trusted=trust, on_mixture=video.take)
             _write_worst(report, out_)
     except OfflineError as error:
         err(error)
@@ -67,7 +67,7 @@ def replay_run(
     return 1 if report.diverges else 0
 
 
-class _Film(VideoOut):
+class _ReplayVideo(VideoOut):
     """The video that `replay` writes: of the first combination with images."""
 
     def __init__(self, path: Path) -> None:
@@ -103,7 +103,7 @@ def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
 def _as_text(report: ReplayReport) -> str:
     """Return the replay's report as text."""
     lines = [line for one in report.combinations for line in _lines(one)]
-    lines += [f"{name}: recorded, but the recipe makes none" for name in report.without]
+    lines += [f"{name}: recorded, but not made by the recipe" for name in report.without]
     return "\n".join(lines)
 
 

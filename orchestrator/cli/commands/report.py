@@ -1,4 +1,4 @@
-"""`wil-campaign report`: one page of a campaign that was flown."""
+"""`wil-campaign report`: writes the HTML report of a flown campaign."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,10 +14,10 @@ _SHOWN = 10
 
 
 def report(folder: Path, *, out_: Annotated[Path | None, Parameter(name="--out")] = None) -> int:
-    """Write the report of a campaign: one page that needs no network and nothing beside it.
+    """Write the report of a campaign: one HTML page that needs no network and no other file.
 
-    What is missing or damaged is left out and named: then the exit code is 3, and 2 where the
-    folder is no campaign's at all.
+    Missing or damaged parts are left out and named: then the exit code is 3, and 2 where the folder
+    has no campaign.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
 from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli.arming_consent import RefusedError
-from orchestrator.cli.engine_flight import LOCAL, FlightWish, ready_flight
+from orchestrator.cli.engine_flight import LOCAL, FlightOrder, ready_flight
 from orchestrator.cli.final_report import write_final_report
 from orchestrator.cli.progress_display import Display, display_of
 from orchestrator.cli.run_selection import ALL, Choice
@@ -48,14 +48,14 @@ class Flights:
     Parameters
     ----------
     clock
-        virtual: as fast as the machine can, to the byte the same each time. wall: in real time,
-        each vehicle a process of its own on UDP. scaled: at the pace that simulations were asked
-        for, as fast as they reach it. By default virtual, unless the campaign has something
-        outside: a vehicle of its own, a live camera, a simulator, a program, a stream to send;
-        scaled where a simulation is launched at a pace of its own.
+        virtual: as fast as the machine can, with results that are the same to the byte each time.
+        wall: in real time, each vehicle in its own process on UDP. scaled: at the requested pace of
+        the simulations, as far as they reach it. By default virtual; wall where the campaign has
+        something external, such as an attached vehicle, a live camera, a simulator, a program or an
+        outgoing stream; scaled where a simulation is launched at its own pace.
     jobs
-        How many runs fly at once, each in a process of its own; by default one per core, under
-        the wall clock one per two cores.
+        How many runs fly at once, each in its own process; by default one per core, on the wall
+        clock one per two cores.
     broker
         An MQTT broker: mqtt://host, mqtts://host, or embedded, which starts one on this machine.
     gcs
@@ -64,18 +64,18 @@ class Flights:
     no_arm
         Try each case and mode once, up to arming: links, parameters, fence, readiness.
     arm_real
-        Allow that attached vehicles of the pair are armed, which may be hardware.
+        Allow arming attached vehicles of the pair, which may be hardware.
     arm_actors
-        Allow that attached actors are armed, which may be hardware and fly beside the pair.
+        Allow arming attached actors, which may be hardware and fly beside the pair.
     console
-        A page in the browser beside the flight, to watch and to stop it: HOST, HOST:PORT or :PORT
+        A page in the browser to watch the flight and to stop it: HOST, HOST:PORT or :PORT
         of this machine; auto for a free port of 127.0.0.1. Its links are printed.
     foxglove
-        What flies, live for Foxglove, which commands nothing: HOST, HOST:PORT or :PORT of loopback;
-        auto for 127.0.0.1:8765. It needs the extra foxglove.
+        Send runs in flight live to Foxglove, which only displays: HOST, HOST:PORT or :PORT of
+        loopback; auto for 127.0.0.1:8765. It needs the extra foxglove.
     engine
-        Where runs fly: local, in processes of this machine; ray, by a Ray that is started here for
-        the campaign; ray://HOST:PORT, over the nodes of a Ray cluster that this machine is one of.
+        Where runs fly: local, in processes of this machine; ray, by a Ray started here for the
+        campaign; ray://HOST:PORT, over the nodes of a Ray cluster that this machine is one of.
         It needs the extra cluster, and a folder --out that every node sees under the same path, or
         --store.
     store
@@ -99,7 +99,7 @@ class Flights:
 _USUAL = Flights()
 AUTO = "auto"
 _WIDEST = 1000
-"""Columns: a table is measured by a console that cuts nothing off."""
+"""Columns of the console that measures a table without cutting it off."""
 
 
 def run(
@@ -126,10 +126,10 @@ def run(
         campaign's folder. Finished runs are kept, missing ones are flown; refused when the campaign
         or one of its files has changed. Give the same options as before.
     again
-        With --resume: fly this run again (case/mode/repetition), which proved nothing or was lost;
-        may be given several times. Runs with a real vehicle are flown again by this alone.
+        With --resume: fly this run (case/mode/repetition) again, which proved nothing or was lost;
+        may be given several times. Runs with a real vehicle are flown again only by this option.
     junit
-        Write junit.xml here as well; the folder has to be there.
+        Write junit.xml here as well; the folder must exist.
     json_
         Print summary.json on standard output and nothing else there.
     """
@@ -137,10 +137,10 @@ def run(
         err("--no-arm leaves no results that --resume could continue")
         return 2
     if again and not resume:
-        err(f"--again {again[0]}: it is flown again with --resume alone")
+        err(f"--again {again[0]} needs --resume")
         return 2
     options = choice.options(*_sets(flights))
-    wish = FlightWish(
+    order = FlightOrder(
         file=file,
         options=options,
         out=out_,
@@ -156,7 +156,7 @@ def run(
         arm_actors=flights.arm_actors,
     )
     try:
-        with ready_flight(wish) as (campaign, settings):
+        with ready_flight(order) as (campaign, settings):
             return _fly_selected(campaign, settings, flights, json=json_)
     except (OutputError, TakenError) as error:
         err(error)
@@ -197,7 +197,7 @@ def _fly_selected(
 
 @contextmanager
 def _beside(flights: Flights, display: Display, *, json: bool) -> Iterator[None]:
-    """Have beside a campaign what `run` was asked for: a console, a Foxglove bridge, or none."""
+    """Run the requested console and Foxglove bridge beside a campaign."""
     # Standard output is one document with --json, and the links have to be seen.
     say = err if json else display.say
     with ExitStack() as stack:
@@ -233,7 +233,7 @@ def _print_verdicts(
     """Print the verdict table of `run`, and where its report and its results are."""
     console = Console(file=ignore_broken_pipe())
     table = verdict_table(outcome.summary, campaign.requirements)
-    # Where the terminal is narrower it wraps the lines: cells that were cut off would tell nothing.
+    # A narrower terminal wraps the lines, which is better than cells that are cut off.
     wide = Console(file=ignore_broken_pipe(), width=_WIDEST)
     width = max(console.width, wide.measure(table).maximum)
     Console(file=ignore_broken_pipe(), width=width).print(table)

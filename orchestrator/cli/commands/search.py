@@ -1,4 +1,4 @@
-"""`wil-campaign search`: look for variants of a campaign that fail."""
+"""`wil-campaign search`: searches for variants of a campaign that fail."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -49,8 +49,8 @@ def search(
 ) -> int:
     """Look for variants of a campaign that fail, as its `search` says; confirm and reduce them.
 
-    Exit code 1: a failure is confirmed, and has a campaign file of its own. 0: none is. 3: what
-    failed is neither confirmed nor refuted, or half of the variants or more proved nothing.
+    Exit code 1: a failure is confirmed, and has its own campaign file. 0: no failure is confirmed.
+    3: failures are neither confirmed nor refuted, or at least half of the variants proved nothing.
 
     Parameters
     ----------
@@ -65,14 +65,14 @@ def search(
     clock
         virtual, wall or scaled, as of `run`.
     jobs
-        How many runs fly at once; so many flights are proposed at once.
+        How many runs fly at once, which is also how many flights are proposed at once.
     resume
         Resume an interrupted search: the newest beneath --out, or --out itself where
         that is a search's folder. Refused when one of its files has changed.
     engine
         Where runs fly, as of `run`: local, ray, or ray://HOST:PORT.
     store
-        Through which results come, as of `run`: s3://BUCKET/PREFIX.
+        The store through which results come, as of `run`: s3://BUCKET/PREFIX.
     bench_file
         A bench of this machine, whose fence the search keeps; may be given several times. Its
         vehicle is not flown by a search.
@@ -121,9 +121,9 @@ def _refuse_attached(found: SearchCampaign) -> None:
     names = " and ".join(one.name for one in attached)
     where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
     raise RefusedError(
-        f"{names}{where}: a search flies no attached vehicle, for nobody brings it back to its "
-        "start between proposals; give a budget to mode sim alone, and fly the files of failures "
-        "by `run`",
+        f"{names}{where}: a search flies no attached vehicle, because no person brings it back to "
+        "its start between proposals; give a budget to mode sim alone, and fly the files of "
+        "failures by `run`",
         2,
     )
 
@@ -156,7 +156,7 @@ def _fly(
 
 
 def _print(found: SearchCampaign, outcome: SearchOutcome, *, json: bool) -> None:
-    """Print what a search found, and where its report and its results are."""
+    """Print the result of a search, and where its report and its results are."""
     report = write_search_report(found, outcome)
     if json:
         out((outcome.folder / FILE_NAME).read_text("utf-8").rstrip())

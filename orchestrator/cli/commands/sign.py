@@ -1,4 +1,4 @@
-"""`wil-campaign sign`: an operator's command as it is published by MQTT, signed."""
+"""`wil-campaign sign`: prints a signed operator command, ready to publish by MQTT."""
 
 import json
 import os
@@ -25,43 +25,48 @@ def sign(
     fence: Path | None = None,
     token_env: Annotated[str, Parameter(name="--token-env")] = "",
 ) -> int:
-    """Print a command for a campaign's broker, signed and good for five seconds.
+    """Print a signed command for a campaign's broker, which is valid for five seconds.
 
-    Publish it on <topics>/operator/<command>; it reaches no broker by itself.
+    Publish it on <topics>/operator/<command>; this program does not publish it.
 
     Parameters
     ----------
     command
         abort, hold, resume or geofence.
     folder
-        The campaign's folder of results, which says topics and session.
+        The campaign's results folder, which has the topics and the session.
     who
         Your name, for the record; by default that of your account.
     reason
         Why, for the record.
     run
-        CASE/MODE/REPETITION, where only that run is meant.
+        CASE/MODE/REPETITION, if the command is for that run only.
     fence
         The file of the new fences, for geofence.
     token_env
-        The variable with the token, where the campaign names one; else the folder has it.
+        The environment variable with the token, if the campaign names one; else the token of the
+        folder is used.
     """
-    said: dict[str, Any] = {"id": secrets.token_hex(8), "at": time.time(), "who": who or account()}
+    fields: dict[str, Any] = {
+        "id": secrets.token_hex(8),
+        "at": time.time(),
+        "who": who or account(),
+    }
     try:
         access = json.loads((folder / ACCESS).read_text("utf-8"))
-        topic, said["session"] = f"{access['topics']}/operator/{command}", access["session"]
+        topic, fields["session"] = f"{access['topics']}/operator/{command}", access["session"]
         token = os.environ.get(token_env, "") if token_env else _token(folder)
         if fence is not None:
-            said["geofence"] = fence.read_text("utf-8")
+            fields["geofence"] = fence.read_text("utf-8")
     except (OSError, ValueError, KeyError, TypeError) as error:
         err(f"{folder}: no command can be signed: {error}")
         return 2
     if not token:
         err(f"the variable {token_env} is not set")
         return 2
-    said |= {"reason": reason} if reason else {}
-    said |= {"run": run} if run is not None else {}
-    out(signed_command(topic, said, token).decode())
+    fields |= {"reason": reason} if reason else {}
+    fields |= {"run": run} if run is not None else {}
+    out(signed_command(topic, fields, token).decode())
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`wil-campaign validate`: every fault of campaign, world, recipe and bench files."""
+"""`wil-campaign validate`: reports all faults of campaign, world, recipe and bench files."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,7 @@ from campaigns.search.search_file import has_search, read_search
 from campaigns.setup.bench_file import Bench, load_benches, read_bench
 from orchestrator.cli.clock_choice import clock_for, external_needs
 from orchestrator.cli.standard_streams import err, out
+from orchestrator.cli.text_table import count_text
 from orchestrator.model.clock import Clock
 from recipes.language.recipe_document import load_recipe
 from recipes.language.recipe_files import load_recipe_document
@@ -23,18 +24,18 @@ def validate(
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
     bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
 ) -> int:
-    """Find every fault of files, fly nothing.
+    """Report all faults of files; nothing flies.
 
     Parameters
     ----------
     files
         Campaign files, with the world and recipe that each names; or world, recipe or bench files.
     clock
-        Whether they can be flown on this clock as well: virtual, wall or scaled.
+        Also check that campaigns can fly on this clock: virtual, wall or scaled.
     set_
-        KEY=VALUE, as of `run`: campaigns are looked at with that.
+        KEY=VALUE, as of `run`: campaigns are checked with this override.
     bench_file
-        A bench, as of `run`, for campaigns that ask for one.
+        A bench, as of `run`, for campaigns that request one.
     """
     if not files:
         err("validate needs at least one file")
@@ -43,7 +44,7 @@ def validate(
     problems: list[Problem] = []
     for file in files:
         try:
-            out(_check_case(file, clock, options))
+            out(_check_file(file, clock, options))
         except BadInput as error:
             problems += error.problems
             for warning in error.warnings:
@@ -54,20 +55,20 @@ def validate(
     for problem in found:
         err(problem)
     names = len({problem.file for problem in found})
-    err(f"{_count(len(found), 'problem')} in {_count(names, 'file')}")
+    err(f"{count_text(len(found), 'problem')} in {count_text(names, 'file')}")
     return 2
 
 
-def _check_case(file: Path, clock: Clock | None, options: Options) -> str:
-    """Return a line about a valid file, whatever kind it is of. Raises BadInput."""
+def _check_file(file: Path, clock: Clock | None, options: Options) -> str:
+    """Return a line about a valid file of any kind. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
     if schema == "wil/world/1":
         world = World.parse(document)
-        return f"{file}: a world of {_count(len(world.objects), 'object')}"
+        return f"{file}: a world of {count_text(len(world.objects), 'object')}"
     if schema == "wil/recipe/1":
         recipe = load_recipe(document)
-        return f"{file}: a recipe of {_count(len(recipe.combinations), 'combination')}"
+        return f"{file}: a recipe of {count_text(len(recipe.combinations), 'combination')}"
     if schema == "wil/bench/1":
         return f"{file}: {bench_summary(read_bench(document))}"
     campaign = load_campaign(file, options)
@@ -90,15 +91,10 @@ def _summary(campaign: Campaign) -> str:
     """Return the summary line of a valid campaign."""
     required = sum(run.required for run in campaign.runs)
     sizes = (
-        _count(len(campaign.cases), "case"),
-        _count(len(campaign.modes), "mode"),
-        _count(campaign.repetitions, "repetition"),
+        count_text(len(campaign.cases), "case"),
+        count_text(len(campaign.modes), "mode"),
+        count_text(campaign.repetitions, "repetition"),
     )
-    runs = f"{_count(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
-    controls = f", {_count(len(campaign.controls), 'control')}" if campaign.controls else ""
+    runs = f"{count_text(len(campaign.runs), 'run')} ({' x '.join(sizes)})"
+    controls = f", {count_text(len(campaign.controls), 'control')}" if campaign.controls else ""
     return f"campaign '{campaign.name}', {runs}, {required} required{controls}"
-
-
-def _count(number: int, what: str) -> str:
-    """Return a number with its noun for validate's summary."""
-    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""`wil-campaign vehicle`: an embedded vehicle alone in a process, at a link for any program."""
+"""`wil-campaign vehicle`: flies one embedded vehicle in a process, for any MAVLink program."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -43,8 +43,8 @@ def vehicle(
     autopilot
         px4 or ardupilot.
     link
-        The vehicle's end of the link: udpout://127.0.0.1:14540 for px4, tcpin://127.0.0.1:5760
-        for ardupilot without it.
+        The vehicle's end of the link; by default udpout://127.0.0.1:14540 for px4,
+        tcpin://127.0.0.1:5760 for ardupilot.
     profile
         The vehicle and its air: a name, or a YAML file.
     world
@@ -52,16 +52,17 @@ def vehicle(
     speed
         How many times real time its clock runs, as far as the machine can.
     seed
-        Decides everything random in it.
+        Determines all random values of the vehicle.
     system_id
         Its MAVLink system id.
     running
-        For how many seconds it has been on when its link opens: ArduCopter needs 42 s to be ready.
+        For how many seconds the vehicle has been on when its link opens: ArduCopter needs 42 s to
+        be ready.
     camera
         Render a camera at its nose in the world of --world, send it by RTP as H.264, and announce
         it to ground stations as a MAVLink camera.
     video
-        Where the camera's pictures go: HOST:PORT, 127.0.0.1:5600 without it.
+        Where the camera's images go: HOST:PORT, by default 127.0.0.1:5600.
     param
         NAME=VALUE: a parameter that differs from the default; may be given several times.
     fault
@@ -94,7 +95,7 @@ def vehicle(
 
 
 def _print_mistakes(error: Exception) -> None:
-    """Print what is wrong with options of the command, a line for each."""
+    """Print the faults of the command's options, a line for each."""
     match error:
         case ValidationError():
             for one in error.errors():
@@ -107,7 +108,7 @@ def _print_mistakes(error: Exception) -> None:
 
 
 def _fly(settings: ProcessSettings, companion: Companion | None) -> int:
-    """Fly until it ends; return the exit code of the command."""
+    """Fly until the vehicle's process ends; return the exit code of the command."""
     from orchestrator.delivery.image_delivery import DeliveryError  # noqa: PLC0415 - loads slowly
 
     try:
@@ -135,7 +136,7 @@ def _camera_of(settings: ProcessSettings, world: Path | None, video: str | None)
         address=address,
         seed=settings.seed,
     )
-    err("the camera renders its first picture (after an installation it compiles, up to a minute)")
+    err("the camera renders its first image (after an installation this compiles, up to a minute)")
     camera.warm_up()
     return camera.attach
 

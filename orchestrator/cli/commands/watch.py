@@ -1,4 +1,4 @@
-"""`wil-campaign watch`: what flies on this machine, from whatever terminal."""
+"""`wil-campaign watch`: shows the runs in flight on this machine, on any terminal."""
 
 import json
 import time
@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from orchestrator.cli.commands.operate import NOBODY, find_campaigns
+from orchestrator.cli.commands.operate import NONE_OBEYED, find_campaigns
 from orchestrator.cli.standard_streams import out
 from orchestrator.operator.campaign_records import Place, Places, places
 from orchestrator.operator.socket_client import NoAnswerError, ask
@@ -21,7 +21,7 @@ def watch(
     *,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Show what flies on this machine until it is over; Ctrl-C ends only the watching.
+    """Show the runs in flight on this machine until they end; Ctrl-C ends only the display.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def watch(
     """
     flying = find_campaigns(folder)
     if flying is None:
-        return NOBODY
+        return NONE_OBEYED
     last: dict[Path, str] = {}
     while flying.campaigns or flying.guards:
         for place, status in _statuses(flying):
@@ -75,6 +75,6 @@ def _line(place: Place, status: dict[str, Any]) -> str:
 
 
 def _where(run: dict[str, Any]) -> str:
-    """Return in words where a run flies; "" for this machine."""
+    """Return where a run flies, for a message; "" for this machine."""
     place = run.get("place")
     return f" on {place}" if place else ""

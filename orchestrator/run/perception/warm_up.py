@@ -20,7 +20,7 @@ from vehicles.perception.hsv import NAMED_COLORS, HsvMask
 from worlds.camera import Intrinsics
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose
-from worlds.jit import is_kept
+from worlds.jit import is_cached
 from worlds.render.renderer import Renderer
 from worlds.render.shading import write_ids
 from worlds.scene.scene import Scene
@@ -35,9 +35,9 @@ def load_kept_kernels() -> None:
     Run by the run server, whose forks so have them: half a second less for each run. What is
     missing a run compiles, for a run can be aborted meanwhile.
     """
-    if is_kept(estimate):
+    if is_cached(estimate):
         load_kernels()
-    if is_kept(write_ids):
+    if is_cached(write_ids):
         load_rendering()
 
 

@@ -11,7 +11,7 @@ ONE_PLACE = [
     ("altitude: {@max: 2}", "unknown key 'max'; did you mean 'max_m'?"),
     ("altitude: {@max_ft: 7}", "unknown key 'max_ft'; did you mean 'max_m'?"),
     ("speed: {@max_kmh: 7}", "unknown key 'max_kmh'; did you mean 'max_m_s'?"),
-    ("altitude: {max_m: @2 m}", "must be a number, is the text '2 m' (a plain number; its unit"),
+    ("altitude: {max_m: @2 m}", "must be a number, is the text '2 m' (a plain number; the key"),
     ("altitude: {max_m: @.nan}", "must be a number, is the text '.nan' (it must be finite)"),
     ("altitude: {min_m: @3, max_m: 2}", "3 is not below max_m"),
     ("modes: {allowed: @[]}", "names no mode"),

@@ -121,7 +121,7 @@ def test_what_is_not_judged_any_more_is_no_good_comparison(tmp_path: Path, capsy
     assert main(["compare", str(both), str(fewer)]) == 3
     outcome = capsys.readouterr()
     assert "not flown any more: b/wil" in outcome.out
-    assert "give --removed where that is on purpose" in outcome.err
+    assert "give --removed if that is intended" in outcome.err
     assert main(["compare", str(both), str(fewer), "--removed"]) == 0
     assert "not flown any more: b/wil" in capsys.readouterr().out
     assert main(["compare", str(fewer), str(both)]) == 0, "more is no less"

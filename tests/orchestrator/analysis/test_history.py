@@ -142,7 +142,7 @@ def test_a_campaign_that_did_not_come_to_its_end_is_named(tmp_path: Path, capsys
     assert main(command) == 0
     text = capsys.readouterr().out
     assert f"gate of 2026-11-01T10:00:00Z: {said}" in text
-    assert "gate of 2026-11-02T10:00:00Z: not known how it ended" in text
+    assert "gate of 2026-11-02T10:00:00Z: how it ended is unknown" in text
     assert "gate of 2026-11-03T10:00:00Z: summary.json does not say" in text
 
 
@@ -150,7 +150,7 @@ def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) ->
     (tmp_path / "results").mkdir()
     assert main(["history", str(tmp_path / "results")]) == 2
     assert main(["history", str(tmp_path / "nowhere")]) == 2
-    assert "nowhere is no folder" in capsys.readouterr().err
+    assert "nowhere is not a folder" in capsys.readouterr().err
     folder = flown(tmp_path, 1, "PP")
     (folder / "a/wil/2/result.json").write_text("{")
     (folder / "summary.json").unlink()

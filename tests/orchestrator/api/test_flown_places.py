@@ -87,7 +87,7 @@ def test_a_program_names_an_engine(tmp_path: Path) -> None:
     assert ("must be local, ray or ray://HOST:PORT" in said, code) == (True, 2)
     # The file of a campaign for a bench of a cluster is not read before that bench is there.
     said, code = refusal(lambda: wil_campaign.run(asking, out=out, engine="ray"))
-    assert ("no bench joins a Ray of this machine alone" in said, code) == (True, 2)
+    assert ("a Ray of this machine alone has no benches" in said, code) == (True, 2)
     with pytest.raises(ValueError, match="give them to load"):
         wil_campaign.run(wil_campaign.load(path), out=out, bench_files=[path])
     assert not out.exists()

@@ -31,7 +31,7 @@ WRONG = [
     (box("[-1, ^.nan]"), "(it must be finite)"),
     ("oracles: {landed: {}, ^colission: {}}", "unknown oracle 'colission'; did you mean"),
     ("oracles: {landed: {}, altitude: {^max: 2}}", "unknown key 'max'; did you mean 'max_m'?"),
-    ("oracles: {landed: {}, altitude: {max_m: ^2 m}}", "a plain number; its unit"),
+    ("oracles: {landed: {}, altitude: {max_m: ^2 m}}", "a plain number; the key has"),
     ("oracles: {landed: {}, s: {stl: 'always (^hight_m > 1)'}}", "unknown signal 'hight_m'"),
     ("oracles: {landed: {}, s: {stl: 'always[0,30 ^(up_m > 1)'}}", "']'"),
 ]

@@ -48,7 +48,7 @@ def test_a_line_for_each() -> None:
             "real at udp://0.0.0.0:5570: 100.0 Hz, latency 4.0 ms (p99 6.0), 3 missing, 1 dropout, "
             "longest gap 50 ms"
         ),
-        "rtp 127.0.0.1:5600: 290 of 300 pictures delivered",
+        "rtp 127.0.0.1:5600: 290 of 300 images delivered",
         "real was sent obstacle_distance 150 times",
     ]
     assert external_lines([run(None)]) == []
@@ -67,7 +67,7 @@ def test_counts_are_summed_and_the_worst_figures_shown() -> None:
     assert lines[0] == "real camera (live): 600 delivered, 4 dropped, 2 missed, 0 damaged, 2 stalls"
     assert "80.0 Hz, latency 9.0 ms (p99 30.0), 9 missing" in lines[1]
     assert "longest gap 400 ms" in lines[1]
-    assert lines[2] == "rtp 127.0.0.1:5600: 580 of 600 pictures delivered (no route)"
+    assert lines[2] == "rtp 127.0.0.1:5600: 580 of 600 images delivered (no route)"
     assert lines[3] == "real was sent obstacle_distance 160 times; 5 were too old to send"
 
 

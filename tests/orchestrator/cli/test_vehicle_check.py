@@ -66,7 +66,7 @@ DIFFERENT = Flown(
         (("doctor", "--fly"), "--fly: name the simulator by --vehicle LINK"),
         ((*FLY, "campaign.yaml"), "leave the campaign files out"),
         (("doctor", "--vehicle", "udp:14540"), "cannot be read"),
-        (("doctor", "--vehicle", "memory://"), "its other end is in no process"),
+        (("doctor", "--vehicle", "memory://"), "no other process can use this link"),
         (FLY[:-1], "it may be hardware, and is armed only with --arm-real"),
     ],
 )

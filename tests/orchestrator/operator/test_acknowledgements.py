@@ -101,7 +101,7 @@ def test_an_abort_by_node_or_bench_leaves_the_others_flying(
 def test_an_abort_where_nothing_flies_is_refused_with_the_places_that_there_are(
     controller: CampaignController, fleet: FakeFleet
 ) -> None:
-    with pytest.raises(RefusedLineError, match="node desk; in flight are: bench hall-a on hall-pc"):
+    with pytest.raises(RefusedLineError, match="node desk; runs fly on: bench hall-a on hall-pc"):
         controller.obey(OperatorCommand("abort", "anna", node="desk"))
     assert not fleet.aborted
     assert controller.ended_by is None

@@ -67,15 +67,15 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (command_bytes().replace(b"anna", b"eve!"), "wrong signature"),
         (command_bytes(signature="x"), "unknown keys: signature"),
         (command_bytes(token_="of the test"), "unknown keys: token_"),  # noqa: S106
-        (command_bytes(id=...), "id is a text of 1 to 64"),
-        (command_bytes(id="x" * 65), "id is a text of 1 to 64"),
-        (command_bytes(id=7), "id is a text of 1 to 64"),
+        (command_bytes(id=...), "id must be a text of 1 to 64"),
+        (command_bytes(id="x" * 65), "id must be a text of 1 to 64"),
+        (command_bytes(id=7), "id must be a text of 1 to 64"),
         (command_bytes(who="x\n"), "who is a name of 1 to 64"),
         (command_bytes(more=1), "unknown keys: more"),
         (command_bytes("abort", **dict[str, Any]({"\ud800": 1})), "unknown keys: \\ud800"),
-        (command_bytes(at=...), "at is the time in seconds"),
-        (command_bytes(at="now"), "at is the time in seconds"),
-        (command_bytes(at=True), "at is the time in seconds"),
+        (command_bytes(at=...), "at must be the time in seconds"),
+        (command_bytes(at="now"), "at must be the time in seconds"),
+        (command_bytes(at=True), "at must be the time in seconds"),
         (command_bytes(at=NOW_S - 5.1), "stale"),
         (command_bytes(at=NOW_S + 5.1), "stale"),
         (command_bytes(at=float("nan")), "stale"),
@@ -99,9 +99,9 @@ def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
     command = read(command_bytes("geofence", geofence=given), "geofence")
     assert (command.kind, command.command_id) == ("geofence", "a1")
     assert given in (command.document, json.loads(command.document) if given != "box: {}" else "")
-    with pytest.raises(RefusedCommandError, match="geofence is for"):
+    with pytest.raises(RefusedCommandError, match="geofence is required"):
         read(command_bytes("hold", geofence=given), "hold")
-    with pytest.raises(RefusedCommandError, match="geofence is for"):
+    with pytest.raises(RefusedCommandError, match="geofence is required"):
         read(command_bytes("geofence"), "geofence")
 
 

@@ -291,7 +291,7 @@ def test_terminal_sequences_of_a_file_do_not_reach_the_terminal() -> None:
         ),
         (
             "sensors: {c: {type: camera, rate_hz: @30 Hz, width_px: 2}}}",
-            "must be a number, is the text '30 Hz' (a plain number; its unit stands in the key)",
+            "must be a number, is the text '30 Hz' (a plain number; the key has its unit)",
         ),
     ],
 )
@@ -458,7 +458,7 @@ def test_libyaml_reads_values_and_places_as_pyyaml_does(text: str) -> None:
         except BadInput as error:
             return str(error)
 
-    assert read(yaml_nodes.parse_nodes) == read(yaml_nodes._parse_in_words)
+    assert read(yaml_nodes.parse_nodes) == read(yaml_nodes._parse_with_messages)
 
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)

@@ -118,7 +118,7 @@ def test_what_an_obj_names_must_be_there(tmp_path: Path) -> None:
     (library,) = tmp_path.glob("*.mtl")
     pictured = library.read_text(encoding="utf-8")
     library.write_text(pictured + "\nmap_Kd -s 2 2 1 none.png\n", encoding="utf-8")
-    with pytest.raises(MeshFileError, match=r"names the picture 'none\.png'"):
+    with pytest.raises(MeshFileError, match=r"names the image 'none\.png'"):
         load_mesh_shape(path)
     library.unlink()
     with pytest.raises(MeshFileError, match="no such file"):

@@ -47,7 +47,7 @@ def test_the_shipped_gate_world() -> None:
 
 def test_the_shipped_hall_has_every_built_in_thing() -> None:
     hall = World.parse(load(ROOT / "worlds" / "hall.yaml"))
-    kinds = {each.thing.shape.kind for each in hall.placed}
+    kinds = {each.scene_object.shape.kind for each in hall.placed}
     assert kinds == {"room", "gate", "box", "person", "quadrotor"}
     assert hall.events == {"goal"}
 
@@ -283,7 +283,11 @@ WALKS = """\
 
 def test_speeds_are_those_of_the_file_until_the_world_has_a_seed() -> None:
     def speed_m_s(text: str) -> float:
-        motion = World.parse(parse(text.encode(), name="w", path=Path("w"))).placed[0].thing.motion
+        motion = (
+            World.parse(parse(text.encode(), name="w", path=Path("w")))
+            .placed[0]
+            .scene_object.motion
+        )
         assert motion is not None
         return motion.waypoints[0].speed_m_s
 
@@ -296,5 +300,5 @@ def test_speeds_are_those_of_the_file_until_the_world_has_a_seed() -> None:
 def test_who_walks_has_limbs_and_who_stands_is_one_body() -> None:
     walking = world(WALKS).scene("sim", "Wv")
     assert len(walking.bodies) == 9
-    assert {body.thing.name for body in walking.bodies} == {"who"}
+    assert {body.scene_object.name for body in walking.bodies} == {"who"}
     assert len(world("  who: {shape: person}\n").scene("sim", "Wv").bodies) == 1

@@ -181,6 +181,6 @@ async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
     assert (await cli("abort", "--node", "third"))[0] == 3
     assert not fleet.aborted
     code, out, err = await cli("abort", "--node", "first")
-    assert "gate: 1 run on node first will land, and nothing more is flown there" in out
+    assert "gate: 1 run on node first will land, and no further run is flown there" in out
     assert (code, fleet.aborted[0].node) == (3, "first")  # for nobody acknowledges it here
     assert "large/wil/1 on first" in err

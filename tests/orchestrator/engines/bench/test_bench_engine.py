@@ -173,9 +173,9 @@ def test_what_cannot_be_served_or_reached_is_exit_2(
     assert main(["bench", "serve", file, "--engine", "ray://127.0.0.1:6379"]) == 2
     assert "bench serve needs a terminal" in capsys.readouterr().err
     assert main(["run", str(path), "--engine", "ray"]) == 2
-    assert "no bench joins a Ray of this machine alone" in capsys.readouterr().err
+    assert "a Ray of this machine alone has no benches" in capsys.readouterr().err
     assert main(["run", str(path), "--engine", "ray://127.0.0.1:1", "--bench-file", file]) == 2
-    assert "the cluster has its benches" in capsys.readouterr().err
+    assert "a cluster has its own benches" in capsys.readouterr().err
     assert main(["bench", "check", file, file]) == 2
     assert "is a bench of the name 'hall-a', too" in capsys.readouterr().err
     assert main(["bench", "check", file]) == 0

@@ -10,15 +10,15 @@ from vehicles.embedded.physics.motion_kernel import estimate
 from worlds import jit
 
 
-def test_a_kernel_is_kept_once_it_was_compiled(
+def test_a_kernel_is_cached_once_it_was_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     load_kernels()
-    assert jit.is_kept(estimate)
+    assert jit.is_cached(estimate)
     monkeypatch.setattr(jit, "cache_folder", lambda _: tmp_path)
-    assert not jit.is_kept(estimate)
+    assert not jit.is_cached(estimate)
     monkeypatch.setattr(jit, "cache_folder", lambda _: None)
-    assert not jit.is_kept(estimate)
+    assert not jit.is_cached(estimate)
 
 
 @pytest.mark.parametrize("kept", [(), ("estimate",), ("write_ids",), ("estimate", "write_ids")])
@@ -26,7 +26,7 @@ def test_the_run_server_compiles_nothing(
     monkeypatch: pytest.MonkeyPatch, kept: tuple[str, ...]
 ) -> None:
     loaded: list[str] = []
-    monkeypatch.setattr(warm_up, "is_kept", lambda kernel: kernel.__name__ in kept)
+    monkeypatch.setattr(warm_up, "is_cached", lambda kernel: kernel.__name__ in kept)
     monkeypatch.setattr(warm_up, "load_kernels", lambda: loaded.append("estimate"))
     monkeypatch.setattr(warm_up, "load_rendering", lambda: loaded.append("write_ids"))
     warm_up.load_kept_kernels()
