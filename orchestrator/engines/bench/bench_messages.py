@@ -1,8 +1,7 @@
-"""What the machine of a campaign and the server of a bench say to each other, beside runs."""
-
-from dataclasses import dataclass
+"""Messages between the machine of a campaign and the server of a bench, beside those of runs."""
 
 from orchestrator.model.campaign_results import VehicleKind
+from vehicles.processes.codec import Message
 
 SOCKET_VARIABLE = "WIL_BENCH_SOCKET"
 """In the environment of the bench's node: the Unix socket of the bench's server."""
@@ -10,11 +9,10 @@ TEXT, FILE = "bench_text", "bench_file"
 """Among the facts of a bench's node: the bench file's content, and its path there."""
 
 
-@dataclass(frozen=True, slots=True)
-class ConsentAsked:
-    """A campaign wants to fly on the bench. runs: how many. arm: False for --no-arm.
+class ConsentAsked(Message, frozen=True):
+    """A campaign requests to fly on the bench. runs: how many. arm: False for --no-arm.
 
-    place: the machine and the user that ask.
+    place: the machine and the user that request it.
     """
 
     campaign: str
@@ -23,9 +21,8 @@ class ConsentAsked:
     place: str
 
 
-@dataclass(frozen=True, slots=True)
-class ConsentAnswer:
-    """What the bench says to that. problem: why nothing is flown, "" where it may; code: of exit.
+class ConsentAnswer(Message, frozen=True):
+    """The bench's answer. problem: why nothing is flown, "" where it may; code: of exit.
 
     real_kind: what the vehicle is. hardware: its name where it is no simulation. vehicle: the
     vehicle in words.

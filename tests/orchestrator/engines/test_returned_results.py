@@ -53,7 +53,7 @@ def test_a_run_in_flight_is_waited_for_and_not_given_up(
     monkeypatch.setattr(returned_results, "LANDED_S", 0.4)
     order.folder.mkdir(parents=True)
     with held(order.folder):
-        assert "in flight still" in str(SharedResults().of_lost(order, ""))
+        assert "still in flight" in str(SharedResults().of_lost(order, ""))
         assert not (order.folder / "result.json").exists()
 
 

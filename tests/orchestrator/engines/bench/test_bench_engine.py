@@ -97,7 +97,7 @@ def test_a_bench_is_waited_for_named_when_missing_and_refused_when_there_twice(
     assert shown == ["waiting up to 0.2 s for the bench; the cluster has none"]
     with pytest.raises(BadInput, match=r"no bench 'hall-a'; there is hall-b .*, after 0\.2 s"):
         await_bench(Nodes([node(other)]), *asked, shown.append)
-    with pytest.raises(BadInput, match="two benches of the name 'hall-a', on hall and shed"):
+    with pytest.raises(BadInput, match="two benches named 'hall-a', on hall and shed"):
         await_bench(Nodes([*there, node(facts, name="shed")]), *asked, shown.append)
 
 
@@ -113,9 +113,9 @@ def test_the_gate_of_a_bench_passes_what_was_consented_to_and_no_more(tmp_path: 
     assert "nobody at bench hall-a has consented" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=True, place=PLACE))
     assert [gate.refusal(order) for _ in range(2)] == ["", ""]
-    assert "asked for 2 runs, not more" in gate.refusal(order)
+    assert "has consent for 2 runs, not more" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=False, place=PLACE))
-    assert "arms nothing" in gate.refusal(order)
+    assert "has consent for a campaign that does not arm" in gate.refusal(order)
     assert gate.refusal(RunOrdered(replace(order.order, arm=False))) == ""
 
 
