@@ -1,4 +1,4 @@
-"""Files of the user's that hang while they are loaded end their run soon, and say where."""
+"""Ends a run whose user files hang while they are loaded, with the place where they hang."""
 
 import faulthandler
 import signal
@@ -9,24 +9,24 @@ from contextlib import contextmanager
 
 LONGEST_LOADING_S = 30.0
 _GRACE_S = 5.0
-"""After which the process ends, where what is raised is swallowed, or no Python runs at all."""
+"""After so much more the process ends: the exception was swallowed, or native code hangs."""
 
 
 class LoadingTimeoutError(Exception):
-    """The files that a run names were not loaded in time; its traceback says where they hang."""
+    """A run's files were not loaded in time; the traceback shows where they hang."""
 
 
 @contextmanager
 def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
-    """Raise LoadingTimeoutError within this when it takes longer. Only in a main thread."""
+    """Raise LoadingTimeoutError in the context when it takes longer; only in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def expire(*_: object) -> None:
         raise LoadingTimeoutError(
-            f"the campaign's files are not loaded within {limit_s:g} s: the autonomy, or a step of "
-            "the recipe, blocks when it is imported or built"
+            f"loading the campaign's files took more than {limit_s:g} s: the autonomy or a recipe "
+            "step blocks when it is imported or constructed"
         )
 
     before = signal.signal(signal.SIGALRM, expire)
@@ -42,7 +42,7 @@ def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
 
 
 def _has_stderr() -> bool:
-    """Return whether there is a standard error that faulthandler can write to."""
+    """Return whether there is a stderr that faulthandler can write to."""
     try:
         sys.stderr.fileno()
     except (AttributeError, OSError, ValueError):

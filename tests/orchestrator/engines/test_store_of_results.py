@@ -154,7 +154,7 @@ def test_a_damaged_file_does_not_count(
     flown = fly(write_hover(tmp_path), tmp_path / "out", store)
     (run,) = flown.summary.runs
     assert run.verdict == "ERROR"
-    assert "trajectory.csv is not what its node has sent: its SHA-256 is another" in run.reason
+    assert "trajectory.csv is not what its node has sent: its SHA-256 differs" in run.reason
     assert list(left_on_nodes(node_folders))
 
 
@@ -266,7 +266,7 @@ def test_a_store_that_does_not_answer_keeps_a_resumed_campaign_from_flying(
     fly(path, tmp_path / "out", store)
     shutil.rmtree(store)
     store.write_text("no folder")
-    with pytest.raises(OutputError, match="resume again when the store answers"):
+    with pytest.raises(OutputError, match="resume again when the store is reachable"):
         fly(path, tmp_path / "out", store, resume=True)
 
 

@@ -264,9 +264,9 @@ def test_a_flight_back_is_ordered_and_looked_at(
         (
             result(),
             Pose.of(2.0, -1.0, 0.0, yaw_rad=START.yaw_rad),
-            "it stands 1.00 m and 0 degrees",
+            "it is 1.00 m and 0 degrees",
         ),
-        (result(), Pose.of(1.0, -1.0, 0.0), "it stands 0.00 m and 30 degrees off"),
+        (result(), Pose.of(1.0, -1.0, 0.0), "it is 0.00 m and 30 degrees off"),
         (result(verdict="ERROR", reason="preflight: battery"), START, "ERROR, preflight: battery"),
         (WorkerLost("its process died"), START, "the flight was lost: its process died"),
     ],

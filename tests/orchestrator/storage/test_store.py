@@ -107,7 +107,7 @@ def test_a_file_that_is_not_there_is_not_asked_for_again() -> None:
 
 
 def test_more_bytes_are_given_more_time() -> None:
-    assert StoreLimits().patience_s(250_000_000) > 900 > StoreLimits().patience_s(0)
+    assert StoreLimits().limit_s(250_000_000) > 900 > StoreLimits().limit_s(0)
 
 
 @pytest.mark.parametrize(
