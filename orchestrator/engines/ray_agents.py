@@ -27,7 +27,7 @@ REPORT_S = 10.0
 """After so long the user is shown what is waited for: most agents are up by then."""
 _LOOK_S = 2.0
 _CLOSED_S = 30.0
-"""How long the process of a node may take to end, when nothing flies any more."""
+"""How long the process of a node may take to end once nothing flies."""
 
 
 @dataclass(slots=True)

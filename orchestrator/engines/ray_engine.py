@@ -62,7 +62,7 @@ class RayEngine:
     reported: set[str] = field(default_factory=set)
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
-        """Return the workers of a campaign, whose files travel to their nodes."""
+        """Return the workers of a campaign; its files are copied to their nodes."""
         home, session = folder.absolute(), uuid.uuid4().hex
         try:
             place = self._place(campaign, home, session)

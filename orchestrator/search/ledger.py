@@ -115,7 +115,7 @@ class Ledger:
         if begun is not None and begun != _to_json_values(batch):
             raise SearchError(
                 f"{self._path} cannot be resumed: its batch {batch.number} differs from what the "
-                "search proposes now (other versions of optuna, scipy or NumPy propose other ones): "
+                "search proposes now (another version of optuna, scipy or NumPy may do that): "
                 "start the search again without --resume"
             )
         return self._contents.outcomes.get(batch.number)

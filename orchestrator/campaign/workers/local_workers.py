@@ -235,7 +235,7 @@ async def await_message(connection: Connection) -> None:
 
 
 def _kill_started(starting: "asyncio.Future[LocalWorker[Any, Any]]") -> None:
-    """Kill a worker process that nobody waits for any more."""
+    """Kill a worker process whose start was cancelled."""
     if not starting.cancelled() and starting.exception() is None:
         starting.result().kill()
 

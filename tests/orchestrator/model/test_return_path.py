@@ -295,7 +295,8 @@ def test_what_must_not_fly_on_is_asked_for(hop: Callable[..., Campaign], tmp_pat
     landed_at(order.folder, STOOD)
     assert made.after(order, result(verdict="ERROR", reason="real was not heard")) is None
     assert asked.count == 1
-    assert said == ["default/real/1: the vehicle does not fly back: the run ended as ERROR: real was not heard"]
+    why = "the run ended as ERROR: real was not heard"
+    assert said == [f"default/real/1: the vehicle does not fly back: {why}"]
 
 
 def test_who_stands_at_its_start_stays_there(hop: Callable[..., Campaign], tmp_path: Path) -> None:

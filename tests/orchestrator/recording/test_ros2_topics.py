@@ -253,10 +253,10 @@ def test_a_topic_of_another_type_and_one_that_is_not_there_are_named(tmp_path: P
     ]
     path = write_bag(tmp_path / "bag.mcap", bag)
     for kind, topic, said in (
-        ("rangefinder", None, "name by `topic` .* (there: /above, /below)"),
-        ("imu", "/below", "has readings of type rangefinder, and a imu is wanted"),
-        ("imu", "/warm", "has no readings that can be read, and a imu is wanted"),
-        ("imu", "/there", "has no topic '/there' (there: /above, /below)"),
+        ("rangefinder", None, "set `topic` to .* (available: /above, /below)"),
+        ("imu", "/below", "has readings of type rangefinder, but the sensor is a imu"),
+        ("imu", "/warm", "has no readable readings, but the sensor is a imu"),
+        ("imu", "/there", "has no topic '/there' (available: /above, /below)"),
     ):
         with pytest.raises(SourceError) as caught:
             read(path, kind, topic)
