@@ -4,7 +4,6 @@ With a store a run is flown into a folder of this machine, which is kept until t
 machine has its files. Files that cannot be sent are kept for good; the run's result says where.
 """
 
-import hashlib
 import platform
 import shutil
 import tempfile
@@ -20,7 +19,13 @@ from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.store import Store, StoreError, StoreRefusedError, open_store
-from orchestrator.storage.stored_runs import RESULT_FILE, begin_run, read_session, send_run
+from orchestrator.storage.stored_runs import (
+    RESULT_FILE,
+    begin_run,
+    digest_of,
+    read_session,
+    send_run,
+)
 
 GIVEN_UP = "the campaign's machine has given up the run"
 RESUMED = "the campaign was resumed by another start meanwhile"
@@ -183,6 +188,6 @@ def node_results(campaign: CampaignBrought) -> NodeResults | str:
 def _digest(folder: Path) -> str:
     """Return the SHA-256 of a run's result; "" where there is none."""
     try:
-        return hashlib.sha256((folder / RESULT_FILE).read_bytes()).hexdigest()
+        return digest_of(folder / RESULT_FILE)
     except OSError:
         return ""

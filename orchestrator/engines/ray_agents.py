@@ -121,35 +121,39 @@ class Hire:
     def agent(self) -> HiredAgent:
         """Return the agent if it is up with the programs of this machine. Raises EngineError."""
         try:
-            facts = self._fit_facts()
+            facts = fit_facts(self._first_messages(), "a node of the cluster")
         except EngineError:
             self.dismiss()
             raise
         return HiredAgent(ray=self._ray, actor=self._actor, node=facts["node"])
 
-    def _fit_facts(self) -> dict[str, str]:
-        """Return the facts of the agent's node if it can fly. Raises EngineError."""
-        facts = self._node_facts()
-        if why := unfit_text(node_facts(), facts):
-            raise EngineError(why, 2)
-        return facts
-
-    def _node_facts(self) -> dict[str, str]:
-        """Return the facts of the agent's node. Raises EngineError."""
+    def _first_messages(self) -> list[bytes]:
+        """Return the first messages of the agent's node. Raises EngineError."""
         try:
-            messages = self.future.result()
+            messages: list[bytes] = self.future.result()
         except self._ray.exceptions.RayError as error:
             raise EngineError(
                 f"a node of the cluster cannot fly: {_last_line(error)}; install the same wheel of "
                 "wil-campaign[cluster] with the same constraints on every node",
                 2,
             ) from error
-        if not messages:
-            raise EngineError(f"a node of the cluster sent no message within {HIRED_S:g} s")
-        try:
-            return decode_facts(messages[0])
-        except DamagedMessageError as error:
-            raise EngineError(f"the facts of a cluster node cannot be read: {error}") from error
+        return messages
+
+
+def fit_facts(messages: Sequence[bytes], sender: str, *, silent_code: int = 3) -> dict[str, str]:
+    """Return a node's facts, from its first messages. sender: in words.
+
+    Raises EngineError where there are none (with silent_code), and for a node with other programs.
+    """
+    if not messages:
+        raise EngineError(f"{sender} sent no message in time", silent_code)
+    try:
+        facts = decode_facts(messages[0])
+    except DamagedMessageError as error:
+        raise EngineError(f"the facts of {sender} cannot be read: {error}") from error
+    if why := unfit_text(node_facts(), facts):
+        raise EngineError(why, 2)
+    return facts
 
 
 def hire_agents(

@@ -1,6 +1,5 @@
 """How results of runs return to the campaign's machine: by a shared folder, or by a store."""
 
-import hashlib
 import time
 import uuid
 from contextlib import suppress
@@ -150,7 +149,7 @@ def _becomes_visible(path: Path, sha256: str) -> bool:
     """Return whether a file with this digest becomes visible in time."""
     for _ in range(round(_VISIBLE_S / _POLL_S)):
         try:
-            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            if digest_of(path) == sha256:
                 return True
         except OSError:
             pass

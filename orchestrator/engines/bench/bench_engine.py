@@ -19,9 +19,7 @@ from orchestrator.engines.bench.bench_resources import (
     missing_bench,
     resource_of,
 )
-from orchestrator.engines.node_facts import node_facts, unfit_text
-from orchestrator.engines.node_messages import DamagedMessageError, decode_facts
-from orchestrator.engines.ray_agents import HiredAgent
+from orchestrator.engines.ray_agents import HiredAgent, fit_facts
 from orchestrator.engines.ray_engine import RayEngine, running_ray
 from orchestrator.storage.store import Store
 from worlds.files.documents import Document, parse
@@ -124,14 +122,10 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
             f"bench {name} does not answer: {error}; its server has ended: start it again"
         ) from error
     try:
-        facts = decode_facts(messages[0]) if messages else {}
-    except DamagedMessageError as error:
+        facts = fit_facts(messages, f"bench {name}", silent_code=2)
+    except EngineError:
         ray.kill(actor, no_restart=True)
-        raise EngineError(f"the facts of bench {name} cannot be read: {error}") from error
-    why = unfit_text(node_facts(), facts) if facts else f"bench {name} sent no message in time"
-    if why:
-        ray.kill(actor, no_restart=True)
-        raise EngineError(why, 2)
+        raise
     agent = HiredAgent(ray=ray, actor=actor, node=facts["node"], bench=name)
     return HiredBench(_bench_of(facts), agent)
 

@@ -154,7 +154,12 @@ class McapRecorder:
         if kind not in self._schemas:
             self._schemas[kind] = schema_of(schema, kind)
         channel = Channel(f"/mixed/{sensor}/{part}", schema, "mixed", sensor, part)
-        self._enqueue_note(channel, lambda: plain(figures), now_s, self._schemas[kind])
+
+        def encode() -> list[Message]:
+            fields = plain(figures)
+            return [self._encoder.message(channel, fields, t_s=now_s, arrived_s=now_s)]
+
+        self._enqueue(_Item(channel.topic, now_s, _SMALL_BYTES, encode, self._schemas[kind]))
 
     def event(self, t_s: float, level: LogLevel, name: str, message: str) -> None:
         """Write a line of the run's log to the MCAP file: a stage, a contact, a warning."""
@@ -191,18 +196,6 @@ class McapRecorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _enqueue_note(
-        self,
-        channel: Channel,
-        fields: Callable[[], dict[str, Any]],
-        t_s: float,
-        schema: bytes,
-    ) -> None:
-        def encode() -> list[Message]:
-            return [self._encoder.message(channel, fields(), t_s=t_s, arrived_s=t_s)]
-
-        self._enqueue(_Item(channel.topic, t_s, _SMALL_BYTES, encode, schema))
 
     def _enqueue(self, item: _Item) -> None:
         """Queue an item for the writer's thread; only the caller's side counts the backlog."""
