@@ -299,7 +299,7 @@ def test_a_node_that_sees_another_store_is_refused(
     [
         (["--store", "s3://bucket"], "leave --store out"),
         (["--engine", "ray", "--store", "bucket"], "must be a URL"),
-        (["--engine", "ray", "--store", "s3://k:s@bucket"], "credentials do not belong"),
+        (["--engine", "ray", "--store", "s3://k:s@bucket"], "must not contain credentials"),
         (["--engine", "ray", "--store", "nothing://x"], "nothing://x"),
     ],
 )

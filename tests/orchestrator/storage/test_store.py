@@ -115,8 +115,8 @@ def test_more_bytes_are_given_more_time() -> None:
     [
         ("bucket/prefix", "must be a URL such as s3://BUCKET/PREFIX"),
         ("s3://", "must be a URL"),
-        ("s3://key:secret@bucket", "credentials do not belong"),
-        ("s3://bucket?token=1", "credentials do not belong"),
+        ("s3://key:secret@bucket", "must not contain credentials"),
+        ("s3://bucket?token=1", "must not contain credentials"),
         ("nothing://bucket", "--store nothing://bucket"),
     ],
 )
