@@ -9,8 +9,8 @@ from typing import TypeVar
 import msgspec
 
 from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.engines.bench.bench_messages import ConsentAnswer, ConsentAsked
 from orchestrator.engines.travelling_files import TravellingFiles, map_documents
+from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.progress import Happening, News, Progress
 from orchestrator.model.results import RunResult
 from orchestrator.state.run_setup import RunOrder
@@ -129,6 +129,32 @@ class RunEnded(Message, frozen=True):
     def outcome(self) -> RunResult | WorkerLost:
         """Return the run's result, or why it has none."""
         return self.result or self.lost or WorkerLost("its node reports an end without a result")
+
+
+class ConsentAsked(Message, frozen=True):
+    """A campaign requests to fly on the bench. runs: how many. arm: False for --no-arm.
+
+    place: the machine and the user that request it.
+    """
+
+    campaign: str
+    runs: int
+    arm: bool
+    place: str
+
+
+class ConsentAnswer(Message, frozen=True):
+    """The bench's answer. problem: why nothing is flown, "" where it may; code: of exit.
+
+    real_kind: what the vehicle is. hardware: its name where it is no simulation. vehicle: the
+    vehicle in words.
+    """
+
+    problem: str = ""
+    code: int = 2
+    real_kind: VehicleKind = "unknown"
+    hardware: str = ""
+    vehicle: str = ""
 
 
 ToNode = CampaignBrought | RunOrdered | RunTaken | CommandSent | ConsentAsked

@@ -12,13 +12,14 @@ from campaigns.schema.bench import BenchRequestPart
 from campaigns.setup.bench_file import Bench, read_bench
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.bench.bench_agent import BenchAgent
-from orchestrator.engines.bench.bench_messages import FILE, TEXT, ConsentAnswer, ConsentAsked
+from orchestrator.engines.bench.bench_messages import FILE, TEXT
 from orchestrator.engines.bench.bench_resources import (
     announced_benches,
     chosen_bench,
     missing_bench,
     resource_of,
 )
+from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
 from orchestrator.engines.ray_agents import HiredAgent, fit_facts
 from orchestrator.engines.ray_engine import RayEngine, running_ray
 from orchestrator.storage.store import Store

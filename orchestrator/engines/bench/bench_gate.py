@@ -5,8 +5,7 @@ Messages from the network pass this check before they reach anything that flies.
 
 from campaigns.setup.bench_file import Bench
 from campaigns.setup.bench_resolution import departure
-from orchestrator.engines.bench.bench_messages import ConsentAsked
-from orchestrator.engines.node_messages import RunOrdered, ToNode
+from orchestrator.engines.node_messages import ConsentAsked, RunOrdered, ToNode
 
 
 class BenchGate:

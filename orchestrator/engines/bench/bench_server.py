@@ -15,10 +15,12 @@ from campaigns.setup.bench_file import Bench
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.campaign.workers.run_workers import WorkerLost
 from orchestrator.engines.bench.bench_gate import BenchGate
-from orchestrator.engines.bench.bench_messages import FILE, TEXT, ConsentAnswer, ConsentAsked
+from orchestrator.engines.bench.bench_messages import FILE, TEXT
 from orchestrator.engines.node_agent import NodeAgent
 from orchestrator.engines.node_messages import (
     CommandSent,
+    ConsentAnswer,
+    ConsentAsked,
     DamagedMessageError,
     NodeFacts,
     RunEnded,

@@ -16,9 +16,8 @@ from orchestrator.cli import main
 from orchestrator.cli.bench_flight import is_for_bench
 from orchestrator.engines.bench.bench_engine import await_bench
 from orchestrator.engines.bench.bench_gate import BenchGate
-from orchestrator.engines.bench.bench_messages import ConsentAsked
 from orchestrator.engines.bench.bench_resources import announced_benches, resources_of
-from orchestrator.engines.node_messages import RunOrdered
+from orchestrator.engines.node_messages import ConsentAsked, RunOrdered
 from orchestrator.state.run_setup import RunOrder
 from tests.orchestrator.hover import write_hover
 from worlds.files.documents import BadInput, parse

@@ -17,9 +17,9 @@ from orchestrator.cli.commands import bench as commands
 from orchestrator.engines import ray_agents
 from orchestrator.engines.bench import bench_server
 from orchestrator.engines.bench.bench_engine import hire_bench
-from orchestrator.engines.bench.bench_messages import ConsentAsked
 from orchestrator.engines.node_messages import (
     CampaignAnswer,
+    ConsentAsked,
     encode_to_campaign,
     encode_to_node,
 )
