@@ -179,7 +179,7 @@ def _benches(check: _Check) -> None:
     for what, asked, wanted in (
         ("a bench that there is not", "{name: nowhere, wait_s: 2}", "there is no bench 'nowhere'"),
         ("a property that no bench has", "{properties: {roof: true}, wait_s: 2}", "'roof'"),
-        ("two benches of one name", "{name: hall-b, wait_s: 2}", "two benches of the name"),
+        ("two benches of one name", "{name: hall-b, wait_s: 2}", "two benches named"),
     ):
         campaign = write_campaign(check.folder / "benches", ticks=1).with_name("hall.yaml")
         campaign.write_text(text.replace("bench: hall-a", f"bench: {asked}"))

@@ -1,4 +1,4 @@
-"""The results of a flown campaign as a program gets them: typed, and as rows of tables."""
+"""The results of a flown campaign for Python programs: typed, and as rows of tables."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from orchestrator.model.results import Percentiles, RunResult
 from safety.model.oracle_results import OracleResult
 
 Row = dict[str, str | float | int | bool | None]
-"""A row of a table by column, as pandas.DataFrame(rows) and csv.DictWriter take it."""
+"""A row of a table by column, for pandas.DataFrame(rows) and csv.DictWriter."""
 
 _NOTHING = Percentiles(None, None)
 
@@ -22,7 +22,7 @@ class CampaignResults:
     """The results of a campaign. folder: where its files are; summary: as of summary.json.
 
     exit_code: what `wil-campaign run` would have ended with; None where results were only read.
-    problems: in words, what of the folder is missing or damaged.
+    problems: in words, what is missing or damaged in the folder.
     """
 
     folder: Path
@@ -66,12 +66,12 @@ class CampaignResults:
 def read_results(folder: str | Path, *, exit_code: int | None = None) -> CampaignResults:
     """Return the results of a campaign's folder, DIR/<campaign>/<UTC start>.
 
-    Raises ResultsFolderError for a folder without a summary that can be read.
+    Raises ResultsFolderError for a folder without a readable summary.
     """
     documents = read_campaign(Path(folder))
     if documents.summary is None:
-        said = "; ".join(documents.problems) or "summary.json is missing"
-        raise ResultsFolderError(f"{folder}: {said}")
+        reason = "; ".join(documents.problems) or "summary.json is missing"
+        raise ResultsFolderError(f"{folder}: {reason}")
     return CampaignResults(
         folder=Path(folder),
         summary=documents.summary,
@@ -135,7 +135,7 @@ def _oracle_rows(run: RunResult) -> Iterator[Row]:
 
 
 def _limits(oracle: OracleResult) -> tuple[float | None, float | None]:
-    """Return an oracle's lower and upper limit; a single one stands on the side that it is of."""
+    """Return an oracle's lower and upper limit; a single one is put on its side by the margin."""
     limit = oracle.limit
     if isinstance(limit, tuple):
         return limit

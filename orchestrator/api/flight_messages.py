@@ -1,4 +1,4 @@
-"""What a program and the process that flies its campaign send to each other: lines of JSON."""
+"""Messages between a program and the process that flies its campaign: lines of JSON."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +13,7 @@ from orchestrator.model.results import RunResult
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRequest:
-    """What is to be flown and how. runs: only these, by name; None for all of the campaign."""
+    """A request to fly a campaign. runs: only these, by name; None for all."""
 
     file: str
     cases: tuple[str, ...]
@@ -62,7 +62,7 @@ class CampaignEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRefused:
-    """The campaign cannot be flown: why, with the exit code that `run` has then."""
+    """The campaign cannot be flown: why, with the exit code of `run`."""
 
     text: str
     exit_code: int

@@ -1,8 +1,8 @@
 """The process that flies a campaign for another program: request on stdin, messages on stdout.
 
-A process of its own has no event loop, threads, signal handlers or main module of the program's,
-so that campaigns fly alike from a script, a notebook and a test. When the program
-asks for it, or is gone, which ends standard input, all vehicles land.
+It has none of the program's event loop, threads, signal handlers and main module, so that campaigns
+fly the same from a script, a notebook and a test. All vehicles land when the program requests it,
+or has ended, which closes standard input.
 """
 
 import os
@@ -42,13 +42,13 @@ from worlds.files.documents import BadInput
 
 
 class MessageWatcher:
-    """Sends what happens in a campaign to the program that asked for it."""
+    """Sends the events of a campaign to the program that requested it."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
 
     def progress(self, progress: Progress) -> None:
-        """Send nothing: programs are told of runs that are finished."""
+        """Send nothing: programs receive finished runs only."""
 
     def finished(self, result: RunResult) -> None:
         """Send the result of a run."""
@@ -59,7 +59,7 @@ class MessageWatcher:
         self.send(Message(text=text))
 
     def send(self, message: FlightMessage) -> None:
-        """Send a message; a program that is gone gets none, and standard input ends."""
+        """Send a message, unless the program has ended."""
         try:
             self._stream.write(encode_line(message))
             self._stream.flush()
@@ -68,10 +68,10 @@ class MessageWatcher:
 
 
 def main() -> int:
-    """Fly the campaign that standard input asks for."""
+    """Fly the campaign that is requested on standard input."""
     commands = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
     watcher = MessageWatcher(os.fdopen(os.dup(sys.stdout.fileno()), "wb"))
-    # What a file of the user's prints is no message, and no child of ours may read the requests.
+    # Prints of the user's code must not mix with messages, and no child may read the requests.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())
@@ -79,21 +79,21 @@ def main() -> int:
     if request.engine == LOCAL:
         start_run_server()
     threading.Thread(target=_stop_at_end, args=(commands,), daemon=True).start()
-    ending = _ending(request, watcher)
-    # All is down: that the program now closes standard input interrupts nothing any more.
+    ending = _fly_to_end(request, watcher)
+    # All vehicles are down: when the program now closes standard input, nothing is interrupted.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     watcher.send(ending)
     return 0
 
 
 def _stop_at_end(commands: BinaryIO) -> None:
-    """Land all vehicles when standard input says anything more, or ends."""
+    """Land all vehicles when standard input has another line, or ends."""
     commands.readline()
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def _ending(request: FlightRequest, watcher: MessageWatcher) -> FlightMessage:
-    """Fly the requested campaign; return what became of it."""
+def _fly_to_end(request: FlightRequest, watcher: MessageWatcher) -> FlightMessage:
+    """Fly the requested campaign; return the message about its end."""
     try:
         outcome = _fly_requested(request, watcher)
     except (RefusedError, EngineError) as error:
@@ -148,7 +148,7 @@ def _requested_runs(request: FlightRequest, campaign: Campaign) -> Campaign:
 
 
 def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
-    """Return a campaign of some of its runs and controls alone; what is left out is named."""
+    """Return a campaign with only some of its runs and controls; `left_out` counts the others."""
     runs = tuple(plan for plan in campaign.runs if plan.name in names)
     controls = tuple(plan for plan in campaign.controls if plan.name in names)
     missing = len(campaign.plans) - len(runs) - len(controls)

@@ -1,4 +1,4 @@
-"""A campaign flown by a program: in a process of its own, waited for or awaited."""
+"""Flies a campaign for a Python program in a separate process: blocking, or awaited."""
 
 import asyncio
 import os
@@ -34,7 +34,7 @@ OnMessage = Callable[[str], object]
 
 
 class CannotFlyError(Exception):
-    """A campaign that cannot be flown, or whose results cannot be written: why, in words.
+    """A campaign cannot be flown, or its results cannot be written; says why.
 
     exit_code: what `wil-campaign run` would have ended with, 2 or 3; 130 when interrupted.
     """
@@ -66,10 +66,10 @@ def run(
 
     campaign: a loaded one, or a file. out: the folder beneath which the results go:
     OUT/<campaign>/<UTC start>. runs: only these, as "case/mode/repetition"; None for all. clock,
-    jobs, resume, arm, arm_real, arm_actors, junit: as the options of `wil-campaign run`; nobody is
-    asked before an attached vehicle is armed. engine: as of --engine; on a bench of a cluster, for
-    which the campaign is given as a file, consent to arm is given on the bench's own terminal.
-    store: as of --store, through which results of a cluster come where no folder is shared.
+    jobs, resume, arm, arm_real, arm_actors, junit: as the options of `wil-campaign run`, but no
+    person is asked before an attached vehicle is armed. engine: as of --engine; on a bench of a
+    cluster, for which the campaign is given as a file, consent to arm is given on the bench's own
+    terminal. store: as of --store, for results of a cluster where no folder is shared.
     bench_files: as of `load`, where the campaign is given as a file. on_result: called with the
     result of each run as it ends; on_message: with sentences for people.
 
@@ -113,7 +113,7 @@ async def run_async(
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
 ) -> CampaignResults:
-    """Fly a campaign as `run` does, while the event loop goes on.
+    """Fly a campaign as `run` does, while the event loop continues.
 
     on_result and on_message are called in the loop, which handles what they raise. A cancelled call
     lands all vehicles first, and raises CancelledError when they are down.
@@ -139,21 +139,21 @@ async def run_async(
         None,
         _wait_for,
         process,
-        _called_in(loop, on_result or _ignore),
-        _called_in(loop, on_message or _ignore),
+        _call_in_loop(loop, on_result or _ignore),
+        _call_in_loop(loop, on_message or _ignore),
     )
-    return await _landed_first(waiting, process)
+    return await _await_landing(waiting, process)
 
 
-def _called_in(
+def _call_in_loop(
     loop: asyncio.AbstractEventLoop, call: Callable[[T], object]
 ) -> Callable[[T], object]:
-    """Return what has a function called in an event loop, from another thread."""
-    return lambda given: loop.call_soon_threadsafe(partial(call, given))
+    """Return a function that makes a call in an event loop, from another thread."""
+    return lambda value: loop.call_soon_threadsafe(partial(call, value))
 
 
-async def _landed_first(waiting: "asyncio.Future[T]", process: "FlightProcess") -> T:
-    """Await a flight; when this is cancelled, land it and wait for that, however often."""
+async def _await_landing(waiting: "asyncio.Future[T]", process: "FlightProcess") -> T:
+    """Await a flight; at each cancellation, land it and continue to wait."""
     cancelled: asyncio.CancelledError | None = None
     while not waiting.done():
         try:
@@ -177,7 +177,7 @@ class FlightProcess:
     """A process that flies one campaign; leaving the context lands what still flies."""
 
     def __init__(self, request: FlightRequest) -> None:
-        # A session of its own: Ctrl-C reaches the program alone, which then asks once to land.
+        # Its own session: Ctrl-C reaches only the program, which then requests the landing once.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "orchestrator.api.flight_process"],
             stdin=subprocess.PIPE,
@@ -205,7 +205,7 @@ class FlightProcess:
                 pass
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
-                # Where the process had ended, what it was asked last is in the pipe's buffer still.
+                # If the process has ended, the last request may still be in the pipe's buffer.
                 with suppress(BrokenPipeError):
                     stream.close()
         self._process.wait()
@@ -226,7 +226,7 @@ class FlightProcess:
         raise CannotFlyError(f"the process that flew the campaign ended with code {code}", 3)
 
     def stop(self) -> None:
-        """Have all vehicles land; a second call changes nothing."""
+        """Land all vehicles; a second call changes nothing."""
         if not self._is_stopped:
             self._is_stopped = True
             self._send(b"stop\n")
@@ -238,7 +238,7 @@ class FlightProcess:
                 stream.write(line)
                 stream.flush()
             except BrokenPipeError:
-                pass  # the process is gone: reading says how it ended
+                pass  # the process has ended: reading its messages tells how
 
     def _read(self) -> FlightMessage | None:
         """Return the next message; None at the end."""
@@ -250,7 +250,7 @@ class FlightProcess:
 def _loaded(
     campaign: Campaign | str | Path, engine: str, bench_files: Sequence[str | Path]
 ) -> Campaign | Path:
-    """Return a campaign, loaded; the file of one that takes a bench of a cluster first.
+    """Return the loaded campaign; its path if it first has to reserve a bench of a cluster.
 
     Raises BadInput, ValueError.
     """
@@ -265,7 +265,7 @@ def _loaded(
 
 
 def _ignore(_: object) -> None:
-    """Take what nobody wants to know."""
+    """Ignore an event."""
 
 
 def _request(

@@ -1,4 +1,4 @@
-"""Campaign files read by a program: as a campaign of runs, or as a list of their problems."""
+"""Loads campaign files for Python programs, and validates them."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ def load(
 
     cases: globs; modes: of sim, wil, real; empty for all. repetitions, seed: None for those of the
     file. overrides: by dotted key of the campaign, or of world.* or recipe.*, as of --set.
-    bench_files: benches of this machine, for a campaign that asks for one. Raises BadInput with
+    bench_files: benches of this machine, for a campaign that requests one. Raises BadInput with
     every problem of the file and of those that it names.
     """
     options = Options(

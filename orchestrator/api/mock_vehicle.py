@@ -1,4 +1,4 @@
-"""An embedded vehicle as a process on a real MAVLink link: for tests and notebooks of anybody."""
+"""An embedded vehicle as a process on a real MAVLink link, for tests and notebooks of users."""
 
 import asyncio
 import contextlib
@@ -33,23 +33,23 @@ _OTHER_END: dict[str, Literal["udpin", "udpout", "tcpin", "tcpout"]] = {
     "tcpout": "tcpin",
 }
 _DEVICE = {"udpin": "udpin", "udpout": "udpout", "tcpin": "tcpin", "tcpout": "tcp"}
-"""How pymavlink spells the kinds of links."""
+"""The kinds of links in pymavlink's spelling."""
 _PORT_TAKEN = "is taken by another program"
 _ATTEMPTS = 3
 _END_WITHIN_S = 5.0
-_LOOK_S = 0.1
+_POLL_S = 0.1
 _DATAGRAM_BYTES = 65536
 
 
 class MockVehicleError(RuntimeError):
-    """A mock vehicle that cannot be started, or that ended by itself; says why."""
+    """A mock vehicle cannot be started, or ended by itself; says why."""
 
 
 class MockVehicle:
-    """An embedded vehicle in a process of its own; `with` and `async with` start and end it.
+    """An embedded vehicle in a separate process; `with` and `async with` start and end it.
 
-    url: where programs connect, as MAVSDK and campaign files write it; device: the same as
-    pymavlink, MAVProxy and dronekit write it. Both are known once it is started.
+    url: where programs connect, as MAVSDK and campaign files write it; device: the same in the
+    form of pymavlink, MAVProxy and dronekit. Both are known once it is started.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class MockVehicle:
 
     @property
     def output(self) -> str:
-        """Return what the mock vehicle has printed: its STATUSTEXTs, answers and errors."""
+        """Return the output of the mock vehicle: its STATUSTEXTs, replies and errors."""
         if self._output_file is not None:
             size = os.fstat(self._output_file).st_size
             self._output = os.pread(self._output_file, size, 0).decode("utf-8", "replace")
@@ -111,7 +111,7 @@ class MockVehicle:
     def start(self) -> None:
         """Start the mock vehicle and wait until its link is open. Raises MockVehicleError."""
         if self._process is not None:
-            raise MockVehicleError(f"the mock {self.autopilot} is started already")
+            raise MockVehicleError(f"the mock {self.autopilot} is already started")
         for attempt in range(1, _ATTEMPTS + 1):
             if self._chooses_port:
                 self._choose_port()
@@ -143,7 +143,7 @@ class MockVehicle:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """End the mock vehicle; an error of its own is raised unless another passes."""
+        """End the mock vehicle; raise its error, unless another exception is being raised."""
         try:
             self.stop()
         except MockVehicleError:
@@ -164,7 +164,7 @@ class MockVehicle:
         self.__exit__(kind)
 
     def _choose_port(self) -> None:
-        """Take a port of loopback that is free now."""
+        """Choose a free port of loopback."""
         address = parse_link(self._settings.link)
         kind = socket.SOCK_DGRAM if address.kind.startswith("udp") else socket.SOCK_STREAM
         with socket.socket(socket.AF_INET, kind) as probe:
@@ -178,11 +178,11 @@ class MockVehicle:
         with contextlib.ExitStack() as stack:
             feed = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             feed.bind(("127.0.0.1", 0))
-            feed.settimeout(_LOOK_S)
-            output = stack.enter_context(tempfile.TemporaryFile())  # nothing of it stays behind
+            feed.settimeout(_POLL_S)
+            output = stack.enter_context(tempfile.TemporaryFile())  # removed when it is closed
             self._output_file = output.fileno()
             settings = self._settings.model_copy(update={"feed_port": feed.getsockname()[1]})
-            # The end of its stdin ends it, however this process ends.
+            # It ends when its stdin does, however this process ends.
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter
                 [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()],
                 stdin=subprocess.PIPE,
@@ -199,7 +199,7 @@ class MockVehicle:
             raise
 
     def _await_ready(self, process: subprocess.Popen[bytes], feed: socket.socket) -> None:
-        """Wait for the truth that the vehicle sends once its link is open."""
+        """Wait for the ground truth that the vehicle sends once its link is open."""
         deadline_s = time.monotonic() + self._ready_within_s
         while time.monotonic() < deadline_s:
             with contextlib.suppress(TimeoutError):
@@ -217,14 +217,16 @@ class MockVehicle:
         )
 
     def _inject(self, fault: Fault) -> None:
-        """Send a fault to the process. Raises MockVehicleError when there is none."""
+        """Send a fault to the process. Raises MockVehicleError if it does not run."""
         if self._feed is None or self._peer is None or self.pid is None:
-            raise MockVehicleError(f"the mock {self.autopilot} does not run: no fault for it")
+            raise MockVehicleError(
+                f"the mock {self.autopilot} does not run: no fault can be injected"
+            )
         self._seq += 1
         self._feed.sendto(to_vehicle.encode(MakeFault(self._seq, str(fault))), self._peer)
 
     def _end(self) -> str:
-        """End the process for certain, and return what it had printed."""
+        """End the process, if necessary by SIGKILL, and return its output."""
         process, self._process, self._peer, self._feed = self._process, None, None, None
         if process is not None:
             if process.stdin is not None:
@@ -258,16 +260,15 @@ def mock_vehicle(
     """Return an embedded PX4 or ArduCopter, to be started by `with` or `async with`.
 
     link: the vehicle's end; without one a free port of loopback, by UDP for px4 and by TCP for
-    ardupilot, as the firmwares have it. profile: a name, or a YAML file. world: a world file, for
-    its origin and obstacles. speed: how many times real time its clock runs. running_s: for how
-    long it has been on; ArduCopter needs 42 s until it can arm. faults: injected at its start; see
+    ardupilot, as the firmwares use. profile: a name, or a YAML file. world: a world file, for
+    its origin and obstacles. speed: of its clock, in times real time. running_s: for how long it
+    has been powered; ArduCopter needs 42 s until it can arm. faults: injected at its start; see
     `MockVehicle.fault`. ready_within_s: how long the start may take, wall clock.
 
-    Raises BadInput for a world or profile file with faults, ValueError for any other argument that
-    is wrong.
+    Raises BadInput for a faulty world or profile file, ValueError for any other wrong argument.
     """
     if autopilot not in _USUAL:
-        raise ValueError(f"there is no mock {autopilot!r}: there are px4, ardupilot")
+        raise ValueError(f"there is no mock {autopilot!r}: use px4 or ardupilot")
     address = f"{_USUAL[autopilot]}://127.0.0.1:1" if link is None else link
     _other_end(parse_link(address))
     try:
@@ -310,4 +311,4 @@ def _other_end(address: LinkAddress) -> LinkAddress:
 
 
 MOCK_ERRORS = (MockVehicleError, BadInput, ValueError)
-"""What starting a mock vehicle raises."""
+"""The exceptions of starting a mock vehicle."""

@@ -1,7 +1,7 @@
 """The runs of a campaign file as tests of pytest.
 
-A FAIL is a failed test. INVALID, ERROR and ABORTED are errors, for they prove nothing about the
-autonomy; so is a run in which an exception of this program came up. What does not count against the
+A FAIL is a failed test. INVALID, ERROR and ABORTED are errors, because they say nothing about the
+autonomy; so is a run with an internal error of wil-campaign. A run that does not count against the
 campaign is skipped, with its verdict as the reason, as in junit.xml.
 """
 
@@ -30,7 +30,7 @@ from worlds.files.documents import BadInput
 
 
 class CampaignFile(pytest.File):
-    """A campaign file; its runs are flown together when the first of them is due."""
+    """A campaign file; its selected runs are flown together when the first of them is due."""
 
     def collect(self) -> Iterator["RunItem"]:
         """Yield a test for each run and control. Raises CollectError for faults of the file."""
@@ -57,24 +57,24 @@ class CampaignFile(pytest.File):
         is_here = option("--wil-engine") == LOCAL
         if not (is_here or options.benches) and requested_bench(self.path, options) is not None:
             raise self.CollectError(
-                f"{self.path}: a bench of a cluster is known once it is taken, pytest names runs "
-                "before that: fly this campaign by `wil-campaign run --junit`"
+                f"{self.path}: pytest names runs before a bench of a cluster is known: fly this "
+                "campaign with `wil-campaign run --junit`"
             )
         return load_campaign(self.path, options)
 
     def result_of(self, item: "RunItem") -> RunResult | None:
-        """Return the result of a run; flies what is selected. None: decided without it."""
+        """Return the result of a run, after flying the selected ones; None if it was not needed."""
         if item.name not in self._due and self._refused is None:
             names = self._names_due(item)
             self._due.update(names)
             try:
-                self._take(self._fly(names))
+                self._record(self._fly(names))
             except CannotFlyError as error:
                 self._refused = error
         if self._refused is not None:
             pytest.fail(str(self._refused), pytrace=False)
         if item.name in self._not_flown:
-            pytest.fail("not flown: the campaign was ended before it", pytrace=False)
+            pytest.fail("not flown: the campaign ended before this run", pytrace=False)
         return self._flown.get(item.name)
 
     def is_forgiven(self, result: RunResult) -> bool:
@@ -82,7 +82,7 @@ class CampaignFile(pytest.File):
         return f"{result.case}/{result.mode}" in self._forgiven
 
     def _names_due(self, item: "RunItem") -> list[str]:
-        """Return the runs that this process tests; one by one where pytest-xdist hands them out."""
+        """Return the runs that this process tests; only this one under pytest-xdist."""
         if hasattr(self.config, "workerinput"):
             return [item.name]
         return [one.name for one in self.session.items if one.parent is self]
@@ -100,7 +100,7 @@ class CampaignFile(pytest.File):
             store=str(option("--wil-store")),
         )
 
-    def _take(self, results: CampaignResults) -> None:
+    def _record(self, results: CampaignResults) -> None:
         for result in (*results.runs, *results.controls):
             self._flown[f"{result.case}/{result.mode}/{result.rep}"] = result
         self._not_flown |= frozenset(results.summary.not_flown)
@@ -111,35 +111,35 @@ class CampaignFile(pytest.File):
 class RunItem(pytest.Item):
     """A run of a campaign as a test."""
 
-    def __init__(self, *, plan: RunPlan, **given: Any) -> None:
-        super().__init__(**given)
+    def __init__(self, *, plan: RunPlan, **options: Any) -> None:
+        super().__init__(**options)
         self._plan = plan
         self._result: RunResult | None = None
 
     @property
     def campaign_file(self) -> CampaignFile:
-        """Return the collector of the campaign file that the run is of."""
+        """Return the collector of the run's campaign file."""
         parent = self.parent
-        assert isinstance(parent, CampaignFile)  # noqa: S101 - what makes this makes no other
+        assert isinstance(parent, CampaignFile)  # noqa: S101 - only a CampaignFile creates items
         return parent
 
     def setup(self) -> None:
-        """Fly the run: what fails here is an error of the test, as INVALID and ERROR are."""
+        """Fly the run: a failure here is an error of the test, as INVALID and ERROR are."""
         result = self._result = self.campaign_file.result_of(self)
         if result is None:
-            pytest.skip("not flown: the repetitions before it have decided")
+            pytest.skip("not flown: earlier repetitions have decided")
         self.user_properties += [("seed", result.seed), ("verdict", result.verdict)]
         proves = result.verdict in {"PASS", "FAIL"}
         is_met = result.control is not None and result.control.met
         if result.exceptions:
-            # No share forgives it, and `wil-campaign run` ends with 3 whatever the run counts.
+            # Never forgiven: `wil-campaign run` ends with 3 even if the run does not count.
             pytest.fail("\n".join([_text(result), *result.exceptions]), pytrace=False)
         if not (proves or is_met):
             self._skip_reported(result)
             pytest.fail(_text(result), pytrace=False)
 
     def runtest(self) -> None:
-        """Fail where the run did, and a control where it did not end as it must."""
+        """Fail if the run failed, or if a control did not end as it must."""
         result = self._result
         if result is None:
             return
@@ -163,12 +163,14 @@ class RunItem(pytest.Item):
 
 def _accepted_cells(campaign: Campaign, results: CampaignResults) -> frozenset[str]:
     """Return the cases and modes whose share of passes is met, also with a FAIL among them."""
-    found = standings_of(results.runs, campaign.requirements)
-    return frozenset(f"{one.requirement.case}/{one.requirement.mode}" for one in found if one.met)
+    standings = standings_of(results.runs, campaign.requirements)
+    return frozenset(
+        f"{one.requirement.case}/{one.requirement.mode}" for one in standings if one.met
+    )
 
 
 def _text(result: RunResult) -> str:
-    """Return what a run came to: the verdict, then each oracle that did not pass."""
+    """Return a run's result in words: the verdict, then each oracle that did not pass."""
     lines = [f"{result.verdict}: {result.reason}"]
     for oracle in result.oracles:
         if oracle.verdict != "PASS":

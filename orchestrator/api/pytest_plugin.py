@@ -1,9 +1,9 @@
-"""The plugin of pytest: runs of a campaign file are tests, and tests have mock vehicles.
+"""The pytest plugin: runs of a campaign file are tests, and tests have mock vehicles.
 
     pytest campaigns/gate.yaml -k "large and wil"
 
-It does nothing unless a campaign file is named there or a test asks for `mock_vehicle`, and
-imports what flies only then.
+It does nothing unless a campaign file is named on the command line or a test requests
+`mock_vehicle`; only then it imports the code that flies.
 """
 
 import importlib
@@ -52,21 +52,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--wil-store",
         default="",
         metavar="URL",
-        help="through which results of a cluster come, without a shared folder: s3://BUCKET/PREFIX",
+        help="store for the results of a cluster without a shared folder: s3://BUCKET/PREFIX",
     )
     group.addoption(
         "--wil-bench-file",
         action="append",
         default=[],
         metavar="FILE",
-        help="a bench of this machine, for campaigns that ask for one",
+        help="a bench of this machine, for campaigns that request one",
     )
     group.addoption("--wil-jobs", type=int, default=None, metavar="N", help="runs at once")
     group.addoption("--wil-clock", default=None, choices=["virtual", "wall", "scaled"])
     group.addoption(
         "--wil-arm-real",
         action="store_true",
-        help="allow that attached vehicles are armed, which may be hardware",
+        help="allow arming of attached vehicles, which may be hardware",
     )
 
 
@@ -92,19 +92,19 @@ def pytest_terminal_summary(
 
 @pytest.fixture
 def mock_vehicle(request: pytest.FixtureRequest) -> Generator[Callable[..., "MockVehicle"]]:
-    """Start embedded vehicles, each a process on a real MAVLink link, which the test's end ends.
+    """Start embedded vehicles, each a process on a real MAVLink link, until the test ends.
 
     `mock_vehicle("px4", profile=..., world=..., speed=..., faults=...)` returns once it is ready;
     programs connect to its `url` (MAVSDK) or `device` (pymavlink, MAVProxy). The arguments are
-    those of `wil_campaign.mock_vehicle`. What it printed is shown with a test that fails.
+    those of `wil_campaign.mock_vehicle`. Its output is shown if the test fails.
     """
     mock = importlib.import_module("orchestrator.api.mock_vehicle")
     started: list[MockVehicle] = request.node.stash.setdefault(_MOCKS, [])
     with ExitStack() as stack:
 
-        def start(autopilot: Any, **given: Any) -> "MockVehicle":
+        def start(autopilot: Any, **options: Any) -> "MockVehicle":
             try:
-                vehicle: MockVehicle = mock.mock_vehicle(autopilot, **given)
+                vehicle: MockVehicle = mock.mock_vehicle(autopilot, **options)
                 started.append(vehicle)
                 return stack.enter_context(vehicle)
             except mock.MOCK_ERRORS as error:
@@ -123,7 +123,7 @@ def mock_vehicle(request: pytest.FixtureRequest) -> Generator[Callable[..., "Moc
 def pytest_runtest_makereport(
     item: pytest.Item,
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add to the report of a test that failed what its mock vehicles printed."""
+    """Add the output of its mock vehicles to the report of a failed test."""
     report = yield
     if report.failed:
         for vehicle in item.stash.get(_MOCKS, []):

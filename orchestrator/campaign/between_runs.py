@@ -1,4 +1,4 @@
-"""Between runs: an attached vehicle comes back to its start, by itself or by a person's hand."""
+"""Between runs: an attached vehicle flies back to its start, or a person moves it."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -23,20 +23,21 @@ from orchestrator.state.run_setup import RunOrder
 from worlds.clearance.clearance import ClearanceProbe
 
 _BACK = "back"
-"""Beneath a campaign's folder: the flights back, each by its run's name."""
+"""The folder beneath a campaign's with the return flights, each under its run's name."""
 
 
 class AskPerson(Protocol):
-    """Has a person put a vehicle back between runs (protocol)."""
+    """Asks a person to move a vehicle back to its start between runs (protocol)."""
 
     def ask(self) -> None:
-        """Hold the campaign between runs, and say what the person has to do."""
+        """Hold the campaign between runs, and show what the person has to do."""
 
 
 class BetweenRuns:
-    """Brings an attached vehicle back to its start between two runs; an actor, a person does.
+    """Returns an attached vehicle to its start between two runs; for an actor a person is asked.
 
-    hardware: in words, what is no simulation; that is asked for where the campaign says nothing.
+    hardware: in words, the vehicles that are no simulation; a person is asked to move them where
+    the campaign file says nothing about it.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class BetweenRuns:
         self._say = say
 
     def after(self, order: RunOrder, result: RunResult) -> RunOrder | None:
-        """Return the flight back after a run that flew; None where none is due or wanted."""
+        """Return the return flight after a run that flew; None where there is none."""
         setup, plan = self._campaign.setups[order.plan.case], order.plan
         flown = setup.flown_in(plan.mode)
         if all(one.attached is None or one.name == "twin" for one in flown):
@@ -65,15 +66,15 @@ class BetweenRuns:
             if wanted is not None or self._hardware:
                 self._repositioning.ask()
             return None
-        back = self._way_back(order, result, setup, wanted)
+        back = self._return_order(order, result, setup, wanted)
         if not isinstance(back, str):
             return back
-        self._say(f"{plan.name}: not flown back: {back}")
+        self._say(f"{plan.name}: the vehicle does not fly back: {back}")
         self._repositioning.ask()
         return None
 
-    def came_back(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
-        """Check a vehicle's place after its flight back; a person is asked if it is off."""
+    def check_return(self, order: RunOrder, outcome: RunResult | WorkerLost) -> None:
+        """Check a vehicle's position after its return flight; ask a person if it is off."""
         wanted, back = self._campaign.between, order.back
         if wanted is None or back is None:
             return
@@ -87,20 +88,20 @@ class BetweenRuns:
             if off is None:
                 why = "its position is unknown"
             elif off[0] > wanted.tolerance_m or off[1] > wanted.tolerance_deg:
-                why = f"it stands {off[0]:.2f} m and {off[1]:.0f} degrees off"
+                why = f"it is {off[0]:.2f} m and {off[1]:.0f} degrees off"
             else:
                 self._say(f"real is back at its start, {off[0]:.2f} m and {off[1]:.0f} degrees off")
         if why:
             self._say(f"real is not back at its start: {why}")
             self._repositioning.ask()
 
-    def _way_back(
+    def _return_order(
         self, order: RunOrder, result: RunResult, setup: Setup, wanted: BetweenRunsPart
     ) -> RunOrder | str | None:
-        """Return the flight back; None at the start already, or why there is none."""
+        """Return the return flight; None if it is at its start already, or in words why not."""
         start, stand = setup.vehicles["real"].start, read_standing_pose(order.folder, "real")
         scene = setup.world.scene(order.plan.mode, "W")
-        log = _lines(order.folder / "log.jsonl")
+        log = _log_lines(order.folder / "log.jsonl")
         if why := why_not_on(result, stand, log, solid=set(scene.names)):
             return why
         off = off_start(stand, start)
@@ -122,8 +123,8 @@ class BetweenRuns:
         return replace(order, back=way, folder=folder, attempts=())
 
 
-def _lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the complete lines of a run's log, to decide between runs."""
+def _log_lines(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the complete lines of a run's log."""
     with path.open(encoding="utf-8") as file:
         for line in file:
             if line.endswith("\n"):

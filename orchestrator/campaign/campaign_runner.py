@@ -54,16 +54,16 @@ from vehicles.tasks import TaskAccount
 from worlds.files.problems import printable
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
-"""What lands all and ends the campaign; SIGHUP unless it is ignored, as under nohup."""
+"""The signals that land all vehicles and end the campaign; SIGHUP unless ignored, as by nohup."""
 _OUTPUT_LINES = 3
-"""How much of what a run printed is shown with a verdict that is no PASS."""
+"""How many lines of a run's output are shown with a verdict other than PASS."""
 
 
 class Watcher(Protocol):
     """Shows a campaign while the runner flies it (protocol)."""
 
     def progress(self, progress: Progress) -> None:
-        """Show the progress of a run that the campaign flies."""
+        """Show the progress of a run."""
 
     def finished(self, result: RunResult) -> None:
         """Show a finished run of the campaign."""
@@ -85,11 +85,12 @@ class CampaignOutcome:
 class FlyingSettings:
     """How the campaign runner flies: folder, clock, jobs, arming.
 
-    out: beneath it the campaign's folder is made. resume: take up the campaign that was cut off,
-    in `out` itself or the newest beneath it; again, repeats_cut_off: as ResumeRules has them. arm:
-    False tries each case and mode once, up to arming. real_kind: what plays the real vehicle.
-    hardware: in words, what a person has to put back between runs; empty for nothing. folder: the
-    campaign's own, which is made; None: a new one beneath `out`, named by the time.
+    out: the folder beneath which the campaign's folder is made. resume: continue the campaign that
+    was interrupted, in `out` itself or the newest beneath it; again, repeats_cut_off: see
+    ResumeRules. arm: False tries each case and mode once, up to arming. real_kind: what flies as
+    the real vehicle. hardware: in words, what a person has to move between runs; empty for
+    nothing. folder: the campaign's own, which is made; None: a new one beneath `out`, named by the
+    time.
     """
 
     out: Path
@@ -109,14 +110,14 @@ class FlyingSettings:
 def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
     """Fly all runs of a campaign and write its folder.
 
-    Every finished run is on the disk, and in summary.json, before this goes on. Ctrl-C and
-    SIGTERM land what flies, as ABORTED, and end the campaign. Raises OutputError, OperatingError,
+    Every finished run is on the disk and in summary.json before the next one begins. Ctrl-C and
+    SIGTERM land all vehicles, as ABORTED, and end the campaign. Raises OutputError, OperatingError,
     ResumeError, EngineError.
     """
     with ExitStack() as stack:
         folder, before = _begin(campaign, settings, watcher, stack)
         flight = _Flight(campaign, settings, watcher, folder, before)
-        # From the beginning a document says what has passed so far, also where an old one stood.
+        # From the beginning there is a summary of the runs so far, also in place of an old one.
         flight.write_summary()
         asyncio.run(flight.fly())
         return flight.outcome()
@@ -126,17 +127,17 @@ def _begin(
     campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
 ) -> tuple[Path, ResumedCampaign]:
     """Return the campaign's folder, locked until the stack ends, and its finished runs."""
-    about: Mapping[str, object] = manifest(campaign, settings.clock, arm=settings.arm)
+    document: Mapping[str, object] = manifest(campaign, settings.clock, arm=settings.arm)
     if settings.resume:
         folder = resumed_folder(settings.out, campaign.name)
-        about = resumed_manifest(folder, about)
+        document = resumed_manifest(folder, document)
     else:
         folder = settings.folder or make_folder(settings.out / campaign.name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         stack.enter_context(held(folder))
-        _require_room(campaign, folder)
-        _write(folder / "campaign.json", to_json(about))
+        _require_space(campaign, folder)
+        _write(folder / "campaign.json", to_json(document))
         if not settings.resume:
             return folder, ResumedCampaign(results={}, attempts={})
         rules = ResumeRules(
@@ -154,12 +155,12 @@ def _begin(
     return folder, before
 
 
-def _require_room(campaign: Campaign, folder: Path) -> None:
-    """Raise OutputError when the disk has less room than the campaign's preflight demands."""
+def _require_space(campaign: Campaign, folder: Path) -> None:
+    """Raise OutputError when the disk has less space than the campaign's preflight demands."""
     wanted = [setup.preflight for setup in campaign.setups.values()]
     least_mb = max([one.min_disk_mb for one in wanted if "disk" not in one.override], default=0.0)
-    if said := disk_item(folder, least_mb).text:
-        raise OutputError(f"{said}; free space, or lower preflight.min_disk_mb")
+    if problem := disk_item(folder, least_mb).text:
+        raise OutputError(f"{problem}; free space, or lower preflight.min_disk_mb")
 
 
 def _write(path: Path, content: str | bytes) -> None:
@@ -172,7 +173,7 @@ def _write(path: Path, content: str | bytes) -> None:
 
 
 class _Flight:
-    """The flight of a whole campaign by the runner."""
+    """The flight of a whole campaign."""
 
     def __init__(
         self,
@@ -229,8 +230,8 @@ class _Flight:
     async def fly(self) -> None:
         """Fly the campaign's runs on the worker pool until all are finished."""
         loop = asyncio.get_running_loop()
-        heeded = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
-        for number in heeded:
+        handled = [number for number in _NAMES if signal.getsignal(number) is not signal.SIG_IGN]
+        for number in handled:
             loop.add_signal_handler(number, self._controller.signal, _NAMES[number])
         loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
@@ -245,12 +246,12 @@ class _Flight:
             raise errors.exceptions[0] from None
         finally:
             await self._workers.close()
-            self._repositioning.gone_on()
-            for number in heeded:
+            self._repositioning.end_wait()
+            for number in handled:
                 loop.remove_signal_handler(number)
 
     def _report_unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take an exception of a callback in the campaign runner's loop."""
+        """Record an exception of a callback in the campaign runner's loop."""
         error, where = context.get("exception"), str(context.get("message", ""))
         if not isinstance(error, BaseException):
             error = RuntimeError(where)
@@ -277,7 +278,7 @@ class _Flight:
         """Yield the orders of the campaign's runs in the order of their start."""
         plans: Sequence[RunPlan] = self._plans
         if self._settings.jobs > 1:
-            # The pairs take longest: begun last, one of them would keep a single core busy.
+            # Pairs take longest, so they start first; else the last one would occupy a single core.
             plans = sorted(plans, key=lambda plan: plan.mode != "wil")
         for plan in plans:
             if plan.name not in self._results:
@@ -290,15 +291,15 @@ class _Flight:
                 )
 
     def _ready(self, order: RunOrder) -> RunOrder | None:
-        """Return an order with what is known by now; None where it is not needed any more.
+        """Return an order with the liftoff delays known by now; None if it is no longer needed.
 
-        Raises EngineError after a run that was lost with a real vehicle: its guard may still land
-        it, and what became of it a person has to see.
+        Raises EngineError after a run was lost with a real vehicle: its guard may still be landing
+        it, and a person has to inspect it.
         """
         if self._lost_with_vehicle:
             raise EngineError(
-                f"{self._lost_with_vehicle} was lost with a real vehicle in it: nothing more is "
-                "flown; look at the vehicle, and start again with --resume"
+                f"{self._lost_with_vehicle} was lost with a real vehicle: no further runs are "
+                "flown; inspect the vehicle, then start again with --resume"
             )
         if order.back is None and order.plan.name not in {plan.name for plan in self._due()}:
             return None
@@ -309,7 +310,7 @@ class _Flight:
         return runs_due(self._plans, self._campaign.test, self._results)
 
     def _set_surplus_aside(self) -> None:
-        """Take runs out that were in flight when a repetition before them decided."""
+        """Set aside runs that were in flight when an earlier repetition decided."""
         due = {plan.name for plan in self._due()}
         for name in [name for name in self._results if name not in due]:
             del self._results[name]
@@ -317,24 +318,24 @@ class _Flight:
                 place = set_aside(self._folder, name).relative_to(self._folder)
             except OSError as error:
                 raise OutputError(f"{self._folder / name} cannot be set aside: {error}") from error
-            self._watcher.say(f"{name}: flown after the decision, does not count; in {place}")
+            self._watcher.say(f"{name}: flown after the decision, does not count; kept in {place}")
 
     def _report(self, news: News) -> None:
         """Pass a run's progress on to the campaign's operators and watcher."""
-        # What only shows a flight must not end it.
+        # A fault of a display must not end a flight.
         with self._faults.taking("progress"):
             self._controller.news(news)
         if isinstance(news, Progress):
-            self._repositioning.gone_on()
-            if news.case in self._campaign.setups:  # a flight back is no run
+            self._repositioning.end_wait()
+            if news.case in self._campaign.setups:  # a return flight is no run
                 with self._faults.taking("progress"):
                     self._watcher.progress(news)
 
     def _finish_run(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
-        """Take the outcome of an order; return a further one: a retry or a flight back."""
+        """Handle the outcome of an order; return a further one: a retry or a return flight."""
         if order.back is not None:
             self._controller.left(return_plan(order.plan).name)
-            self._between.came_back(order, outcome)
+            self._between.check_return(order, outcome)
             return None
         if isinstance(outcome, WorkerLost):
             result = after_attempts(lost_result(order.plan, outcome), order.attempts)
@@ -348,7 +349,7 @@ class _Flight:
         self._learning.learn(order.plan, result)
         self._set_surplus_aside()
         self.write_summary()
-        # With hardware a person looks first what went wrong.
+        # With hardware a person inspects the vehicle before a retry.
         alone = not self._settings.hardware and self._campaign.between is None
         retries = self._campaign.retries if alone else 0
         again = self._controller.stopped is None and retry_due(result, retries=retries)
@@ -371,7 +372,7 @@ class _Flight:
         return following
 
     def _show_output(self, order: RunOrder) -> None:
-        """Show how the output of a run's process ends, if it had any."""
+        """Show the end of a run's output, if it has any."""
         lines = output_tail(order.folder, _OUTPUT_LINES)
         if lines:
             self._watcher.say(f"{order.plan.name}: {order.folder / OUTPUT_FILE} ends with")
@@ -394,13 +395,13 @@ class _Flight:
     def write_summary(self, *, has_ended: bool = False) -> Summary:
         """Write the campaign's summary.json and junit.xml so far. Raises OutputError.
 
-        has_ended: the campaign has come to its end. A summary without it is not accepted: what
-        ends the campaign now may leave it behind.
+        has_ended: the campaign is over. A summary written before that is never accepted as a
+        success: the campaign may be killed and leave it behind.
         """
         plans = self._due()
         runs = [self._results[plan.name] for plan in plans if plan.name in self._results]
         summary = summarize(
-            [_with_paths(run) for run in runs],
+            [_with_artifact_paths(run) for run in runs],
             self._campaign.requirements,
             campaign=self._campaign.name,
             clock=self._settings.clock,
@@ -425,16 +426,16 @@ class _Flight:
 
 
 def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
-    """Return the campaign's runs to fly, the controls after them.
+    """Return the campaign's runs to fly, then its controls.
 
-    Without arming one of each case and mode, of which none counts, and no control.
+    Without arming: one run of each case and mode, none of them required, and no control.
     """
     if settings.arm:
         return campaign.plans
     return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
-def _with_paths(run: RunResult) -> RunResult:
-    """Return a run's result with its files named from the campaign's folder."""
+def _with_artifact_paths(run: RunResult) -> RunResult:
+    """Return a run's result with its artifacts relative to the campaign's folder."""
     prefix = f"{run.case}/{run.mode}/{run.rep}"
     return replace(run, artifacts=tuple(f"{prefix}/{name}" for name in run.artifacts))

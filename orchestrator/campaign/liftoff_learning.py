@@ -1,4 +1,4 @@
-"""What the runs of a campaign teach about how long its vehicles take to leave the ground."""
+"""Learns from a campaign's runs how long each vehicle takes from takeoff command to liftoff."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,9 +11,9 @@ from orchestrator.state.run_setup import RunOrder
 
 
 class LiftoffLearning:
-    """Gives each order what the runs before it measured; under virtual time nothing.
+    """Adds the liftoff delays that earlier runs measured to each order; not in virtual time.
 
-    There a run must not depend on those that happened to be flown before.
+    There a run must not depend on which runs were flown before it.
     """
 
     def __init__(self, campaign: Campaign, clock: Clock) -> None:
@@ -22,7 +22,7 @@ class LiftoffLearning:
         self._delays = LiftoffDelays()
 
     def ready(self, order: RunOrder) -> RunOrder:
-        """Return an order with what is known by now."""
+        """Return an order with the liftoff delays known by now."""
         if not self._learns:
             return order
         known = {name: self._delays.of(key) for name, key in self._keys(order.plan).items()}
@@ -30,10 +30,10 @@ class LiftoffLearning:
         return replace(order, liftoff_delays_s=delays_s)
 
     def learn(self, plan: RunPlan, result: RunResult) -> None:
-        """Take the result of a run of the pair.
+        """Learn from the result of a run of the pair.
 
-        Who flies alone is commanded as soon as it is armed: what it takes has its motors' time in
-        it, for which a pair waits before its commands.
+        A vehicle that flies alone gets its takeoff command as soon as it is armed, so that its
+        delay includes the spin-up of its motors; a pair waits for that before its commands.
         """
         keys = self._keys(plan)
         if len(keys) < 2:
@@ -42,7 +42,7 @@ class LiftoffLearning:
             self._delays.take(keys[name], delay_s)
 
     def _keys(self, plan: RunPlan) -> Mapping[str, str]:
-        """Return by name what tells a vehicle of this campaign from others."""
+        """Return by vehicle name the key of its liftoff delays."""
         setup = self._campaign.setups[plan.case]
         vehicles = [setup.vehicles[name] for name in setup.flying(plan.mode)]
         return {one.name: f"{one.name} {one.autopilot} {one.link}" for one in vehicles}

@@ -1,4 +1,4 @@
-"""Judges recorded runs again, by the oracles that the campaign file has now."""
+"""Evaluates recorded runs again with the oracles that the campaign file has now."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ _KINDS: dict[str, DecisiveKind] = {
 
 @dataclass(frozen=True, slots=True)
 class Reevaluation:
-    """A recorded run as judged when it was flown, and as judged again now."""
+    """The result of a recorded run at its flight, and its result now."""
 
     before: RunResult
     now: RunResult
@@ -46,7 +46,7 @@ class Reevaluation:
 class Judgement:
     """The reevaluation of a results folder, with the exit code that `run` has for such results.
 
-    changed_since_flight: what judges otherwise than at the flight, in words.
+    changed_since_flight: what affects verdicts and has changed since the flight, in words.
     """
 
     runs: tuple[Reevaluation, ...]
@@ -59,7 +59,7 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     """Reevaluate every recorded run of the campaign in a results folder.
 
     Raises RecordingError when there is none, when a recording or summary.json cannot be read, or
-    when a run was not shown to be flown in the world that would judge it.
+    when a run cannot be shown to have flown in the world that its files describe now.
     """
     recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
     if not recorded:
@@ -71,12 +71,9 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     before = _summary_of_flight(folder / "summary.json")
     rejudged = tuple(judge_run_again(plan, folder / plan.name) for plan in recorded)
     runs = [each.now for each in rejudged]
-    found = {f"{run.case}/{run.mode}/{run.rep}": run for run in runs}
-    absent = [
-        plan for plan in runs_due(campaign.plans, campaign.test, found) if plan.name not in found
-    ]
-    missing = sum(plan.required for plan in absent)
-    due = len(campaign.controls)
+    by_name = {f"{run.case}/{run.mode}/{run.rep}": run for run in runs}
+    due = runs_due(campaign.plans, campaign.test, by_name)
+    absent = [plan for plan in due if plan.name not in by_name]
     return Judgement(
         rejudged,
         _summary(campaign, before, runs, absent),
@@ -85,8 +82,8 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
             campaign.requirements,
             stopped=before.stopped,
             broken=before.broken is not False,
-            controls_due=due,
-            missing=missing,
+            controls_due=len(campaign.controls),
+            missing=sum(plan.required for plan in absent),
         ),
         tuple(changes_since_flight(flown, now, file=campaign.document.path.name)),
     )
@@ -95,9 +92,9 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
 def _summary(
     campaign: Campaign, before: Summary, runs: Sequence[RunResult], absent: Sequence[RunPlan]
 ) -> Summary:
-    """Return the summary of runs by their reevaluation; absent: those that are not in the folder.
+    """Return the summary of the reevaluated runs; absent: those that are not in the folder.
 
-    What the folder says of its vehicles, its sensors, and what ended the campaign is kept.
+    Vehicles, sensors and what ended the campaign are taken from the summary of the flight.
     """
     return summarize(
         runs,
@@ -123,26 +120,26 @@ def _summary_of_flight(path: Path) -> Summary:
         return read_summary(path)
     except ResultError as error:
         raise RecordingError(
-            f"{error}: what ended the campaign outside of its runs cannot be known; bring that "
-            "file back, or fly it again"
+            f"{error}: without this file it is unknown how the campaign ended; restore the file, "
+            "or fly the campaign again"
         ) from error
 
 
 def _document(path: Path) -> dict[str, Any]:
-    """Return a document of the results folder as it was before the reevaluation; empty without."""
+    """Return a JSON document of the results folder; empty without one, or if it is damaged."""
     try:
-        found = read_json(path)
+        document = read_json(path)
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return document if isinstance(document, dict) else {}
 
 
 def _require_same_worlds(
     plans: Iterable[RunPlan], manifest: Mapping[str, Any], folder: Path
 ) -> None:
-    """Raise RecordingError for a run that its manifest does not show to be of its files' world.
+    """Raise RecordingError unless the manifest shows that each run flew in its files' world.
 
-    The vehicle met what stood there then: that it misses what stands there now shows nothing.
+    The vehicle flew among the objects of that time; its clearance to other objects shows nothing.
     """
     flown_in = of_runs(manifest, "world")
     for plan in plans:
@@ -150,12 +147,12 @@ def _require_same_worlds(
         if flown is None:
             raise RecordingError(
                 f"{folder / 'campaign.json'} is missing, damaged, or does not say in which world "
-                f"{plan.name} was flown: bring that file back, or fly it again"
+                f"{plan.name} was flown: restore that file, or fly the campaign again"
             )
         if flown != world_digest(plan.files):
             raise RecordingError(
-                f"{plan.name} was flown in another world than its files describe now: bring the "
-                "world back, or fly it again"
+                f"{plan.name} was flown in another world than its files describe now: restore the "
+                "world, or fly the campaign again"
             )
 
 
@@ -172,8 +169,8 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         with (folder / FILE_NAME).open("rb") as stream:
             played = judge_from_log(read_judge_log(stream), judge, events)
     except (OSError, JudgeLogError) as error:
-        said = getattr(error, "strerror", None) or error
-        raise RecordingError(f"{folder / FILE_NAME}: {said}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{folder / FILE_NAME}: {reason}") from error
     if played.end_s is None:
         raise RecordingError(f"{folder / FILE_NAME} was cut before the end of the run")
     oracles = judge.results(played.end_s)
@@ -209,9 +206,9 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
 
 
 def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
-    """Return what decided the run beside its oracles: guard, mixing, autonomy, operator.
+    """Return the decisive events of guard, mixing, autonomy and operator, not of oracles.
 
-    Raises RecordingError when the log is damaged, was cut, or lacks what decided the run.
+    Raises RecordingError when the log is damaged, was cut, or lacks the event of the verdict.
     """
     own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
     try:
@@ -234,7 +231,7 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
 
 
 def _is_evidence(source: str) -> bool:
-    """Return whether a decisive event is of the evidence, which the reevaluation judges itself."""
+    """Return whether a decisive event is from the evidence, which is evaluated again as well."""
     return source.startswith(SOURCE)
 
 

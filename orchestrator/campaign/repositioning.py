@@ -1,7 +1,7 @@
-"""Between repetitions on hardware: nothing takes off before a person has put it back and says so.
+"""Between runs on hardware: the campaign waits until a person confirms that the vehicle is back.
 
-Where a vehicle stands is its start: one that flew to the other end of the hall would take the
-whole world with it, through the wall.
+A run places the world relative to where the vehicle starts: after a flight to the other end of the
+hall, the next world would reach through the wall.
 """
 
 import asyncio
@@ -14,15 +14,15 @@ from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_lines import RefusedLineError
 
 WAIT_S = 1800.0
-"""A battery is changed in between, and perhaps a propeller."""
+"""Enough to change a battery, and perhaps a propeller."""
 _WHO = "repositioning"
 
 
 class Repositioning:
     """Holds a campaign after each run for repositioning by a person, at most `wait_s`.
 
-    vehicles: what has to be put back, in words. say: for the person. On a terminal Enter lets it
-    go on; from everywhere `wil-campaign resume` does.
+    vehicles: the vehicles to move, in words. say: shows the person a sentence. The campaign
+    continues at Enter on its terminal, or by `wil-campaign resume` from anywhere.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Repositioning:
         self._listening = False
 
     def ask(self) -> None:
-        """Hold for repositioning, and say what to do; nothing when the campaign ends anyway."""
+        """Hold the campaign and ask the person; do nothing if the campaign is stopped."""
         if self._controller.stopped is not None:
             return
         with contextlib.suppress(RefusedLineError):
@@ -50,36 +50,44 @@ class Repositioning:
         how = "press Enter, or " if terminal else ""
         self._say(
             f"move {self._vehicles} back to its start, check its battery, and step away; then "
-            f"{how}say: wil-campaign resume"
+            f"{how}run: wil-campaign resume"
         )
         loop = asyncio.get_running_loop()
-        self._stop_waiting()
-        self._limit = loop.call_later(self._wait_s, self._give_up)
+        self.end_wait()
+        self._limit = loop.call_later(self._wait_s, self._abort_campaign)
         if terminal:
             loop.add_reader(sys.stdin.fileno(), self._read_entry)
             self._listening = True
 
-    def gone_on(self) -> None:
-        """End the wait for repositioning: somebody resumed, or all is over."""
-        self._stop_waiting()
-
     def _read_entry(self) -> None:
-        sys.stdin.readline()
-        self._stop_waiting()
+        """Resume the campaign at Enter; the end of the terminal confirms nothing."""
+        try:
+            line = sys.stdin.readline()
+        except OSError:  # the terminal hung up
+            line = ""
+        if not line:
+            self._stop_listening()
+            self._say("the terminal ended without Enter; to continue run: wil-campaign resume")
+            return
+        self.end_wait()
         with contextlib.suppress(RefusedLineError):
             self._controller.obey(OperatorCommand("resume", "terminal"))
 
-    def _give_up(self) -> None:
-        self._stop_waiting()
+    def _abort_campaign(self) -> None:
+        self.end_wait()
         if not self._controller.held or self._controller.stopped is not None:
             return
-        self._say(f"nobody confirmed that {self._vehicles} is back within {self._wait_s:g} s")
+        self._say(f"nobody confirmed within {self._wait_s:g} s that {self._vehicles} is back")
         self._controller.obey(OperatorCommand("abort", _WHO))
 
-    def _stop_waiting(self) -> None:
+    def end_wait(self) -> None:
+        """End the wait for the person: the campaign is resumed or over."""
         if self._limit is not None:
             self._limit.cancel()
             self._limit = None
+        self._stop_listening()
+
+    def _stop_listening(self) -> None:
         if self._listening:
             self._listening = False
             asyncio.get_running_loop().remove_reader(sys.stdin.fileno())

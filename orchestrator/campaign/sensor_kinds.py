@@ -1,4 +1,4 @@
-"""Where the readings of a campaign's sensors come from: what its results say of them."""
+"""Which source each sensor of a campaign has, as its results name it: live, file, rendered."""
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_setup import VehicleSetup
@@ -10,21 +10,21 @@ _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered", "synthesised"
 
 def sensor_kinds(campaign: Campaign) -> dict[str, SensorKind]:
     """Return the source of each sensor in the campaign that has one; of several, the most real."""
-    found: dict[str, SensorKind] = {}
+    kinds: dict[str, SensorKind] = {}
     for setup in campaign.setups.values():
         for vehicle in setup.vehicles.values():
             for sensor in vehicle.sensors:
                 kind = _sensor_kind(vehicle, sensor)
                 if kind is not None:
-                    before = found.get(sensor.name, kind)
-                    found[sensor.name] = min(before, kind, key=_REAL_FIRST.index)
-    return found
+                    before = kinds.get(sensor.name, kind)
+                    kinds[sensor.name] = min(before, kind, key=_REAL_FIRST.index)
+    return kinds
 
 
 def _sensor_kind(vehicle: VehicleSetup, sensor: SensorSetup) -> SensorKind | None:
-    """Return the source of a sensor's readings; None for one of a simulated body of ours.
+    """Return the source of a sensor's readings; None for a sensor of a simulated vehicle.
 
-    Of the twin all is virtual, and of an embedded vehicle its simulation has the sensor.
+    All sensors of the twin are virtual, and those of an embedded vehicle are in its simulation.
     """
     if isinstance(sensor, CameraSetup):
         return "rendered" if sensor.source is None else sensor.source.shown_as

@@ -24,7 +24,7 @@ from orchestrator.campaign.resuming.attached_vehicles import (
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
 from orchestrator.cli.text_table import count_text
-from orchestrator.engines.bench.bench_messages import ConsentAnswer, ConsentAsked
+from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.campaign_results import VehicleKind
 from orchestrator.model.clock import Clock
 from vehicles.errors import VehicleError

@@ -13,7 +13,7 @@ from orchestrator.cli.arming_consent import REFUSED, Cleared, RefusedError, user
 from orchestrator.cli.clock_choice import clock_for
 from orchestrator.cli.standard_streams import err
 from orchestrator.engines.bench.bench_engine import HiredBench, bench_of_cluster
-from orchestrator.engines.bench.bench_messages import ConsentAsked
+from orchestrator.engines.node_messages import ConsentAsked
 from orchestrator.model.clock import Clock
 from orchestrator.storage.store import Store
 

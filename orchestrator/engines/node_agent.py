@@ -1,9 +1,9 @@
-"""The actor of Ray on a node: starts the node's own process and passes bytes on to it and back.
+"""The Ray actor on a node: starts the node process, and relays bytes to and from it.
 
-The process is no part of Ray: it has a session of its own, and is no child of Ray's worker, which
-kills its children when it ends. What Ray does to its worker ends the pipe; the run in flight then
-lands, and its files go where they belong. The actor ends when its raylet does, also where Ray has
-it linger on: nobody could reach the run through it.
+The node process is no part of Ray: it has its own session and is no child of Ray's worker, which
+kills its children when it ends. When Ray ends its worker the pipe ends too; the run in flight then
+lands, and its files are delivered. The actor ends when its raylet does, also where Ray would keep
+it: the run cannot be reached through it any longer.
 """
 
 import os
@@ -15,12 +15,13 @@ import time
 from collections.abc import Mapping
 from multiprocessing.connection import Connection
 
-_MOST_AT_ONCE = 100
-_OF_RAY = ("RAY_", "OMP_NUM_THREADS")
-"""Of the environment: a token of the cluster, and what Ray sets for its own workers."""
-_RAYLET = "RAY_RAYLET_PID"
-"""In the environment of a worker of Ray: the process id of its raylet, which is its parent."""
-_LOOK_S = 1.0
+_MAX_MESSAGES = 100
+_RAY_VARIABLES = ("RAY_", "OMP_NUM_THREADS")
+"""Environment variables that the node process must not inherit: a cluster token, and what Ray sets
+for its own workers."""
+_RAYLET_PID = "RAY_RAYLET_PID"
+"""In the environment of a Ray worker: the process id of its raylet, which is its parent."""
+_POLL_S = 1.0
 _DETACH = """\
 import os, sys
 pid = os.fork()
@@ -30,32 +31,32 @@ if pid:
 os.close(int(sys.argv[1]))
 os.execv(sys.argv[2], sys.argv[2:])
 """
-"""Starts a command as a child of nobody here, and writes its process id to a descriptor."""
+"""Starts a command as a grandchild, ends, and writes the command's pid to a descriptor."""
 
 
 class PipeAgent:
-    """Passes messages on to a process of this node and back."""
+    """Relays messages to a process of this node and back."""
 
     def __init__(self, to: Connection, back: Connection) -> None:
         self._to = to
         self._from = back
         self._sending = threading.Lock()
-        raylet = os.environ.get(_RAYLET, "")
+        raylet = os.environ.get(_RAYLET_PID, "")
         if raylet == str(os.getppid()):
             threading.Thread(target=_end_with_parent, args=(int(raylet),), daemon=True).start()
 
     def send(self, message: bytes) -> None:
-        """Pass a message on to the process. Raises OSError."""
+        """Send a message to the process. Raises OSError."""
         with self._sending:
             self._to.send_bytes(message)
 
     def receive(self, wait_s: float) -> list[bytes]:
-        """Return the process's next messages; none when none has come in time.
+        """Return the process's next messages; an empty list after `wait_s`.
 
-        Raises EOFError when it has ended.
+        Raises EOFError when the process has ended.
         """
         messages: list[bytes] = []
-        while len(messages) < _MOST_AT_ONCE and self._from.poll(0 if messages else wait_s):
+        while len(messages) < _MAX_MESSAGES and self._from.poll(0 if messages else wait_s):
             try:
                 messages.append(self._from.recv_bytes())
             except EOFError:
@@ -73,9 +74,11 @@ class NodeAgent(PipeAgent):
     """Relays between the machine of a campaign and the process on this node."""
 
     def __init__(self) -> None:
-        kept = {name: text for name, text in os.environ.items() if not name.startswith(_OF_RAY)}
+        inherited = {
+            name: text for name, text in os.environ.items() if not name.startswith(_RAY_VARIABLES)
+        }
         command = [sys.executable, "-P", "-m", "orchestrator.engines.node_process"]
-        environment = {**kept, "PYTHONPATH": os.pathsep.join(sys.path)}
+        environment = {**inherited, "PYTHONPATH": os.pathsep.join(sys.path)}
         self.pid, to, back = _start_detached(command, environment)
         super().__init__(Connection(to, readable=False), Connection(back, writable=False))
 
@@ -86,15 +89,15 @@ class NodeAgent(PipeAgent):
 
 
 def await_end(pid: int, limit_s: float | None = None) -> bool:
-    """Wait until a process has ended, whoever's child it is; return whether it has in time."""
+    """Wait until a process has ended, also one that is no child; return whether it has in time."""
     try:
         handle = os.pidfd_open(pid)
     except ProcessLookupError:
         return True
     try:
-        look = select.poll()
-        look.register(handle, select.POLLIN)
-        return bool(look.poll(None if limit_s is None else limit_s * 1000.0))
+        poller = select.poll()
+        poller.register(handle, select.POLLIN)
+        return bool(poller.poll(None if limit_s is None else limit_s * 1000.0))
     finally:
         os.close(handle)
 
@@ -102,29 +105,29 @@ def await_end(pid: int, limit_s: float | None = None) -> bool:
 def _start_detached(command: list[str], environment: Mapping[str, str]) -> tuple[int, int, int]:
     """Start a command that is no child of this process, in a session of its own.
 
-    Return its process id, the descriptor of its standard input, and of its output. Raises OSError.
+    Return its process id, and the descriptors of its standard input and output. Raises OSError.
     """
-    told, tell = os.pipe()
+    pid_output, pid_input = os.pipe()
     starter = subprocess.Popen(  # noqa: S603 - our own program
-        [sys.executable, "-I", "-S", "-c", _DETACH, str(tell), *command],
+        [sys.executable, "-I", "-S", "-c", _DETACH, str(pid_input), *command],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
         env=environment,
-        pass_fds=[tell],
+        pass_fds=[pid_input],
     )
-    os.close(tell)
-    with os.fdopen(told, "rb") as stream:
+    os.close(pid_input)
+    with os.fdopen(pid_output, "rb") as stream:
         pid = stream.read()
     starter.wait()
     if not pid or starter.stdin is None or starter.stdout is None:
-        raise OSError("the process of the node cannot be started")
+        raise OSError("the node process cannot be started")
     with starter.stdin, starter.stdout:
         return int(pid), os.dup(starter.stdin.fileno()), os.dup(starter.stdout.fileno())
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this process, and with it its pipes, once it is another process's child."""
+    """End this process, and with it its pipes, once its parent has ended."""
     while os.getppid() == parent:
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
     os._exit(1)

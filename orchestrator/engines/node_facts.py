@@ -1,4 +1,4 @@
-"""What a node of a cluster is: its programs must be those of the machine that sends it runs."""
+"""The facts of a cluster node: its programs must be those of the machine that sends it runs."""
 
 import hashlib
 import os
@@ -12,12 +12,12 @@ from orchestrator.campaign.folder.manifest import flown_versions
 
 _PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
 _SUBREAPER = "RAY_kill_child_processes_on_worker_exit_with_raylet_subreaper"
-"""With it Ray kills guards, too, when a worker ends."""
-_ON = frozenset({"1", "true"})
+"""With this set, Ray also kills guards when a worker ends."""
+_TRUE = frozenset({"1", "true"})
 
 
 def node_facts() -> dict[str, str]:
-    """Return the facts of this machine, each in words: name, versions, digest of our code."""
+    """Return the facts of this machine: name, versions, digest of the installed code."""
     return {
         "node": platform.node(),
         "subreaper": os.environ.get(_SUBREAPER, ""),
@@ -28,31 +28,31 @@ def node_facts() -> dict[str, str]:
 
 
 def unfit_text(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """Return why a node cannot fly for this machine, and the remedy; "" where it can."""
-    if there.get("subreaper", "").lower() in _ON:
+    """Return why a node cannot fly for this machine, with the remedy; "" where it can."""
+    if there.get("subreaper", "").lower() in _TRUE:
         return (
-            f"node {there.get('node', '')} is started with {_SUBREAPER}, by which Ray kills the "
-            "guards of vehicles in flight; start it without"
+            f"node {there.get('node', '')} is started with {_SUBREAPER}: with it Ray kills the "
+            "guards of vehicles in flight; start the node without it"
         )
     skipped = {"node", "subreaper"}
     other = [name for name in here if name not in skipped and there.get(name) != here[name]]
     if not other:
         return ""
-    said = ", ".join(
-        "the code of wil-campaign is another"
+    differences = ", ".join(
+        "its code of wil-campaign differs"
         if name == "code"
         else f"{name} is {there.get(name, 'missing')}, here it is {here[name]}"
         for name in other
     )
     return (
-        f"node {there.get('node', '')} would not fly the same: {said}; install the same wheel of "
-        "wil-campaign with the same constraints there"
+        f"node {there.get('node', '')} would not fly the same: {differences}; install the same "
+        "wheel of wil-campaign with the same constraints there"
     )
 
 
 @cache
 def _code_digest() -> str:
-    """Return a digest of the installed code of ours."""
+    """Return a digest of the installed code of wil-campaign."""
     digest = hashlib.sha256()
     for package in _PACKAGES:
         spec = find_spec(package)

@@ -1,9 +1,9 @@
-"""The process on a node that flies the runs a machine sends it, each in a process of its own.
+"""The process on a node that flies the runs of a campaign, each in a process of its own.
 
-Its standard input brings messages, its standard output takes them: first the facts of the node, in
-plain words, by which a machine with other programs refuses it. When standard input ends, for
-the worker of Ray, its raylet, the head or the network is gone, the run in flight lands as aborted
-and writes its result, and this process ends.
+It reads messages from standard input and writes messages to standard output. The first one it
+writes has the facts of the node, by which a machine with other programs refuses the node. When
+standard input ends (Ray's worker, its raylet, the head or the network is gone), the run in flight
+lands as aborted and writes its result, and this process ends.
 """
 
 import asyncio
@@ -12,12 +12,13 @@ import select
 import sys
 import tempfile
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from orchestrator.campaign.workers.local_workers import LocalWorker, LocalWorkers, receive_message
+from msgspec.structs import replace
+
+from orchestrator.campaign.workers.local_workers import LocalWorker, LocalWorkers, await_message
 from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
@@ -25,10 +26,17 @@ from orchestrator.engines.node_facts import node_facts
 from orchestrator.engines.node_messages import (
     CampaignAnswer,
     CampaignBrought,
+    CommandSent,
+    NodeFacts,
     RunEnded,
     RunOrdered,
     RunSending,
     RunTaken,
+    ToCampaign,
+    ToNode,
+    decode_to_node,
+    encode_to_campaign,
+    news_message,
 )
 from orchestrator.engines.node_results import NodeResults, node_results
 from orchestrator.engines.travelling_files import (
@@ -37,17 +45,17 @@ from orchestrator.engines.travelling_files import (
     relocate_order,
     unpack_files,
 )
-from orchestrator.model.progress import ProgressLimiter
+from orchestrator.model.progress import News, ProgressLimiter
 from orchestrator.model.results import RunResult
 from orchestrator.operator.local_commands import tell_guards
 from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
-_SAY_S = 5.0
+_REPORT_S = 5.0
 _DESERTED = "the node lost its cluster before the run began"
 _LANDED_S = 120.0
-"""How long a run may take to land that nobody waits for any longer."""
+"""How long a run may take to land once its cluster is gone."""
 _PROGRESS_S = 0.5
 """Each message that crosses the cluster costs milliseconds of three processes."""
 
@@ -63,10 +71,10 @@ class NodeRuns:
         self._results: NodeResults | None = None
 
     async def serve(self) -> None:
-        """Do what the messages ask for, until they end."""
+        """Carry out the messages until standard input ends."""
         while True:
             try:
-                message = await receive_message(self._commands)
+                message = await self._receive()
             except (EOFError, OSError):
                 return
             if isinstance(message, CampaignBrought):
@@ -77,7 +85,7 @@ class NodeRuns:
                 self._results.taken(message)
 
     def close(self) -> None:
-        """Remove what is left of the campaign on this node, and is elsewhere as well."""
+        """Remove the campaign's files on this node that the campaign's machine has or can get."""
         if self._results is not None:
             self._results.close()
 
@@ -91,9 +99,9 @@ class NodeRuns:
         try:
             unpack_files(campaign.files, self._home)
         except (DamagedFileError, OSError) as error:
-            return f"the campaign's files cannot be taken: {error}"
-        beneath = [str(place_beneath(self._home, Path(f))) for f in campaign.files.search_path]
-        sys.path[:0] = [one for one in beneath if one not in sys.path]
+            return f"the campaign's files cannot be unpacked: {error}"
+        folders = [str(place_beneath(self._home, one)) for one in campaign.files.search_path]
+        sys.path[:0] = [one for one in folders if one not in sys.path]
         self.close()
         self._results = results
         return ""
@@ -102,14 +110,14 @@ class NodeRuns:
         """Fly a run, unless it was flown already; return how it ended."""
         results = self._results
         if results is None:
-            return RunEnded(WorkerLost("the node has no campaign"))
+            return RunEnded.of(WorkerLost("the node has no campaign"))
         order = await in_thread(lambda: results.begin(ordered))
         if isinstance(order, RunEnded):
             return order
         worker = await self._workers.start()
         if _is_deserted(self._commands):
             await worker.end()
-            # Also to the store: who resumes or waits there learns that nothing comes any more.
+            # Also to the store: a campaign that waits there or is resumed then waits no longer.
             return await self._hand_over(results, ordered, WorkerLost(_DESERTED))
         async with asyncio.TaskGroup() as group:
             passing = group.create_task(
@@ -124,7 +132,7 @@ class NodeRuns:
     async def _hand_over(
         self, results: NodeResults, ordered: RunOrdered, outcome: RunResult | WorkerLost
     ) -> RunEnded:
-        """Hand a run's files over, and say meanwhile that it goes on."""
+        """Hand a run's files over, and report meanwhile how many are sent."""
         sent = 0
 
         def count(files: int) -> None:
@@ -133,7 +141,7 @@ class NodeRuns:
 
         sending = in_thread(lambda: results.end(ordered, outcome, count))
         while not sending.done():
-            await asyncio.wait([sending], timeout=_SAY_S)
+            await asyncio.wait([sending], timeout=_REPORT_S)
             if not sending.done():
                 self._send(RunSending(sent))
         return sending.result()
@@ -150,8 +158,8 @@ class NodeRuns:
                 if isinstance(message, OrderDone):
                     outcome: RunResult | WorkerLost = message.outcome
                     return outcome
-                if limiter.passes(message):
-                    self._send(message)
+                if isinstance(message, News) and limiter.passes(message):
+                    self._send(news_message(message))
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
 
@@ -162,39 +170,44 @@ class NodeRuns:
         """
         try:
             while True:
-                message = await receive_message(self._commands)
-                if not isinstance(message, OperatorCommand):
+                message = await self._receive()
+                if not isinstance(message, CommandSent):
                     continue
-                worker.send(message)
-                if message.kind == "abort":
-                    in_thread(partial(tell_guards, folder, message.who))
+                worker.send(message.command)
+                if message.command.kind == "abort":
+                    in_thread(partial(tell_guards, folder, message.command.who))
         except (EOFError, OSError):
             worker.send(OperatorCommand("abort", "the node: its cluster is gone"))
             await asyncio.sleep(_LANDED_S)
-            worker.kill()  # it hangs: its guard has its vehicles
+            worker.kill()  # it hangs: its guard controls its vehicles
 
-    def _send(self, message: object) -> None:
-        with suppress(OSError):  # nobody is there: the run's files say what became of it
-            self._reports.send(message)
+    async def _receive(self) -> ToNode:
+        """Return the next message. Raises EOFError, OSError."""
+        await await_message(self._commands)
+        return decode_to_node(self._commands.recv_bytes())
+
+    def _send(self, message: ToCampaign) -> None:
+        with suppress(OSError):  # the reader is gone: the run's files have its result
+            self._reports.send_bytes(encode_to_campaign(message))
 
 
 def _is_deserted(commands: Connection) -> bool:
-    """Return whether nobody is at the other end any more, whatever is left to read."""
-    look = select.poll()
-    look.register(commands.fileno(), 0)
-    return any(event & select.POLLHUP for _, event in look.poll(0))
+    """Return whether the other end is closed, whatever is left to read."""
+    poller = select.poll()
+    poller.register(commands.fileno(), 0)
+    return any(event & select.POLLHUP for _, event in poller.poll(0))
 
 
 def main() -> int:
-    """Serve the machine at the other end of standard input and output."""
+    """Serve the campaign's machine at the other end of standard input and output."""
     commands, reports = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)
-    # What a file of the user's prints is no message, and no child of ours may read the commands.
+    # Prints of the user's code must not mix with messages, and no child may read the commands.
     os.dup2(2, 1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
     start_run_server()
-    reports.send(node_facts())
+    reports.send_bytes(encode_to_campaign(NodeFacts(node_facts())))
     with tempfile.TemporaryDirectory(prefix="wil-campaign-") as home:
         runs = NodeRuns(commands, reports, Path(home))
         asyncio.run(runs.serve())

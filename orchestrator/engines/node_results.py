@@ -1,10 +1,9 @@
 """Where a node leaves the results of runs: in a folder that it shares, or in a store.
 
-With a store a run is flown into a folder of this machine, which stays until the campaign's machine
-has its files. What cannot be sent stays for good, and the campaign is told where.
+With a store a run is flown into a folder of this machine, which is kept until the campaign's
+machine has its files. Files that cannot be sent are kept for good; the run's result says where.
 """
 
-import hashlib
 import platform
 import shutil
 import tempfile
@@ -20,41 +19,47 @@ from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.store import Store, StoreError, StoreRefusedError, open_store
-from orchestrator.storage.stored_runs import RESULT_FILE, begin_run, read_session, send_run
+from orchestrator.storage.stored_runs import (
+    RESULT_FILE,
+    begin_run,
+    digest_of,
+    read_session,
+    send_run,
+)
 
-GIVEN_UP = "the campaign's machine has given the run up"
+GIVEN_UP = "the campaign's machine has given up the run"
 RESUMED = "the campaign was resumed by another start meanwhile"
 
 
 class NodeResults(Protocol):
     """Where a node leaves the results of one campaign's runs (protocol).
 
-    What blocks is called in a thread. Raises nothing: what is wrong is said.
+    Blocking methods are called in a thread. They raise nothing: problems are returned.
     """
 
     def problem(self) -> str:
-        """Return why the campaign's machine would not get results; "" where it does."""
+        """Return why results would not reach the campaign's machine; "" where they do."""
 
     def begin(self, ordered: RunOrdered) -> RunOrder | RunEnded:
-        """Return the order as it is flown here, or how it ends because it may not be flown."""
+        """Return the order as it is flown here, or its end where it may not be flown."""
 
     def end(
         self, ordered: RunOrdered, outcome: RunResult | WorkerLost, sent: Callable[[int], None]
     ) -> RunEnded:
-        """Hand a run's files over. sent: told after each file how many."""
+        """Hand over a run's files. sent: called after each file with how many are sent."""
 
     def taken(self, message: RunTaken) -> None:
-        """Take whether the campaign's machine has the files of a run."""
+        """Handle the message that the campaign's machine is done with a run's files."""
 
     def close(self) -> None:
-        """Remove what the campaign's machine has, or can get."""
+        """Remove files that the campaign's machine has, or can get."""
 
 
 class SharedFolder:
     """The campaign's own folder, which this node sees under the same path."""
 
     def __init__(self, campaign: CampaignBrought) -> None:
-        self._folder = Path(campaign.folder)
+        self._folder = campaign.folder
         self._session = campaign.session
 
     def problem(self) -> str:
@@ -65,8 +70,8 @@ class SharedFolder:
         except OSError as error:
             return f"{self._folder} cannot be read: {error}"
         return (
-            f"it does not see {self._folder}: results come back by files; share the folder of "
-            "--out with every node, under the same path, or give a store that all reach by --store"
+            f"it does not see the results folder {self._folder}: share the folder of --out with "
+            "every node, under the same path, or give a store that all reach by --store"
         )
 
     def begin(self, ordered: RunOrdered) -> RunOrder | RunEnded:
@@ -74,13 +79,13 @@ class SharedFolder:
         order = ordered.order
         try:
             if newest_session(self._folder) != self._session:
-                return RunEnded(WorkerLost(RESUMED))
+                return RunEnded.of(WorkerLost(RESUMED))
             if not order.folder.is_dir() or not any(order.folder.iterdir()):
                 return order
             result = read_result(order.folder / RESULT_FILE)
         except (ResultError, OSError) as error:
-            return RunEnded(WorkerLost(f"its folder is there already, without a result: {error}"))
-        return RunEnded(result, _digest(order.folder))
+            return RunEnded.of(WorkerLost(f"its folder exists already, without a result: {error}"))
+        return RunEnded.of(result, _digest(order.folder))
 
     def end(
         self,
@@ -89,7 +94,7 @@ class SharedFolder:
         sent: Callable[[int], None],  # noqa: ARG002  # all is there
     ) -> RunEnded:
         """Return how a run has ended, with the digest of its result."""
-        return RunEnded(outcome, _digest(ordered.order.folder))
+        return RunEnded.of(outcome, _digest(ordered.order.folder))
 
     def taken(self, message: RunTaken) -> None:
         """Do nothing: the files are where they belong."""
@@ -105,7 +110,7 @@ class StoredResults:
         self._campaign = campaign
         self._store = store
         self._folders: dict[str, Path] = {}
-        """Of runs, by their places: those that may be removed."""
+        """The folders of runs that may be removed, by their places in the store."""
 
     def problem(self) -> str:
         """Return why the store is not the campaign's; "" where it is."""
@@ -117,29 +122,29 @@ class StoredResults:
         if session == self._campaign.session:
             return ""
         return (
-            f"it does not see in {store.url} what the campaign's machine has written there: give a "
-            "URL by --store that means the same store on every node"
+            f"it does not see in {store.url} what the campaign's machine wrote there: give a URL "
+            "by --store that means the same store on every node"
         )
 
     def begin(self, ordered: RunOrdered) -> RunOrder | RunEnded:
         """Return the order with a folder of this machine, unless it may not be flown."""
         order, place = ordered.order, ordered.place
         try:
-            # Before the look: who resumes the campaign writes there first, and looks here then.
+            # In this order: a resumed campaign first writes its session, then looks for begun runs.
             if not begin_run(self._store, place, platform.node()):
-                return RunEnded(WorkerLost(GIVEN_UP))
+                return RunEnded.of(WorkerLost(GIVEN_UP))
             if read_session(self._store, self._campaign.place) != self._campaign.session:
-                return RunEnded(WorkerLost(RESUMED))
+                return RunEnded.of(WorkerLost(RESUMED))
             home = Path(tempfile.mkdtemp(prefix="wil-run-"))
         except (StoreError, OSError) as error:
-            return RunEnded(WorkerLost(f"it was not flown: {error}"))
+            return RunEnded.of(WorkerLost(f"it was not flown: {error}"))
         self._folders[place] = home
         return replace(order, folder=home / order.folder.relative_to(self._campaign.folder))
 
     def end(
         self, ordered: RunOrdered, outcome: RunResult | WorkerLost, sent: Callable[[int], None]
     ) -> RunEnded:
-        """Send a run's files; what cannot be sent is kept here, and the run is lost."""
+        """Send a run's files; where that fails they are kept here, and the run is lost."""
         place = ordered.place
         home = self._folders[place]
         folder = home / ordered.order.folder.relative_to(self._campaign.folder)
@@ -149,29 +154,29 @@ class StoredResults:
             send_run(self._store, place, folder, sent)
         except (StoreError, OSError) as error:
             del self._folders[place]
-            said = outcome.reason if isinstance(outcome, WorkerLost) else f"it is {outcome.verdict}"
-            return RunEnded(
+            end = outcome.reason if isinstance(outcome, WorkerLost) else f"it is {outcome.verdict}"
+            return RunEnded.of(
                 WorkerLost(
-                    f"{said}, but its files are not in the store, and kept in {kept}: {error}"
+                    f"{end}, but its files are not in the store; they are kept in {kept}: {error}"
                 )
             )
-        return RunEnded(outcome, sha256, kept=kept)
+        return RunEnded.of(outcome, sha256, kept=kept)
 
     def taken(self, message: RunTaken) -> None:
-        """Remove a run's folder once the campaign's machine has it; keep it where it has not."""
+        """Remove a run's folder if the campaign's machine has its files."""
         home = self._folders.pop(message.place, None)
         if home is not None and message.is_there:
             shutil.rmtree(home, ignore_errors=True)
 
     def close(self) -> None:
-        """Remove the folders of runs that are in the store, for a campaign that is resumed."""
+        """Remove the folders of runs whose files are in the store: a resumed campaign gets them."""
         for home in self._folders.values():
             shutil.rmtree(home, ignore_errors=True)
         self._folders.clear()
 
 
 def node_results(campaign: CampaignBrought) -> NodeResults | str:
-    """Return where the results of a campaign go; in words why this node cannot."""
+    """Return where the results of a campaign go, or in words why this node has no access."""
     if not campaign.store:
         return SharedFolder(campaign)
     try:
@@ -183,6 +188,6 @@ def node_results(campaign: CampaignBrought) -> NodeResults | str:
 def _digest(folder: Path) -> str:
     """Return the SHA-256 of a run's result; "" where there is none."""
     try:
-        return hashlib.sha256((folder / RESULT_FILE).read_bytes()).hexdigest()
+        return digest_of(folder / RESULT_FILE)
     except OSError:
         return ""

@@ -1,7 +1,6 @@
-"""Agents on the nodes of a Ray cluster: hired, checked, and asked from an event loop."""
+"""Agents on the nodes of a Ray cluster: started, checked, and called from an event loop."""
 
 import asyncio
-import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, wait
 from contextlib import suppress
@@ -12,23 +11,30 @@ from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.cluster_places import waiting_text
 from orchestrator.engines.node_agent import NodeAgent
 from orchestrator.engines.node_facts import node_facts, unfit_text
-from orchestrator.engines.node_messages import DamagedMessageError, read_facts, read_message
+from orchestrator.engines.node_messages import (
+    DamagedMessageError,
+    ToCampaign,
+    ToNode,
+    decode_facts,
+    decode_to_campaign,
+    encode_to_node,
+)
 from orchestrator.model.flight_place import FlightPlace
 
 HIRED_S = 300.0
-"""How long is waited for a place on the cluster, and for the first import of our code there."""
-SAY_S = 10.0
-"""After which the person is told what is waited for: most agents are up by then."""
+"""How long to wait for a place on the cluster, and for the first import of our code there."""
+REPORT_S = 10.0
+"""After so long the user is shown what is waited for: most agents are up by then."""
 _LOOK_S = 2.0
 _CLOSED_S = 30.0
-"""How long the process of a node may take to end, when nothing flies any more."""
+"""How long the process of a node may take to end once nothing flies."""
 
 
 @dataclass(slots=True)
 class HiredAgent:
-    """An agent of ours on a node. actor: Ray's handle. has_campaign: its files are unpacked.
+    """An agent that is up on a node. actor: Ray's handle. has_campaign: its files are unpacked.
 
-    bench: that it serves; "" for none.
+    bench: the bench that it serves; "" for none.
     """
 
     ray: Any
@@ -40,18 +46,18 @@ class HiredAgent:
 
     @property
     def place(self) -> FlightPlace:
-        """Where it flies."""
+        """Return the node and bench where the agent flies."""
         return FlightPlace(self.node, self.bench)
 
-    async def send(self, message: object) -> None:
-        """Send a message to the node's process. Raises OSError, EOFError."""
-        await self._result_of(self.actor.send.remote(pickle.dumps(message)))
+    async def send(self, message: ToNode) -> None:
+        """Send a message to the node's process. Raises OSError, EOFError, MessageError."""
+        await self._result_of(self.actor.send.remote(encode_to_node(message)))
 
-    def send_soon(self, message: object) -> None:
-        """Send a message without waiting; it is lost where the node is."""
-        self.actor.send.remote(pickle.dumps(message))
+    def send_soon(self, message: ToNode) -> None:
+        """Send a message without waiting; it is lost if the node is."""
+        self.actor.send.remote(encode_to_node(message))
 
-    async def receive(self) -> Sequence[object]:
+    async def receive(self) -> Sequence[ToCampaign]:
         """Return the next messages of the node's process, at least one.
 
         Raises EOFError, DamagedMessageError.
@@ -59,10 +65,10 @@ class HiredAgent:
         while True:
             received = await self._result_of(self.actor.receive.remote(_LOOK_S))
             if received:
-                return [read_message(one) for one in received]
+                return [decode_to_campaign(one) for one in received]
 
     async def close(self) -> None:
-        """End the node's process, and give the place on the cluster back."""
+        """End the node's process and free its place on the cluster."""
         if not self.is_dead:
             with suppress(EOFError, OSError):  # it has ended already
                 async with asyncio.timeout(_CLOSED_S):
@@ -86,13 +92,13 @@ class HiredAgent:
 
 
 class Hire:
-    """An agent that is asked for, and up once the cluster has a place for it.
+    """A request for an agent, which is up once the cluster has a place for it.
 
-    ray: the module. cores: of a node, that a run takes.
+    ray: the module. cores: the CPUs of a node that a run takes.
     """
 
     def __init__(self, ray: Any, cores: int) -> None:
-        # Ray flies nothing again by itself: the campaign's ledger decides.
+        # Ray must not repeat a run by itself: the campaign's ledger decides.
         remote = ray.remote(
             num_cpus=cores,
             max_restarts=0,
@@ -103,56 +109,60 @@ class Hire:
         self._ray = ray
         self._actor = remote.remote()
         self.future: Future[Any] = self._actor.receive.remote(HIRED_S).future()
-        """Of its first message; an error of Ray where its node cannot fly."""
+        """The future of the agent's first message; an error of Ray where its node cannot fly."""
         self._is_dismissed = False
 
     def dismiss(self) -> None:
-        """Take the request back, or end the agent; once."""
+        """Cancel the request, or end the agent; a second call changes nothing."""
         if not self._is_dismissed:
             self._is_dismissed = True
             self._ray.kill(self._actor, no_restart=True)
 
     def agent(self) -> HiredAgent:
-        """Return the agent, which is up and flies as this machine does. Raises EngineError."""
+        """Return the agent if it is up with the programs of this machine. Raises EngineError."""
         try:
-            facts = self._fit_facts()
+            facts = fit_facts(self._first_messages(), "a node of the cluster")
         except EngineError:
             self.dismiss()
             raise
         return HiredAgent(ray=self._ray, actor=self._actor, node=facts["node"])
 
-    def _fit_facts(self) -> dict[str, str]:
-        """Return what the agent's node says that it is, where it can fly. Raises EngineError."""
-        facts = self._facts()
-        if why := unfit_text(node_facts(), facts):
-            raise EngineError(why, 2)
-        return facts
-
-    def _facts(self) -> dict[str, str]:
-        """Return what the agent's node says that it is. Raises EngineError."""
+    def _first_messages(self) -> list[bytes]:
+        """Return the first messages of the agent's node. Raises EngineError."""
         try:
-            messages = self.future.result()
+            messages: list[bytes] = self.future.result()
         except self._ray.exceptions.RayError as error:
             raise EngineError(
                 f"a node of the cluster cannot fly: {_last_line(error)}; install the same wheel of "
                 "wil-campaign[cluster] with the same constraints on every node",
                 2,
             ) from error
-        if not messages:
-            raise EngineError(f"a node of the cluster says nothing for {HIRED_S:g} s")
-        try:
-            return read_facts(messages[0])
-        except DamagedMessageError as error:
-            raise EngineError(f"a node of the cluster does not say what it is: {error}") from error
+        return messages
+
+
+def fit_facts(messages: Sequence[bytes], sender: str, *, silent_code: int = 3) -> dict[str, str]:
+    """Return a node's facts, from its first messages. sender: in words.
+
+    Raises EngineError where there are none (with silent_code), and for a node with other programs.
+    """
+    if not messages:
+        raise EngineError(f"{sender} sent no message in time", silent_code)
+    try:
+        facts = decode_facts(messages[0])
+    except DamagedMessageError as error:
+        raise EngineError(f"the facts of {sender} cannot be read: {error}") from error
+    if why := unfit_text(node_facts(), facts):
+        raise EngineError(why, 2)
+    return facts
 
 
 def hire_agents(
     ray: Any, count: int, *, cores: int, say: Callable[[str], None] = lambda _: None
 ) -> list[HiredAgent]:
-    """Return agents that are up, on nodes that fly as this machine does; fewer where no more fit.
+    """Return agents that are up, on nodes with the programs of this machine; fewer if fewer fit.
 
-    cores: of a node, that a run takes. say: told at once what is waited for. Raises EngineError,
-    also where there is place for none.
+    cores: the CPUs of a node that a run takes. say: called with what is waited for. Raises
+    EngineError, also where there is no place for any agent.
     """
     hires = [Hire(ray, cores) for _ in range(count)]
     try:
@@ -166,22 +176,22 @@ def hire_agents(
         if one not in up:
             one.dismiss()
     if len(up) < count:
-        say(f"{len(up)} of {count} runs have a place on the cluster, and fly")
+        say(f"{len(up)} of {count} runs have a place on the cluster and start")
     return agents
 
 
 def _await_hires(
     ray: Any, hires: Sequence[Hire], cores: int, say: Callable[[str], None]
 ) -> list[Hire]:
-    """Return the agents that are up or cannot fly, once all are or it took too long.
+    """Return the requests with an answer, once all have one or after HIRED_S.
 
-    Raises EngineError where none is.
+    Raises EngineError where none has.
     """
     futures = [one.future for one in hires]
-    late = wait(futures, SAY_S, return_when=FIRST_EXCEPTION).not_done
+    late = wait(futures, REPORT_S, return_when=FIRST_EXCEPTION).not_done
     if late and not any(one.done() and one.exception() for one in futures):
         say(f"{waiting_text(ray.nodes(), cores)}; waiting up to {HIRED_S:g} s")
-        wait(futures, HIRED_S - SAY_S, return_when=FIRST_EXCEPTION)
+        wait(futures, HIRED_S - REPORT_S, return_when=FIRST_EXCEPTION)
     up = [one for one in hires if one.future.done()]
     if hires and not up:
         raise EngineError(no_place_text(len(hires), cores))
@@ -189,7 +199,7 @@ def _await_hires(
 
 
 def no_place_text(count: int, cores: int) -> str:
-    """Return why nothing flies on a cluster that has had no place all the time."""
+    """Return the message for a cluster that had no place in time."""
     return (
         f"the cluster has no place for {count} runs of {cores} CPUs each within {HIRED_S:g} s: "
         "lower --jobs, or add nodes"
@@ -197,5 +207,6 @@ def no_place_text(count: int, cores: int) -> str:
 
 
 def _last_line(error: Exception) -> str:
-    """Return the line of Ray's error that says what happened."""
-    return str(error).strip().splitlines()[-1].strip() if str(error).strip() else repr(error)
+    """Return the last line of Ray's error, which says what happened."""
+    text = str(error).strip()
+    return text.splitlines()[-1] if text else repr(error)

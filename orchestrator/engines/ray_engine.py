@@ -1,4 +1,4 @@
-"""The engine that flies runs over a Ray cluster: one of this machine, or one that is there."""
+"""The engine that flies runs on a Ray cluster: a local one that it starts, or an existing one."""
 
 import asyncio
 import ipaddress
@@ -10,7 +10,7 @@ import sysconfig
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from orchestrator.engines.head_watch import watched_head
 from orchestrator.engines.node_messages import CampaignAnswer, CampaignBrought
 from orchestrator.engines.ray_agents import (
     HIRED_S,
-    SAY_S,
+    REPORT_S,
     Hire,
     HiredAgent,
     hire_agents,
@@ -37,19 +37,19 @@ from orchestrator.storage.store import Store, StoreError
 from orchestrator.storage.stored_runs import read_session, write_session
 
 _LOOPBACK = "127.0.0.2"
-"""Ray takes 127.0.0.1 for a name of the machine, and puts another of its addresses there."""
+"""Not 127.0.0.1: Ray replaces that by another address of the machine."""
 _STORE_BYTES = 80_000_000
-"""The least that Ray takes for its store; results come by files."""
+"""The least that Ray accepts for its object store; results come by files."""
 
 
 @dataclass(frozen=True, slots=True)
 class RayEngine:
-    """Flies runs by agents on nodes. idle: agents that are hired and checked, without a run.
+    """Flies runs by agents on nodes. idle: agents that are up and checked, without a run.
 
-    bench: whose one agent it is; "" where any node flies. keeps_agents: further campaigns are flown
-    by the same agents. store: through which results come; None: by a folder that all share.
-    places: how many runs are to fly at once, also where the cluster has fewer places now. told:
-    what a person has been told of that already.
+    bench: the bench that has the one agent; "" where any node flies. keeps_agents: the same agents
+    fly further campaigns. store: for results; None for a folder that all nodes share. places: how
+    many runs are to fly at once, also while the cluster has fewer places. reported: the sentences
+    about that which the user has seen.
     """
 
     ray: Any
@@ -59,10 +59,10 @@ class RayEngine:
     keeps_agents: bool = False
     store: Store | None = None
     places: int = 1
-    told: set[str] = field(default_factory=set)
+    reported: set[str] = field(default_factory=set)
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
-        """Return the workers of a campaign, whose files travel to their nodes."""
+        """Return the workers of a campaign; its files are copied to their nodes."""
         home, session = folder.absolute(), uuid.uuid4().hex
         try:
             place = self._place(campaign, home, session)
@@ -71,18 +71,18 @@ class RayEngine:
         except OSError as error:
             raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
         except StoreError as error:
-            raise EngineError(f"the store of results does not serve: {error}") from error
-        brought = CampaignBrought(str(home), session, files)
+            raise EngineError(f"the store of results is not usable: {error}") from error
+        brought = CampaignBrought(home, session, files)
         results: ReturnedResults = SharedResults()
         if self.store is not None and place is not None:
-            brought = replace(brought, store=place.store, place=place.place)
+            brought = CampaignBrought(home, session, files, place.store, place.place)
             results = FetchedResults(self.store, home, place.place)
         nodes = ", ".join(sorted({one.node for one in self.idle}))
-        say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files travel")
+        say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files to copy")
         return RayWorkers(engine=self, brought=brought, ledger=ledger, results=results, say=say)
 
     def _place(self, campaign: Campaign, folder: Path, session: str) -> CampaignPlace | None:
-        """Return the campaign's place in the store, where this start is the one that may fly now.
+        """Return the campaign's place in the store, after writing this start's session there.
 
         Raises StoreError, OSError.
         """
@@ -92,7 +92,7 @@ class RayEngine:
         place = CampaignPlace(self.store.url, f"{campaign.name}/{folder.name}-{first[:12]}")
         write_session(self.store, place.place, session)
         if read_session(self.store, place.place) != session:
-            raise StoreError(f"{self.store.url} does not have what was written there")
+            raise StoreError(f"{self.store.url} does not return what was just written")
         return place
 
 
@@ -111,7 +111,7 @@ class RayWorkers:
         self._engine = engine
         self._say = say
         self._flying = 0
-        """Agents that have an order, or are about to get one."""
+        """How many agents have an order, or are about to get one."""
         self._brought = brought
         self._ledger = ledger
         self._results = results
@@ -136,7 +136,7 @@ class RayWorkers:
         )
 
     async def close(self) -> None:
-        """End the agents and what they have unpacked, unless they are kept for what follows."""
+        """End the agents, unless they are kept for the next campaign."""
         if self._engine.keeps_agents:
             for agent in self._engine.idle:
                 agent.has_campaign = False
@@ -146,7 +146,7 @@ class RayWorkers:
         await asyncio.gather(*(agent.close() for agent in agents))
 
     def _receive_agent(self, agent: HiredAgent) -> None:
-        """Take an agent for the next order, unless it is lost."""
+        """Take back an agent for the next order, unless it is lost."""
         self._flying -= 1
         if not agent.is_dead:
             self._engine.idle.append(agent)
@@ -154,13 +154,13 @@ class RayWorkers:
     async def _hire_another(self) -> HiredAgent:
         """Return a further agent, once there is a place for it. Raises EngineError.
 
-        That is waited for as long as other runs fly; where none does, as long as at the start.
+        The wait lasts as long as other runs fly, and HIRED_S after the last of them.
         """
         engine = self._engine
         if engine.bench:
             raise EngineError(
-                f"bench {engine.bench} is lost: nothing more is flown; check its vehicle, "
-                "and start again with --resume"
+                f"bench {engine.bench} is lost and no further runs are flown: check its vehicle, "
+                "then start again with --resume"
             )
         hire = Hire(engine.ray, engine.cores)
         try:
@@ -181,7 +181,7 @@ class RayWorkers:
 
         hire.future.add_done_callback(wake)
         due_s = loop.time() + HIRED_S
-        while not await _is_set(up, SAY_S):
+        while not await _is_set(up, REPORT_S):
             self._say_once(waiting_text(engine.ray.nodes(), engine.cores))
             if self._flying:
                 due_s = loop.time() + HIRED_S
@@ -189,8 +189,8 @@ class RayWorkers:
                 raise EngineError(no_place_text(1, engine.cores))
 
     def _say_once(self, text: str) -> None:
-        if text not in self._engine.told:
-            self._engine.told.add(text)
+        if text not in self._engine.reported:
+            self._engine.reported.add(text)
             self._say(text)
 
     async def _bring_campaign(self, agent: HiredAgent) -> None:
@@ -212,9 +212,9 @@ async def _is_set(event: asyncio.Event, limit_s: float) -> bool:
 
 
 def engine_address(text: str) -> str | None:
-    """Return the address of `ray://HOST:PORT`; None for `ray`, one of this machine.
+    """Return the address in `ray://HOST:PORT`; None for `ray`, a local cluster.
 
-    Raises EngineError for another text, and for an address that a token does not protect.
+    Raises EngineError for another text, and for an address that no token protects.
     """
     if text == "ray":
         return None
@@ -241,17 +241,17 @@ def ray_engine(
     store: Store | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[RayEngine]:
-    """Start a Ray of this machine for `jobs` runs, or join the one at an address.
+    """Start a local Ray for `jobs` runs, or join the one at an address.
 
-    jobs: None for as many as the cluster has place for. cores: that a run takes. keeps_agents: for
-    several campaigns, one after the other. store: of results. say: told what is waited for, and
-    that fewer fly at once. Raises EngineError.
+    jobs: None for as many as the cluster has place for. cores: the CPUs that a run takes.
+    keeps_agents: for several campaigns, one after the other. store: of results. say: called with
+    what is waited for, and where fewer runs fly at once. Raises EngineError.
     """
     with running_ray(address, cpus=(jobs or 1) * cores) as ray:
         there = sum(places_by_node(ray.nodes(), cores).values())
         count = jobs or max(1, there)
-        if said := shortage_text(ray.nodes(), count, cores):
-            say(f"{said}; others fly as soon as there is place for them")
+        if shortage := shortage_text(ray.nodes(), count, cores):
+            say(f"{shortage}; the others fly as soon as there is place for them")
         agents = hire_agents(ray, min(count, max(1, there)), cores=cores, say=say)
         yield RayEngine(
             ray, cores, idle=agents, keeps_agents=keeps_agents, store=store, places=count
@@ -260,13 +260,13 @@ def ray_engine(
 
 @contextmanager
 def running_ray(address: str | None, *, cpus: int = 0) -> Iterator[Any]:
-    """Return the module ray, connected: to a Ray of this machine with `cpus`, or to an address.
+    """Return the module ray, connected to a local Ray with `cpus`, or to an address.
 
-    Called in the main thread, with whose end the processes of an own Ray end. Raises EngineError.
+    Called in the main thread, with whose end the processes of a local Ray end. Raises EngineError.
     """
     if address is None:
         os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=_own_token())
-        # Ray has its workers yield to everything else, by 15; a flight cannot.
+        # Ray sets the niceness of its workers to 15; a flight needs 0.
         os.environ.update(RAY_worker_niceness="0")
     os.environ.update(RAY_DEDUP_LOGS="0", RAY_USAGE_STATS_ENABLED="0")
     ray = _import_ray()
@@ -276,7 +276,7 @@ def running_ray(address: str | None, *, cpus: int = 0) -> Iterator[Any]:
             _start(ray, cpus)
         else:
             _join(ray, address)
-        signal.signal(signal.SIGTERM, before)  # Ray's own would end this program in flight
+        signal.signal(signal.SIGTERM, before)  # Ray's handler would end this program in flight
         with nullcontext() if address is None else watched_head(address):
             yield ray
     finally:
@@ -285,7 +285,7 @@ def running_ray(address: str | None, *, cpus: int = 0) -> Iterator[Any]:
 
 
 def _start(ray: Any, cpus: int) -> None:
-    """Start a Ray of this machine. Raises EngineError."""
+    """Start a local Ray. Raises EngineError."""
     try:
         ray.init(
             address="local",
@@ -302,7 +302,7 @@ def _start(ray: Any, cpus: int) -> None:
 
 
 def _join(ray: Any, address: str) -> None:
-    """Join a cluster by the node of it that this machine is. Raises EngineError."""
+    """Join a cluster, of which this machine must be a node. Raises EngineError."""
     try:
         ray.init(address=address, log_to_driver=False, logging_level="ERROR")
     except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
@@ -326,7 +326,7 @@ def _import_ray() -> Any:
 
 @cache
 def _own_token() -> str:
-    """Return the token of the Rays that this process starts; Ray reads it once in a process."""
+    """Return the token of each local Ray; Ray reads the token once in a process."""
     return secrets.token_hex(32)
 
 

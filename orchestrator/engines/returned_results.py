@@ -1,6 +1,5 @@
-"""How results of nodes come to the machine of a campaign: by a shared folder, or by a store."""
+"""How results of runs return to the campaign's machine: by a shared folder, or by a store."""
 
-import hashlib
 import time
 import uuid
 from contextlib import suppress
@@ -25,16 +24,16 @@ from orchestrator.storage.store import Store, StoreError
 from orchestrator.storage.stored_runs import RESULT_FILE, await_run, digest_of, fetch_run
 
 LANDED_S = 120.0
-"""How long a run whose node has lost its worker may go on: it lands."""
+"""How long a run whose node has lost its worker may take to land."""
 _BEGUN_S = 10.0
-"""How long an order that was on its way to a lost node may take to begin."""
-_SHOWN_S = 20.0
-"""How long a shared folder may take to show what a node has written."""
-_LOOK_S = 0.2
+"""How long an order that was sent to a node before its loss may take to begin."""
+_VISIBLE_S = 20.0
+"""How long a shared folder may take to show files that a node has written."""
+_POLL_S = 0.2
 
 
 class ReturnedResults(Protocol):
-    """How the results of a campaign's runs come here (protocol). What blocks runs in a thread."""
+    """How results of runs return here (protocol). Its methods block: they run in a thread."""
 
     def new_place(self, order: RunOrder) -> str:
         """Return a place for an order's files in the store; "" where there is none."""
@@ -43,11 +42,11 @@ class ReturnedResults(Protocol):
         """Return the outcome of a run that a node has ended, once its files are here."""
 
     def of_lost(self, order: RunOrder, place: str) -> RunResult | str:
-        """Return the result of a run whose node is lost; in words why there is none."""
+        """Return the result of a run whose node is lost, or in words why there is none."""
 
 
 class SharedResults:
-    """The nodes write into the runs' folders."""
+    """Results in a shared folder: the nodes write into the runs' folders."""
 
     def new_place(self, order: RunOrder) -> str:  # noqa: ARG002  # its folder is its place
         """Return no place."""
@@ -59,58 +58,58 @@ class SharedResults:
         place: str,  # noqa: ARG002
         ended: RunEnded,
     ) -> RunResult | WorkerLost:
-        """Return the outcome, once the result is on our disk as the node has written it."""
+        """Return the outcome once this machine sees the result as the node has written it."""
         path = order.folder / RESULT_FILE
-        if isinstance(ended.outcome, RunResult) and not _has_come(path, ended.sha256):
+        if isinstance(ended.outcome, RunResult) and not _becomes_visible(path, ended.sha256):
             return WorkerLost(
-                f"{path} is not what the node wrote, after {_SHOWN_S:g} s; share the folder of "
-                "--out with every node"
+                f"{path} is not the file that the node wrote, after {_VISIBLE_S:g} s; share the "
+                "folder of --out with every node"
             )
         return ended.outcome
 
     def of_lost(self, order: RunOrder, place: str) -> RunResult | str:  # noqa: ARG002
-        """Return the result once nothing flies into its folder; without one it is given up.
+        """Return the result once no run uses its folder; without a result the run is given up.
 
-        An order that was on its way, and begins only now, finds that and does not fly.
+        An order that was sent before, and begins only later, then is not flown.
         """
         had_begun = order.folder.is_dir()
         try:
             make_run_folder(order.folder, order.plan.name)
-            for _ in range(round(LANDED_S / _LOOK_S)):
+            for _ in range(round(LANDED_S / _POLL_S)):
                 with suppress(TakenError), held(order.folder):
                     return _result_or_giving_up(order, had_begun=had_begun)
-                time.sleep(_LOOK_S)
+                time.sleep(_POLL_S)
         except (OutputError, OSError) as error:
             return str(error)
-        return f"it was in flight still after {LANDED_S:g} s"
+        return f"it was still in flight after {LANDED_S:g} s"
 
 
 @dataclass(frozen=True, slots=True)
 class FetchedResults:
-    """The nodes send to a store. campaign: the campaign's folder here; place: beneath the store."""
+    """Results in a store. campaign: the campaign's folder here; place: its place in the store."""
 
     store: Store
     campaign: Path
     place: str
 
     def new_place(self, order: RunOrder) -> str:
-        """Return a place that no other order has."""
+        """Return a unique place."""
         run = order.folder.relative_to(self.campaign).as_posix()
         return f"{self.place}/{run}/{uuid.uuid4().hex[:12]}"
 
     def of_ended(self, order: RunOrder, place: str, ended: RunEnded) -> RunResult | WorkerLost:
-        """Return the outcome, once all files are here and have the digests that were sent."""
+        """Return the outcome once all files are here with the digests that were sent."""
         if not ended.kept:
             return ended.outcome
         try:
-            is_there = fetch_run(self.store, place, order.folder, _ignore)
+            is_there = fetch_run(self.store, place, order.folder, lambda _: None)
             path = order.folder / RESULT_FILE
             if isinstance(ended.outcome, WorkerLost):
                 return ended.outcome
             if not is_there:
                 why = f"{self.store.url}/{place} no longer has its files"
             elif digest_of(path) != ended.sha256:
-                why = f"{path} is not what the node wrote: its SHA-256 is another"
+                why = f"{path} is not the file that the node wrote: its SHA-256 differs"
             else:
                 return ended.outcome
         except (StoreError, OSError) as error:
@@ -118,12 +117,12 @@ class FetchedResults:
         if isinstance(ended.outcome, WorkerLost):
             return WorkerLost(f"{ended.outcome.reason}; its files are kept in {ended.kept}: {why}")
         return WorkerLost(
-            f"it is {ended.outcome.verdict}, but its files are not here, and kept in {ended.kept}: "
-            f"{why}"
+            f"it is {ended.outcome.verdict}, but its files are not here; they are kept in "
+            f"{ended.kept}: {why}"
         )
 
     def of_lost(self, order: RunOrder, place: str) -> RunResult | str:
-        """Return the result that a node sends after it has lost its worker."""
+        """Return the result that a node stores after it has lost its worker."""
         try:
             why = await_run(self.store, place, order.folder, landed_s=LANDED_S, begun_s=_BEGUN_S)
             path = order.folder / RESULT_FILE
@@ -135,7 +134,7 @@ class FetchedResults:
 
 
 def _result_or_giving_up(order: RunOrder, *, had_begun: bool) -> RunResult | str:
-    """Return what a run has left in its folder, which is held. Raises OSError."""
+    """Return the result in a run's locked folder, or give the run up there. Raises OSError."""
     path = order.folder / RESULT_FILE
     try:
         return read_result(path)
@@ -146,17 +145,13 @@ def _result_or_giving_up(order: RunOrder, *, had_begun: bool) -> RunResult | str
         return why
 
 
-def _has_come(path: Path, sha256: str) -> bool:
-    """Return whether a file is there with this content, within the time that it may take."""
-    for _ in range(round(_SHOWN_S / _LOOK_S)):
+def _becomes_visible(path: Path, sha256: str) -> bool:
+    """Return whether a file with this digest becomes visible in time."""
+    for _ in range(round(_VISIBLE_S / _POLL_S)):
         try:
-            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            if digest_of(path) == sha256:
                 return True
         except OSError:
             pass
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
     return False
-
-
-def _ignore(_: int) -> None:
-    """Take how far it has come."""

@@ -1,12 +1,12 @@
-"""The files of a campaign that travel to a node by value: packed, checked, unpacked, found again.
+"""The files of a campaign that are copied to a node: packed, unpacked, and checked by SHA-256.
 
-Beneath the folder where they are unpacked they stand as they stand on the machine that sent them,
-so that every relative name in them holds.
+Beneath the folder where they are unpacked they have the layout of the machine that sent them, so
+that every relative name in them stays valid.
 """
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ class DamagedFileError(Exception):
 class TravellingFile:
     """One file. path: absolute on the machine that sends it. sha256: of its content, in hex."""
 
-    path: str
+    path: Path
     sha256: str
     content: bytes
     is_executable: bool = False
@@ -32,20 +32,20 @@ class TravellingFile:
 
 @dataclass(frozen=True, slots=True)
 class TravellingFiles:
-    """All that the runs of a campaign read. search_path: folders from which Python imports them."""
+    """Every file that a campaign's runs read. search_path: folders from which Python imports."""
 
     files: tuple[TravellingFile, ...]
-    search_path: tuple[str, ...] = ()
+    search_path: tuple[Path, ...] = ()
 
 
 def pack_files(paths: Iterable[Path], search_path: Iterable[str]) -> TravellingFiles:
-    """Return files to travel, by their absolute paths. Raises OSError.
+    """Return files with their content, by their absolute paths. Raises OSError.
 
-    search_path: `sys.path` of this process; of it only folders above one of the files travel.
+    search_path: `sys.path` of this process; only folders above one of the files are kept.
     """
-    packed = tuple(_packed(path) for path in with_companions(paths))
-    folders = dict.fromkeys(str(Path(entry).resolve()) for entry in search_path)
-    needed = [one for one in folders if any(Path(f.path).is_relative_to(one) for f in packed)]
+    packed = tuple(_pack_file(path) for path in with_companions(paths))
+    folders = dict.fromkeys(Path(entry).resolve() for entry in search_path)
+    needed = [one for one in folders if any(file.path.is_relative_to(one) for file in packed)]
     return TravellingFiles(packed, tuple(needed))
 
 
@@ -53,61 +53,42 @@ def unpack_files(sent: TravellingFiles, folder: Path) -> None:
     """Write the files beneath a folder. Raises DamagedFileError, OSError."""
     for file in sent.files:
         if hashlib.sha256(file.content).hexdigest() != file.sha256:
-            raise DamagedFileError(f"{file.path} arrived damaged: its SHA-256 is another")
-        target = place_beneath(folder, Path(file.path))
+            raise DamagedFileError(f"{file.path} arrived damaged: its SHA-256 does not match")
+        target = place_beneath(folder, file.path)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.content)
         target.chmod(0o755 if file.is_executable else 0o644)
 
 
 def place_beneath(folder: Path, path: Path) -> Path:
-    """Return where a file, absolute on the sending machine, stands beneath a folder."""
+    """Return the path beneath a folder of a file that is absolute on the sending machine."""
     return folder / path.relative_to(path.anchor)
 
 
 def relocate_order(order: RunOrder, folder: Path) -> RunOrder:
-    """Return an order whose documents stand beneath a folder."""
-    return replace(order, plan=replace(order.plan, files=_relocate_case(order.plan.files, folder)))
+    """Return an order whose documents are beneath a folder."""
+    return map_documents(order, lambda one: replace(one, path=place_beneath(folder, one.path)))
 
 
 def resolve_order(order: RunOrder) -> RunOrder:
     """Return an order in which every path is absolute, and so means the same on a node."""
-    plan = replace(order.plan, files=_resolve_case(order.plan.files))
-    return replace(order, plan=plan, folder=order.folder.absolute())
+    resolved = map_documents(order, lambda one: replace(one, path=one.path.resolve()))
+    return replace(resolved, folder=order.folder.absolute())
 
 
-def _packed(path: Path) -> TravellingFile:
+def map_documents(order: RunOrder, change: Callable[[Document], Document]) -> RunOrder:
+    """Return an order with each document of its case changed."""
+    files = order.plan.files
+    changed = CaseFiles(
+        campaign=change(files.campaign),
+        world=None if files.world is None else change(files.world),
+        recipe=None if files.recipe is None else change(files.recipe),
+        fences={name: change(one) for name, one in files.fences.items()},
+    )
+    return replace(order, plan=replace(order.plan, files=changed))
+
+
+def _pack_file(path: Path) -> TravellingFile:
     content = path.read_bytes()
     digest = hashlib.sha256(content).hexdigest()
-    return TravellingFile(str(path), digest, content, os.access(path, os.X_OK))
-
-
-def _relocate_case(files: CaseFiles, folder: Path) -> CaseFiles:
-    """Return a case's documents with their paths beneath a folder."""
-    return _with_paths(
-        files, {one.path: place_beneath(folder, one.path) for one in _documents(files)}
-    )
-
-
-def _resolve_case(files: CaseFiles) -> CaseFiles:
-    """Return a case's documents with absolute paths."""
-    return _with_paths(files, {one.path: one.path.resolve() for one in _documents(files)})
-
-
-def _documents(files: CaseFiles) -> list[Document]:
-    given = (files.campaign, files.world, files.recipe, *files.fences.values())
-    return [one for one in given if one is not None]
-
-
-def _with_paths(files: CaseFiles, places: Mapping[Path, Path]) -> CaseFiles:
-    """Return a case's documents with other paths."""
-
-    def moved(document: Document) -> Document:
-        return replace(document, path=places[document.path])
-
-    return CaseFiles(
-        campaign=moved(files.campaign),
-        world=None if files.world is None else moved(files.world),
-        recipe=None if files.recipe is None else moved(files.recipe),
-        fences={name: moved(one) for name, one in files.fences.items()},
-    )
+    return TravellingFile(path, digest, content, os.access(path, os.X_OK))

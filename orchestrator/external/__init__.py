@@ -1,1 +1,1 @@
-"""What comes into a run from outside, and what goes out of it: opened with it, closed with it."""
+"""External I/O of a run: sources, image outlets, injections, and autonomy programs."""

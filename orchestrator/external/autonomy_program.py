@@ -1,8 +1,8 @@
-"""An autonomy that is a program of the user's: started with a run, and ended with it.
+"""The process of an autonomy that is a user's program: started with a run, and ended with it.
 
-The program flies through MAVLink and sees through video, as it would on the vehicle; where, its
-environment says. It runs in a process group of its own, so that whatever it starts ends with it.
-Wall clock only.
+The program flies by MAVLink and receives video, as on the vehicle; its environment has the
+addresses. It runs in its own process group, so that all processes it starts end with it. Wall clock
+only.
 """
 
 import json
@@ -25,7 +25,7 @@ _TAIL_BYTES = 2000
 
 
 class ExternalAutonomyError(VehicleError):
-    """The autonomy program could not be started; says which, and what to do."""
+    """The autonomy program cannot be started; says which, and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def autonomy_environment(
     """Return the environment variables of the autonomy program.
 
     WIL_MAVLINK_URL: link string of the vehicle. WIL_VIDEO_URL: stream, or SDP file, of what it
-    perceives. WIL_GOAL, WIL_PARAMETERS: the campaign's goal, and what stands under `with`, as
+    perceives. WIL_GOAL, WIL_PARAMETERS: the campaign's goal, and the values under `with`, as
     JSON. WIL_VEHICLE: real or twin. WIL_SYSTEM_ID: its MAVLink system. WIL_SEED: of the run.
     PYTHONUNBUFFERED, so that the log of a Python program that is killed is not lost.
     """
@@ -85,8 +85,8 @@ class ExternalAutonomy:
     """Runs an autonomy program while its context is open; an async context manager.
 
     command: program and arguments; the program is looked up in PATH, or relative to `folder`.
-    environment: all of it (see `autonomy_environment`). log_path: takes what it writes, both to
-    stdout and stderr. After the context `exit` says how it ended.
+    environment: all of it (see `autonomy_environment`). log_path: receives its stdout and stderr.
+    After the context `exit` tells how it ended.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class ExternalAutonomy:
             at_fault = error.filename or self._command[0]
             raise ExternalAutonomyError(
                 f"the autonomy cannot be started: {at_fault}: {error.strerror}; check the path, "
-                "and that the file may be executed"
+                "and that the file is executable"
             ) from error
         return self
 
@@ -136,7 +136,7 @@ class ExternalAutonomy:
             return
         ended_by_us = child.running
         await child.end()
-        self.exit = self._exit(child.exit_code, ended_by_us=ended_by_us)
+        self.exit = self._make_exit(child.exit_code, ended_by_us=ended_by_us)
 
     @property
     def running(self) -> bool:
@@ -145,11 +145,11 @@ class ExternalAutonomy:
 
     @property
     def resident_mb(self) -> float:
-        """Return what the autonomy program and all that it started hold in memory, 10^6 bytes."""
+        """Return the memory of the autonomy program and its descendants, in 10^6 bytes."""
         return sum(map(resident_mb, self._processes()))
 
     def kill(self) -> None:
-        """Kill the autonomy program and what it started, now; its context ends it."""
+        """Kill the autonomy program and its descendants now; leaving the context reaps it."""
         for process in self._processes():
             with suppress(psutil.Error):
                 process.kill()
@@ -168,9 +168,9 @@ class ExternalAutonomy:
         """Wait for the autonomy program's own end; a crash fails the run."""
         if self._child is None:
             raise ExternalAutonomyError("the autonomy was not started")
-        return self._exit(await self._child.wait(), ended_by_us=False)
+        return self._make_exit(await self._child.wait(), ended_by_us=False)
 
-    def _exit(self, returncode: int | None, *, ended_by_us: bool) -> ProgramExit:
+    def _make_exit(self, returncode: int | None, *, ended_by_us: bool) -> ProgramExit:
         tail = _tail(self._log_path)
         if returncode is None or returncode >= 0:
             return ProgramExit(returncode, None, ended_by_us, tail)

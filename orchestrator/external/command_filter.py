@@ -1,7 +1,7 @@
-"""What a program under test may say to its vehicle, and when; pure.
+"""Filters the MAVLink that a program under test sends to its vehicle; pure.
 
-It flies while the goal is flown, and reads at any time. Arming, taking off and landing, parameters
-and failsafes are the orchestrator's: both vehicles do them together.
+Setpoints pass while the goal is flown, requests for data at any time. Arming, takeoff, landing,
+parameters and failsafes are reserved to the orchestrator, which does them for both vehicles.
 """
 
 from typing import Any, Literal
@@ -21,7 +21,7 @@ SETPOINTS = frozenset(
         mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
     }
 )
-_STEERING_COMMANDS = frozenset(
+_CONTROL_COMMANDS = frozenset(
     {
         mavlink.MAV_CMD_CONDITION_YAW,
         mavlink.MAV_CMD_DO_SET_MODE,
@@ -30,7 +30,7 @@ _STEERING_COMMANDS = frozenset(
     }
 )
 _OUR_RATES = frozenset({mavlink.MAV_CMD_SET_MESSAGE_INTERVAL})
-"""How often telemetry comes is asked for by the driver; half of it would blind the judge."""
+"""The driver sets the telemetry rates: with lower ones the oracles would miss data."""
 
 _NO_POSITION = (
     mavlink.POSITION_TARGET_TYPEMASK_X_IGNORE
@@ -38,13 +38,13 @@ _NO_POSITION = (
     | mavlink.POSITION_TARGET_TYPEMASK_Z_IGNORE
 )
 
-Answer = Literal["pass", "later", "never"]
+Decision = Literal["pass", "later", "never"]
 
 
 class CommandFilter:
     """Filters the MAVLink commands of an autonomy program, frame by frame.
 
-    flying: whether the goal is being flown. steers_by: what its newest setpoint that passed was.
+    flying: whether the goal is being flown. steers_by: the kind of the newest passed setpoint.
     trouble: what the program does wrong, in words.
     """
 
@@ -56,15 +56,15 @@ class CommandFilter:
         self.steers_by: Setpoints | None = None
         self.trouble = ""
 
-    def judge(self, frame: Frame) -> Answer:
-        """Return whether the filter passes a frame: now, not yet, or never."""
+    def judge(self, frame: Frame) -> Decision:
+        """Return whether a frame passes the filter: now, not yet, or never."""
         command = command_of(frame)
         number = None if command is None else command.number
         setpoint = self._setpoint(frame) if frame.message_id in SETPOINTS else None
-        steers = setpoint is not None or number in _STEERING_COMMANDS
+        controls = setpoint is not None or number in _CONTROL_COMMANDS
         if frame.message_id in SETPOINTS and setpoint is None:
-            answer: Answer = "never"
-        elif steers or frame.message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
+            answer: Decision = "never"
+        elif controls or frame.message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
             answer = "pass" if self.flying else "later"
         elif frame.message_id in ESTIMATES:
             answer = "never"
@@ -78,21 +78,22 @@ class CommandFilter:
         return answer
 
     def _setpoint(self, frame: Frame) -> Setpoints | None:
-        """Return the setpoint for this vehicle in a frame; None for another's."""
+        """Return the kind of setpoint for this vehicle in a frame; None for another vehicle."""
         message = self._as_vehicle.decode(frame)
         if message is None:
             return None
         system = message.target_system
         if system not in {0, self._target.system}:
-            said = f"its setpoints are for system {system}, and it flies {self._target.system}"
-            self.trouble = said
+            self.trouble = (
+                f"its setpoints are for system {system}, but it flies system {self._target.system}"
+            )
             return None
         if frame.message_id == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
             return "attitude"
         return "velocity" if message.type_mask & _NO_POSITION == _NO_POSITION else "position"
 
-    def refusal(self, frame: Frame, answer: Answer) -> bytes:
-        """Return the ack that refuses a filtered command; empty for anything else.
+    def refusal(self, frame: Frame, answer: Decision) -> bytes:
+        """Return the COMMAND_ACK that refuses a filtered command; empty for other messages.
 
         A program that waits for an acknowledgement must not wait for ever.
         """

@@ -1,4 +1,4 @@
-"""Cameras whose pictures come from outside: recordings, and live ones."""
+"""Cameras with external images, recorded or live."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ class ExternalCamera(ExternalSource):
         setup, intrinsics = self._setup, self._camera.intrinsics
         if setup.shown_as == "file":
             return RecordedCamera(
-                file=_file(setup, self._camera.rate_hz),
+                file=_image_file(setup, self._camera.rate_hz),
                 intrinsics=intrinsics,
                 side=self._side,
                 latency_s=setup.latency_s,
@@ -45,7 +45,7 @@ class ExternalCamera(ExternalSource):
         )
 
 
-def _file(setup: SourceSetup, rate_hz: float) -> ImageFile:
+def _image_file(setup: SourceSetup, rate_hz: float) -> ImageFile:
     """Return the reader of an external camera's recorded images."""
     path = Path(setup.address)
     if setup.kind == "images":

@@ -1,4 +1,4 @@
-"""All that one run has outside of this process: opened before its vehicles, closed after them."""
+"""External I/O of one run: opened before its vehicles, closed after them."""
 
 import asyncio
 import re
@@ -32,7 +32,7 @@ from vehicles.sources.simulator.simulator_camera import ZmqImageSource
 
 _WATCH_S = 0.1
 _STALLED_S = 1.0
-"""Without a picture for so long in flight, a run proves nothing any more."""
+"""After so long without an image in flight, the run is INVALID."""
 _FIRST_CAMERA = 100
 """MAV_COMP_ID_CAMERA; the next ones follow."""
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
@@ -50,25 +50,25 @@ class _Stall:
     _latest: dict[str, str] = field(default_factory=dict)
 
     def note(self, reason: str) -> None:
-        """Count a reason; numbers in it (of a question, of an offset) make it no other."""
+        """Count a reason; reasons that differ only in numbers count as the same."""
         kind = _NUMBER.sub("#", reason)
         self._counts[kind] += 1
         self._latest[kind] = reason
 
     @property
     def text(self) -> str:
-        """Return the commonest reason, and how common it is where there are others."""
+        """Return the most common reason, with its share where there are others."""
         (kind, count), *others = self._counts.most_common()
-        of = f" ({count} of {self._counts.total()} images)" if others else ""
-        return self._latest[kind] + of
+        share = f" ({count} of {self._counts.total()} images)" if others else ""
+        return self._latest[kind] + share
 
 
 class ExternalIo:
     """External I/O of one run: sources, outlets, injections; an async context manager.
 
-    cameras: those with pictures from outside, simulators: those that are asked in another
-    process, drawn: the same as they are to be asked in flight, all by vehicle and sensor. readings:
-    of all other sensors from outside. Nothing here is slower for a run that has none of it.
+    cameras: those with external images; simulators: cameras that another process renders; drawn:
+    the same with the check of their images in flight; all by vehicle and sensor. readings: of all
+    other external sensors. A run without external I/O is not slowed down.
     """
 
     def __init__(self, *, setup: RunSetup, events: Mapping[str, float]) -> None:
@@ -77,14 +77,14 @@ class ExternalIo:
         self._injectors: dict[str, Injector] = {}
         self._stack = AsyncExitStack()
         self._missing: dict[Key, _Stall] = {}
-        self._doubted: Callable[[str], None] = lambda _: None
+        self._on_stall: Callable[[str], None] = lambda _: None
         self._proofs: tuple[InjectionProof, ...] = ()
         self.cameras: dict[Key, ExternalCamera] = {}
         self.simulators: dict[Key, ZmqImageSource] = {}
         self.drawn: dict[Key, SimulatorCheck] = {}
         for vehicle in setup.with_sensors:
             for camera in vehicle.cameras:
-                self._add(vehicle.name, camera)
+                self._add_camera(vehicle.name, camera)
         self.readings = ReadingSources(setup)
         captured: dict[Source, MocapSetup] = {
             one.name: one.mocap for one in setup.vehicles if one.mocap is not None
@@ -115,7 +115,7 @@ class ExternalIo:
 
     @property
     def disagreements(self) -> tuple[str, ...]:
-        """Return in words where a simulator shows another world than the one that is judged."""
+        """Return in words where a simulator shows another world than the judged one."""
         return tuple(
             f"{' '.join(key)} at {simulator.name}: {text}"
             for key, simulator in self.simulators.items()
@@ -126,7 +126,7 @@ class ExternalIo:
         """Attach the vehicles whose autopilots receive injections, and send readings."""
         setup, contexts = self._setup, tuple(contexts)
         self.readings.attach(contexts)
-        surroundings = ScenePoses(
+        scene_poses = ScenePoses(
             setup.virtual_scene if setup.mode != "real" else setup.real_scene,
             setup.campaign.world.frame,
             self._events,
@@ -136,22 +136,19 @@ class ExternalIo:
                 context=context,
                 autopilot=setup.vehicle(context.name).autopilot,
                 injections=setup.campaign.outside.injections,
-                surroundings=surroundings,
+                scene_poses=scene_poses,
             )
-            if injector.things:
+            if injector.injections:
                 self._injectors[context.name] = injector
                 context.on_mocap(injector.pose)
 
     async def before_arming(
         self, contexts: Iterable[VehicleContext], *, unbooted: Mapping[str, frozenset[str]]
     ) -> str:
-        """Check that motion capture and readings are received and that injections are used.
+        """Check that motion capture and readings are received, and that injections are used.
 
-        Return what was checked.
-
-        unbooted: by vehicle the parameters that were changed while it ran.
-
-        Raises SourceError, NotHonouredError.
+        Return in words what was checked. unbooted: by vehicle the parameters that were changed
+        while it ran. Raises SourceError, UnsupportedInjectionError.
         """
         checked = []
         if self._setup.clock == "wall" and any(one.mocap for one in self._setup.vehicles):
@@ -168,35 +165,35 @@ class ExternalIo:
         return "; ".join(checked) or "nothing external"
 
     async def run(self, run_state: RunState) -> None:
-        """Send what is due to autopilots and ground station, and watch, until cancelled."""
+        """Send to autopilots and ground station, and watch the sources, until cancelled."""
         async with asyncio.TaskGroup() as group:
-            group.create_task(run_state.reaching("end"), name="outside")
+            group.create_task(run_state.reaching("end"), name="external I/O")
             for name, injector in self._injectors.items():
                 group.create_task(injector.run(), name=f"injection into {name}")
             if self._ground is not None:
                 group.create_task(self._ground.run(), name="ground station")
             if any(one.mocap is not None for one in self._setup.vehicles):
-                group.create_task(self._watch(run_state), name="motion capture watch")
+                group.create_task(self._watch_captures(run_state), name="motion capture watch")
             if self._injectors:
                 group.create_task(self._watch_injection(run_state), name="injection watch")
             if self.drawn:
                 group.create_task(self._watch_simulators(run_state), name="simulator watch")
 
-    def senses(self, doubted: Callable[[str], None]) -> bool:
-        """Return whether any sensor is external; `doubted` is called when one stalls."""
-        self._doubted = doubted
+    def senses(self, on_stall: Callable[[str], None]) -> bool:
+        """Return whether any sensor is external; `on_stall` is called when one stalls."""
+        self._on_stall = on_stall
         for camera in self.cameras.values():
-            camera.on_stall(doubted)
-        self.readings.on_stall(doubted)
+            camera.on_stall(on_stall)
+        self.readings.on_stall(on_stall)
         return bool(self.cameras or self.simulators or self.readings)
 
     def missing(self, key: Key, reason: str) -> None:
-        """Note that an external camera delivered no image; now and then is no stall."""
+        """Record that an external camera delivered no image; a short gap is no stall."""
         now_s = asyncio.get_running_loop().time()
         stall = self._missing.setdefault(key, _Stall(now_s))
         stall.note(reason)
         if now_s - stall.since_s > _STALLED_S:
-            self._doubted(f"{' '.join(key)}: {stall.text}")
+            self._on_stall(f"{' '.join(key)}: {stall.text}")
 
     def perceived(self, reading: Reading, by: Iterable[str]) -> None:
         """Send out a perceived reading: to outlets and to autopilots."""
@@ -220,9 +217,9 @@ class ExternalIo:
         """Send out a contact at the moment it is detected."""
         if self._ground is None:
             return
-        things = self._setup.judged_scene.objects
-        named = (thing.object_id for thing in things if thing.name in flag.text)
-        self._ground.contact(f"{flag.vehicle} {flag.text}", thing_id=next(named, 0))
+        objects = self._setup.judged_scene.objects
+        ids = (one.object_id for one in objects if one.name in flag.text)
+        self._ground.contact(f"{flag.vehicle} {flag.text}", object_id=next(ids, 0))
 
     @property
     def result(self) -> ExternalResult:
@@ -241,7 +238,7 @@ class ExternalIo:
             injected=tuple(r for one in self._injectors.values() for r in one.results),
         )
 
-    async def _watch(self, run_state: RunState) -> None:
+    async def _watch_captures(self, run_state: RunState) -> None:
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(_WATCH_S)
@@ -252,14 +249,14 @@ class ExternalIo:
                 return
 
     async def _watch_simulators(self, run_state: RunState) -> None:
-        """Take that a simulator shows another world than the one that is judged."""
+        """Decide INVALID when a simulator shows another world than the judged one."""
 
         def look_back(_: Stage, __: float) -> None:
             if run_state.stage == "goal" or not run_state.reached("goal") or run_state.decisive:
                 return
             for key, check in self.drawn.items():
-                if found := check.look_back():
-                    text = f"{' '.join(key)}: {found}"
+                if problem := check.look_back():
+                    text = f"{' '.join(key)}: {problem}"
                     run_state.decide("INVALID", text, source="simulator", ends_flight=False)
                     return
 
@@ -270,27 +267,28 @@ class ExternalIo:
             await asyncio.sleep(_WATCH_S)
             for key, check in self.drawn.items():
                 if check.fault:
-                    self._doubted(f"{' '.join(key)}: {check.fault}")
+                    self._on_stall(f"{' '.join(key)}: {check.fault}")
 
     async def _watch_injection(self, run_state: RunState) -> None:
         """End the flight as INVALID when an autopilot ignores its injections.
 
-        Twice in a row: what changes the mode may itself be on its way to being told.
+        Only after two checks in a row: a mode change may be in progress.
         """
         before = ""
         while True:
             await asyncio.sleep(_WATCH_S)
-            said = ""
+            problems = ""
             if run_state.stage == "goal" and not run_state.decisive:
                 broken = ((proof, proof.broken()) for proof in self._proofs)
-                said = "; ".join(proof.text_of(reasons) for proof, reasons in broken if reasons)
-            if said and said == before:
-                run_state.decide("INVALID", f"injection was ignored: {said}", source="injection")
+                problems = "; ".join(proof.text_of(reasons) for proof, reasons in broken if reasons)
+            if problems and problems == before:
+                text = f"injection was ignored: {problems}"
+                run_state.decide("INVALID", text, source="injection")
                 return
-            before = said
+            before = problems
 
     async def _warm_up_simulators(self) -> None:
-        """Have each simulator draw once, from where its vehicle stands. Raises SourceError."""
+        """Render once with each simulator, from its vehicle's start. Raises SourceError."""
         now_s = asyncio.get_running_loop().time()
         for (name, sensor), simulator in self.simulators.items():
             vehicle = self._setup.vehicle(name)
@@ -298,7 +296,7 @@ class ExternalIo:
             pose = camera.mount.camera_pose(vehicle.start)
             await simulator.warm_up(pose, camera.intrinsics, now_s)
 
-    def _add(self, vehicle: Source, camera: CameraSetup) -> None:
+    def _add_camera(self, vehicle: Source, camera: CameraSetup) -> None:
         source, key = camera.source, (str(vehicle), camera.name)
         if source is None:
             return
@@ -329,7 +327,7 @@ class ExternalIo:
             name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
             if name not in there:
                 continue
-            # The mixed picture is as large as that of the real vehicle, whose it replaces.
+            # The mixed image has the size of the real vehicle's image, which it replaces.
             owner = there.get("real", there[name]) if perceived else there[name]
             camera = next(one for one in owner.cameras if one.name == outlet.sensor)
             sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"

@@ -1,4 +1,4 @@
-"""Readings of other sensors than cameras that come from outside: opened, proven, watched."""
+"""External readings of sensors other than cameras: opened, checked at rest, watched for stalls."""
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
@@ -34,14 +34,14 @@ _REMEDIES: Mapping[str, str] = {
     "GPS_RAW_INT": "connect a receiver, and wait for its 3-D fix",
     "GPS2_RAW": "connect a second receiver, and wait for its 3-D fix",
 }
-_OTHERWISE = "let the autopilot send it on this link, or name another by `message`"
+_OTHER_REMEDY = "let the autopilot send it on this link, or name another by `message`"
 
 
 class ExternalReadings(ExternalSource):
     """One sensor of a vehicle with external readings; a Stream of them.
 
-    A sensor that says the very same while its vehicle moves counts as stalled, and what it says is
-    not handed on.
+    A sensor that repeats the same reading while its vehicle moves counts as stalled, and those
+    readings are not delivered.
     """
 
     def __init__(self, *, sensor: SourcedSetup, source: ReadingSourceSetup, side: Source) -> None:
@@ -49,7 +49,7 @@ class ExternalReadings(ExternalSource):
             sensor=sensor.name, shown_as=source.shown_as, side=side, make=self._make_source
         )
         self._setup = sensor
-        self._from = source
+        self._from_setup = source
         self._context: VehicleContext | None = None
         self._frozen = FrozenReadings()
         self._is_frozen = False
@@ -58,24 +58,24 @@ class ExternalReadings(ExternalSource):
     def attach(self, context: VehicleContext) -> None:
         """Attach the vehicle whose sensor this is; before it is identified."""
         self._context = context
-        if self._from.kind == "mavlink":
-            feed = MavlinkReadings(sensor=self._mavlink(), side=self._side, into=self._live)
+        if self._from_setup.kind == "mavlink":
+            feed = MavlinkReadings(sensor=self._mavlink_sensor(), side=self._side, into=self._live)
             feed.attach(context.driver)
 
     async def ready(self, *, frame: LocalFrame | None) -> None:
-        """Wait for a reading, and see that it is of a vehicle that stands. Raises SourceError.
+        """Wait for a reading, and check that it fits a vehicle at rest. Raises SourceError.
 
-        frame: of the world on earth; None where the recipe mends units or axes of this sensor, so
-        that they are not looked at here.
+        frame: of the world on earth; None where the recipe converts units or axes of this sensor,
+        so that they cannot be checked here.
         """
-        if self._from.shown_as == "file" or self._context is None:
+        if self._from_setup.shown_as == "file" or self._context is None:
             return
         loop = asyncio.get_running_loop()
         since_s = loop.time()
         while self._live.newest is None or self._live.newest.arrived_s < since_s:
-            if loop.time() > since_s + self._from.open_s:
-                raise SourceError(self._live.unheard_text(self._from.open_s))
-            if self._from.kind == "mavlink":
+            if loop.time() > since_s + self._from_setup.open_s:
+                raise SourceError(self._live.unheard_text(self._from_setup.open_s))
+            if self._from_setup.kind == "mavlink":
                 self._context.driver.request_missing()
             await asyncio.sleep(_POLL_S)
         pose = self._context.poses.at(loop.time()).pose
@@ -88,23 +88,25 @@ class ExternalReadings(ExternalSource):
     async def run(self, deliver: Deliver) -> None:
         """Deliver the external readings until cancelled. Raises SourceError at their end."""
 
-        def unless_frozen(reading: Reading) -> None:
+        def deliver_unless_frozen(reading: Reading) -> None:
             pose = None if self._context is None else self._context.poses.at(reading.t_s).pose
-            fault = None if self._from.shown_as == "file" else self._frozen.take(reading, pose)
+            fault = (
+                None if self._from_setup.shown_as == "file" else self._frozen.take(reading, pose)
+            )
             if fault is None:
                 deliver(reading)
             else:
                 self._stall(fault, again=self._is_frozen)
             self._is_frozen = fault is not None
 
-        await super().run(unless_frozen)
+        await super().run(deliver_unless_frozen)
 
     @property
     def _mount(self) -> Pose:
         return self._setup.mount if isinstance(self._setup, RangingSetup) else AT_ORIGIN
 
     def _make_source(self) -> ReadingSource[Reading]:
-        source = self._from
+        source = self._from_setup
         if source.kind != "mcap":
             return self._live
         path, kind, mount = Path(source.address), self._setup.kind, self._mount
@@ -112,8 +114,8 @@ class ExternalReadings(ExternalSource):
         return RecordedReadings(file=file, side=self._side, latency_s=source.latency_s)
 
     def _make_live(self) -> LiveReadings:
-        """Return what takes the readings of a live source."""
-        sensor, source = self._setup, self._from
+        """Return the receiver of a live source."""
+        sensor, source = self._setup, self._from_setup
         if source.kind == "zmq":
             return ZmqReadings(
                 address=source.address,
@@ -130,12 +132,12 @@ class ExternalReadings(ExternalSource):
             name=f"{self._side} {sensor.name} from {source.address}",
             what=source.message or _ESTIMATE,
             stall_s=source.stall_s,
-            remedy=_REMEDIES.get(source.message or "", _OTHERWISE),
+            remedy=_REMEDIES.get(source.message or "", _OTHER_REMEDY),
         )
 
-    def _mavlink(self) -> MavlinkSensor:
-        """Return the sensor as its messages are read."""
-        sensor, source = self._setup, self._from
+    def _mavlink_sensor(self) -> MavlinkSensor:
+        """Return how the sensor's MAVLink messages are read."""
+        sensor, source = self._setup, self._from_setup
         ranging = sensor if isinstance(sensor, RangingSetup) else None
         beams = None
         if isinstance(sensor, LidarSetup):
@@ -155,11 +157,11 @@ class ExternalReadings(ExternalSource):
 
 
 class ReadingSources:
-    """All sensors of a run, other than cameras, whose readings come from outside."""
+    """All sensors of a run with external readings, except cameras."""
 
     def __init__(self, setup: RunSetup) -> None:
         self._frame = setup.campaign.world.frame
-        self._mended = _mended(setup)
+        self._converted = _converted_sensors(setup)
         self._by_key = {
             (str(vehicle.name), sensor.name): ExternalReadings(
                 sensor=sensor, source=source, side=vehicle.name
@@ -169,7 +171,7 @@ class ReadingSources:
         }
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of sensors."""
         return len(self._by_key)
 
     def get(self, vehicle: str, sensor: str) -> ExternalReadings | None:
@@ -189,14 +191,14 @@ class ReadingSources:
                 one.attach(there[vehicle])
 
     def on_stall(self, stalled: Callable[[str], None]) -> None:
-        """Call `stalled` with the reason whenever one delivers nothing that can be used."""
+        """Call `stalled` with the reason whenever a sensor delivers nothing usable."""
         for one in self._by_key.values():
             one.on_stall(stalled)
 
     async def ready(self) -> str:
-        """Wait until each has a reading, and say what was checked. Raises SourceError."""
+        """Wait until each has a reading; return in words what was checked. Raises SourceError."""
         for (_, sensor), one in self._by_key.items():
-            await one.ready(frame=None if sensor in self._mended else self._frame)
+            await one.ready(frame=None if sensor in self._converted else self._frame)
         return ", ".join(" ".join(key) for key in self._by_key)
 
     @property
@@ -205,8 +207,8 @@ class ReadingSources:
         return tuple(one.result for one in self._by_key.values())
 
 
-def _mended(setup: RunSetup) -> frozenset[str]:
-    """Return the sensors whose units or axes the recipe mends."""
+def _converted_sensors(setup: RunSetup) -> frozenset[str]:
+    """Return the sensors whose units or axes the recipe converts."""
     recipe = setup.campaign.recipe
     return frozenset(
         combination.sensor.name

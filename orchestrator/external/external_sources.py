@@ -1,4 +1,4 @@
-"""A sensor whose readings come from outside: opened, counted, and heard when it stalls."""
+"""The base of a sensor with external readings: it opens, counts and reports stalls."""
 
 import asyncio
 from collections.abc import Callable
@@ -21,9 +21,9 @@ Deliver = Callable[[Reading], None]
 class ExternalSource:
     """A vehicle's sensor with external readings; a Stream of them.
 
-    Opened with the run, so that what cannot be had is known before anything flies. `run` hands on
-    what was taken since it began: a live source goes on from before, a recording starts then.
-    make: returns the source, not opened yet.
+    It is opened with the run, so that an unavailable source is known before the flight. `run`
+    delivers the readings since its own beginning: a live source is open already, a recording
+    starts then. make: returns the source, not opened yet.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class ExternalSource:
         )
 
     def _stall(self, why: str, *, again: bool = False) -> None:
-        """Note, and report, that the source delivers nothing usable; again: that it still does."""
+        """Count and report that the source delivers nothing usable. again: the stall continues."""
         self._stalls += not again
         self._trouble = why
         self._stalled(f"{self._side} {self._sensor}: {why}")
@@ -108,7 +108,7 @@ class ExternalSource:
                 raise SourceError(f"{source.name}: the recording is over")
 
     def _begin_counting(self, counts: SourceCounts) -> None:
-        """Leave out what came before the first reading that is handed on: nobody wanted those."""
+        """Exclude readings before the first delivered one from the counts."""
         if not self._has_begun:
             self._has_begun = True
             self._before = replace(counts, delivered=counts.delivered - 1)

@@ -1,4 +1,4 @@
-"""What a ground station is told beside the vehicle's own link: a camera, and contacts."""
+"""A separate link to a ground station, for camera streams and contacts."""
 
 import asyncio
 from typing import Any
@@ -12,13 +12,13 @@ from vehicles.mavlink.codec import Codec
 
 _TICK_S = 0.1
 _COMPANION = 191
-"""MAV_COMP_ID_ONBOARD_COMPUTER: as whom contacts are told."""
+"""MAV_COMP_ID_ONBOARD_COMPUTER: the sender of contacts."""
 
 
 class GroundStation:
-    """A link of its own to a ground station, as components of the real vehicle.
+    """A separate link to a ground station, as components of the real vehicle.
 
-    cameras: a component for each stream. The vehicle's own telemetry does not go this way.
+    cameras: a component for each stream. The vehicle's own telemetry does not use this link.
     """
 
     def __init__(self, *, link: Link, system_id: int, cameras: tuple[CameraComponent, ...]) -> None:
@@ -33,27 +33,29 @@ class GroundStation:
         link.receive(self._on_frame)
 
     async def run(self) -> None:
-        """Send what is due to the ground station until cancelled."""
+        """Send due messages to the ground station until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             for camera in self._cameras:
                 self._send(camera, camera.tick(loop.time()))
             await asyncio.sleep(_TICK_S)
 
-    def contact(self, text: str, *, thing_id: int) -> None:
+    def contact(self, text: str, *, object_id: int) -> None:
         """Send a contact to the ground station: COLLISION for machines, text for people.
 
-        thing_id: of the thing in the world.
+        object_id: of the touched object in the world.
         """
         message = collision(
-            thing_id=thing_id,
+            thing_id=object_id,
             threat="high",
             time_to_closest_s=0.0,
             horizontal_m=0.0,
             vertical_m=0.0,
         )
-        said = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, text.encode()[:50])
-        self.link.write(self._contacts.pack(message) + self._contacts.pack(said))
+        shown = mavlink.MAVLink_statustext_message(
+            mavlink.MAV_SEVERITY_CRITICAL, text.encode()[:50]
+        )
+        self.link.write(self._contacts.pack(message) + self._contacts.pack(shown))
 
     def _on_frame(self, data: bytes, t_s: float) -> None:
         for message in self._reader.parse(data):

@@ -1,4 +1,4 @@
-"""Ways out for pictures: RTP, ZeroMQ, loopback devices, and a ground station that is told."""
+"""Image outlets of a run: RTP, ZeroMQ and loopback devices."""
 
 from collections.abc import Iterable
 from contextlib import AsyncExitStack

@@ -1,4 +1,4 @@
-"""Each autopilot acts on what it is told: proven before arming, watched in flight."""
+"""Checks that autopilots use injected messages: before arming, and in flight."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ _DOWN = 0.7
 
 
 class UnsupportedInjectionError(VehicleError):
-    """An injection that an autopilot would ignore: which, why, and what to do."""
+    """An autopilot would ignore an injection; says which, why, and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class InjectionProof:
-    """The check of one vehicle's injections: the parameters by which it uses them."""
+    """The check of one injection into a vehicle: the parameters that make it use the message."""
 
     context: VehicleContext
     autopilot: AutopilotName
@@ -57,19 +57,19 @@ async def prove_injection(
 ) -> tuple[InjectionProof, ...]:
     """Check injections by the autopilots' parameters. Raises UnsupportedInjectionError.
 
-    Only what the vehicle itself reports counts: what a campaign has set may not have taken.
+    Only parameters that the vehicle itself reports count: it may not have accepted others.
     unbooted: of each vehicle the parameters that were changed since it booted.
     """
-    wanted = tuple(injections)
+    requested = tuple(injections)
     proofs: list[InjectionProof] = []
     faults: list[str] = []
     for context in contexts:
         vehicle = vehicles[context.name]
-        for injection in wanted:
+        for injection in requested:
             if context.name not in injection.to:
                 continue
             thing = message_name(injection.thing, _mount(vehicle, injection.sensor))
-            proof = await _ask_parameters(context, vehicle.autopilot, thing)
+            proof = await _read_parameters(context, vehicle.autopilot, thing)
             reasons = injection_faults(
                 vehicle.autopilot,
                 thing,
@@ -92,21 +92,21 @@ def message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
     return injected
 
 
-async def _ask_parameters(
+async def _read_parameters(
     context: VehicleContext, autopilot: AutopilotName, thing: InjectionKind
 ) -> InjectionProof:
-    """Return the autopilot's parameters that decide about an injection."""
+    """Return the autopilot's parameters on which an injection depends."""
     parameters: dict[str, float] = {}
     for name in parameters_to_read(autopilot, thing):
         try:
             parameters[name] = await context.driver.parameters.get(name)
         except ParameterError:
-            continue  # that it has none is what the rule then says
+            continue  # the rule reports the missing parameter
     return InjectionProof(context, autopilot, thing, parameters)
 
 
 def _mount(vehicle: VehicleSetup, sensor: str | None) -> Pose | None:
     """Return the mount of an injected sensor; None without one."""
-    found = (one for one in vehicle.sensors if one.name == sensor)
-    mount = getattr(next(found, None), "mount", None)
+    sensors = (one for one in vehicle.sensors if one.name == sensor)
+    mount = getattr(next(sensors, None), "mount", None)
     return mount if isinstance(mount, Pose) else None

@@ -1,7 +1,7 @@
-"""Things that the autopilots are told: from mixed readings, from places of things, from poses.
+"""Injects messages into autopilots: from mixed readings, from object positions, from poses.
 
-Each message goes through the vehicle's driver, and so through the guard. Nothing here waits: a
-message is sent when its reading comes, if its turn has come.
+Each message is sent through the vehicle's driver, and so through the guard. Nothing waits: a
+message is sent when its reading arrives, if its period has passed.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ from worlds.scene.scene import Scene, SceneObject
 _ICAO_FIRST = 0xF00000
 """Addresses from F00000 on belong to no state (ICAO Annex 10, volume III, table 9-1)."""
 _STEP_S = 0.1
-"""Over how long the speed of a thing is taken."""
+"""The time step for the speed of an object."""
 _TRAFFIC_HZ = 50.0
 
 
@@ -52,23 +52,23 @@ class Injector:
         context: VehicleContext,
         autopilot: AutopilotName,
         injections: Iterable[InjectionSetup],
-        surroundings: ScenePoses,
+        scene_poses: ScenePoses,
         spread: PoseSpread | None = None,
     ) -> None:
         self._context = context
         self._autopilot = autopilot
-        self._surroundings = surroundings
+        self._scene_poses = scene_poses
         self._spread = spread
         self._injections = tuple(one for one in injections if context.name in one.to)
         self._paced: dict[tuple[str, str], PacedMessages] = {}
 
     @property
-    def things(self) -> tuple[InjectionSetup, ...]:
-        """Return the names of what is injected into this vehicle."""
+    def injections(self) -> tuple[InjectionSetup, ...]:
+        """Return the injections into this vehicle."""
         return self._injections
 
     def perceived(self, sensor: str, reading: Reading) -> None:
-        """Take a sensor's mixed reading to inject."""
+        """Inject a sensor's mixed reading, if an injection uses it."""
         for one in self._injections:
             if one.sensor != sensor:
                 continue
@@ -77,16 +77,16 @@ class Injector:
             elif one.thing == "distance_sensor" and isinstance(reading, RangefinderReading):
                 self._offer(one, "", distance_sensor(reading), reading.t_s)
             elif isinstance(reading, PoseReading):
-                self._pose(one, reading)
+                self._offer_pose(one, reading)
 
     def pose(self, reading: PoseReading) -> None:
-        """Take a motion capture pose to inject, as it arrived."""
+        """Inject a motion capture pose, if an injection uses it."""
         for one in self._injections:
             if one.sensor is None:
-                self._pose(one, reading)
+                self._offer_pose(one, reading)
 
     async def run(self) -> None:
-        """Inject messages about objects' places until cancelled."""
+        """Inject messages about object positions until cancelled."""
         moving = [one for one in self._injections if one.objects]
         rate_hz = max((self._plan(one).rate_hz for one in moving), default=0.0)
         loop = asyncio.get_running_loop()
@@ -98,9 +98,9 @@ class Injector:
     @property
     def results(self) -> tuple[InjectedResult, ...]:
         """Return the counts of injected messages."""
-        found: dict[str, list[PacedMessages]] = {one.thing: [] for one in self._injections}
+        by_message: dict[str, list[PacedMessages]] = {one.thing: [] for one in self._injections}
         for (thing, _), paced in self._paced.items():
-            found[thing].append(paced)
+            by_message[thing].append(paced)
         return tuple(
             InjectedResult(
                 vehicle=self._context.name,
@@ -109,10 +109,10 @@ class Injector:
                 replaced=sum(one.replaced for one in paced),
                 stale=sum(one.stale for one in paced),
             )
-            for thing, paced in found.items()
+            for thing, paced in by_message.items()
         )
 
-    def _pose(self, one: InjectionSetup, reading: PoseReading) -> None:
+    def _offer_pose(self, one: InjectionSetup, reading: PoseReading) -> None:
         if one.thing == "vision_position_estimate":
             message = vision_position_estimate(reading, spread=self._spread)
             self._offer(one, "", message, reading.t_s)
@@ -136,8 +136,8 @@ class Injector:
 
     def _send_objects(self, one: InjectionSetup, now_s: float) -> None:
         for name in one.objects:
-            thing = self._surroundings.scene[name]
-            place = thing.pose_at(now_s, self._surroundings.events).position_ned_m
+            thing = self._scene_poses.scene[name]
+            place = thing.pose_at(now_s, self._scene_poses.events).position_ned_m
             if one.thing == "adsb_vehicle":
                 intruder = self._intruder(thing, place, now_s)
                 self._offer(one, name, adsb_vehicle(intruder, now_s=now_s), now_s)
@@ -147,9 +147,9 @@ class Injector:
                     self._offer(one, name, message, now_s)
 
     def _intruder(self, thing: SceneObject, place: Vec3, now_s: float) -> Intruder:
-        events = self._surroundings.events
+        events = self._scene_poses.events
         before = thing.pose_at(now_s - _STEP_S, events).position_ned_m
-        at = self._surroundings.frame.to_geodetic(place)
+        at = self._scene_poses.frame.to_geodetic(place)
         return Intruder(
             t_s=now_s,
             icao_address=_ICAO_FIRST + thing.object_id,
@@ -161,7 +161,7 @@ class Injector:
         )
 
     def _landing_target(self, place: Vec3, now_s: float) -> Any | None:
-        """Return the injected landing target in the autopilot's frame; None if unknown."""
+        """Return the LANDING_TARGET in the autopilot's frame; None while its pose is unknown."""
         driver = self._context.driver
         anchor, local = driver.anchor, driver.state.local
         if anchor is None or local is None:

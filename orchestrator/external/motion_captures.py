@@ -1,4 +1,4 @@
-"""Motion capture from outside, for the vehicles that are known by it."""
+"""External motion capture inputs, for the vehicles whose pose they measure."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ Listener = Callable[[PoseReading], None]
 Input = UdpCapture | ZmqCapture | VrpnCapture
 
 _FIRST_S = 5.0
-"""How long the first pose of a body is waited for: any system sends many in a second."""
+"""How long to wait for the first pose of a body: every system sends many per second."""
 _POLL_S = 0.05
 
 
@@ -34,16 +34,16 @@ class _Feed:
 class MotionCaptures:
     """A run's motion capture inputs; vehicles with one address share one input."""
 
-    def __init__(self, wanted: Mapping[Source, MocapSetup]) -> None:
+    def __init__(self, setups: Mapping[Source, MocapSetup]) -> None:
         self._feeds: dict[Source, _Feed] = {}
         self._inputs: list[Input] = []
         groups: dict[tuple[object, ...], dict[Source, MocapSetup]] = {}
-        for vehicle, setup in wanted.items():
+        for vehicle, setup in setups.items():
             body = setup.body if setup.kind == "vrpn" else ""
             key = (setup.kind, setup.host, setup.port, setup.topic, setup.latency_s, body)
             groups.setdefault(key, {})[vehicle] = setup
         for group in groups.values():
-            self._add(group)
+            self._add_input(group)
 
     async def open(self, stack: AsyncExitStack) -> None:
         """Open all motion capture inputs. Raises SourceError."""
@@ -58,7 +58,7 @@ class MotionCaptures:
         return True
 
     async def ready(self, within_s: float = _FIRST_S) -> None:
-        """Wait until motion capture has seen every vehicle. Raises SourceError."""
+        """Wait until motion capture has a pose of every vehicle. Raises SourceError."""
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + within_s
         for vehicle, feed in self._feeds.items():
@@ -68,7 +68,7 @@ class MotionCaptures:
                 await asyncio.sleep(_POLL_S)
 
     def silent(self, now_s: float) -> str:
-        """Return in words which vehicle motion capture lost for too long; "" for none."""
+        """Return in words which vehicle has had no pose for too long; "" for none."""
         for vehicle, feed in self._feeds.items():
             gap_s = now_s - (feed.last_s if feed.last_s is not None else now_s)
             if gap_s > feed.setup.stall_s:
@@ -92,7 +92,7 @@ class MotionCaptures:
             for vehicle, feed in self._feeds.items()
         )
 
-    def _add(self, group: Mapping[Source, MocapSetup]) -> None:
+    def _add_input(self, group: Mapping[Source, MocapSetup]) -> None:
         setup = next(iter(group.values()))
         capture = MotionCapture(
             bodies={one.body: vehicle for vehicle, one in group.items()},
@@ -100,9 +100,9 @@ class MotionCaptures:
         )
         for vehicle, one in group.items():
             self._feeds[vehicle] = _Feed(one, capture)
-        self._inputs.append(self._input(setup, capture))
+        self._inputs.append(self._make_input(setup, capture))
 
-    def _input(self, setup: MocapSetup, capture: MotionCapture) -> Input:
+    def _make_input(self, setup: MocapSetup, capture: MotionCapture) -> Input:
         if setup.kind == "udp":
             return UdpCapture(
                 host=setup.host, port=setup.port, capture=capture, deliver=self._deliver
@@ -129,16 +129,16 @@ class MotionCaptures:
 
 
 def _unseen_text(vehicle: Source, feed: _Feed, within_s: float) -> str:
-    """Return why motion capture has not seen a vehicle's body, in words."""
+    """Return in words why motion capture has no pose of a vehicle."""
     setup, capture = feed.setup, feed.capture
     figures = capture.statistics(setup.body)
     if capture.garbage:
-        came = f"{capture.garbage} messages came that cannot be read ({capture.complaint})"
+        cause = f"{capture.garbage} messages cannot be read ({capture.complaint})"
     elif figures.invalid:
-        came = f"{figures.invalid} frames came without it; check its name and its markers"
+        cause = f"{figures.invalid} frames did not contain it; check its name and its markers"
     else:
-        came = "nothing came at all; check that it is sent to this host and port"
+        cause = "no message arrived; check that they are sent to this host and port"
     return (
         f"motion capture at {setup.address} did not show '{setup.body}' ({vehicle}) within "
-        f"{within_s:g} s: {came}"
+        f"{within_s:g} s: {cause}"
     )

@@ -1,4 +1,4 @@
-"""An autonomy that is a program of the user's, as the pilot of a vehicle."""
+"""Runs an autonomy that is a user's program on a vehicle: its link, its video, its end."""
 
 import asyncio
 import os
@@ -33,17 +33,17 @@ from vehicles.tasks import start, stop
 
 _HOST = "127.0.0.1"
 _GRACE_S = 2.0
-"""Shorter than what the supervisor itself is given to end."""
-_LOOK_S = 0.25
-"""How often a program's memory is looked at."""
+"""Shorter than the time that the supervisor itself has to end."""
+_POLL_S = 0.25
+"""How often a program's memory is measured."""
 
 
 class ProgramRunner:
     """Runs one autonomy program on one vehicle during the run; an async context manager.
 
-    It speaks MAVLink on a UDP port of its own and sees what the vehicle perceives as an RTP
-    stream. Its setpoints pass from the goal on; it is done when it ends with exit code 0. Another
-    end is a FAIL of the run, as the crash of any autonomy. Wall clock only.
+    It speaks MAVLink on its own UDP port, and receives what the vehicle perceives as an RTP stream.
+    Its setpoints are passed from the goal on; it is done when it ends with exit code 0. Any other
+    end is a FAIL of the run, like the crash of any autonomy. Wall clock only.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class ProgramRunner:
     async def __aenter__(self) -> Self:
         """Open the program's ports and start it. Raises VehicleError."""
         async with AsyncExitStack() as stack:
-            self._udp.receive(self._exit_text)
+            self._udp.receive(self._pass_frames)
             self._link.tap(self._on_frame)
             await stack.enter_async_context(self._udp)
             sdp = self._folder / f"{self.context.name}-perceived.sdp"
@@ -114,10 +114,9 @@ class ProgramRunner:
     def result(self) -> ProgramResult:
         """Return how the program ended, and which of its commands were refused."""
         ended = None if self._program is None else self._program.exit
-        said = "was not started" if ended is None else str(ended)
         return ProgramResult(
             vehicle=self.context.name,
-            exit=said,
+            exit="was not started" if ended is None else str(ended),
             refused=self._gate.refused,
             trouble=self._gate.trouble,
         )
@@ -135,7 +134,7 @@ class ProgramRunner:
         """Ignore a mixture's inputs: the program has one stream."""
 
     async def fly(self) -> None:
-        """Pass the program's setpoints on from now on, until cancelled or done."""
+        """Pass the program's setpoints on until cancelled or done."""
         self._gate.flying = True
         try:
             await self.done.wait()
@@ -144,18 +143,18 @@ class ProgramRunner:
             self._gate.flying = False
 
     async def _watch_memory(self, program: ExternalAutonomy) -> None:
-        """End a program that holds more memory than its limit: the run is an ERROR."""
+        """End a program that exceeds its memory limit: the run is an ERROR."""
         limits, name = self._under_test.limits, self.context.name
         while program.running:
             excess = limits.excess("the program and its children hold", program.resident_mb)
             if excess:
-                said = f"the autonomy of {name} {excess}"
-                self._run_state.decide("ERROR", said, source=f"autonomy/{name}")
+                text = f"the autonomy of {name} {excess}"
+                self._run_state.decide("ERROR", text, source=f"autonomy/{name}")
                 if self._ending is not None:
                     self._ending.remove_done_callback(self._on_program_end)
                 program.kill()
                 return
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
 
     def _on_program_end(self, ending: "asyncio.Task[ProgramExit]") -> None:
         """Handle the program's own end: done, or a crash."""
@@ -171,7 +170,7 @@ class ProgramRunner:
                 source=f"autonomy/{self.context.name}",
             )
             return
-        # Nobody flies it any more; PX4 wants setpoints until it is told to land.
+        # The program is done; PX4 needs setpoints until the landing command.
         self.context.driver.keep_still()
         self.done.set()
 
@@ -190,11 +189,11 @@ class ProgramRunner:
     def _on_frame(self, data: bytes, _t_s: float) -> None:
         self._udp.write(data)
 
-    def _exit_text(self, data: bytes, t_s: float) -> None:
+    def _pass_frames(self, data: bytes, t_s: float) -> None:
         for frame in self._splitter.feed(data):
-            answer = self._gate.judge(frame)
-            if answer != "pass":
-                refusal = self._gate.refusal(frame, answer)
+            decision = self._gate.judge(frame)
+            if decision != "pass":
+                refusal = self._gate.refusal(frame, decision)
                 if refusal:
                     self._udp.write(refusal)
                 continue
@@ -219,7 +218,7 @@ def _video(camera: CameraSetup, sdp: Path) -> Delivery:
 
 
 def _free_even_port() -> int:
-    """Return a free UDP port for the program's video; RTP's are even."""
+    """Return a free UDP port for the program's video; RTP uses even ports."""
     while True:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
             one.bind((_HOST, 0))

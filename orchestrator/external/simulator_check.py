@@ -1,7 +1,7 @@
-"""Compares what a simulator marks in its pictures with the world that is judged, while it flies.
+"""Compares the object ids in a simulator's images with the judged world, while it flies.
 
-Without this nothing but its own word tells whether a simulator draws what is judged, where its
-picture is perceived as it is (mode `sim`), or where a recipe changes the whole picture.
+Without this check only the simulator itself states that it renders the judged world, where its
+image is perceived unchanged (mode `sim`), or where a recipe changes the whole image.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,20 +21,20 @@ from worlds.frames import Pose
 from worlds.scene.scene import Scene
 
 PERIOD_S = 0.5
-"""How often a simulator is asked for ids beside the image, which take as long to draw again."""
+"""How often object ids are requested with the image; they double the rendering time."""
 _EARLY_S = 1e-6
 _OFF_M, _OFF_SHARE_OF_WIDTH = 0.02, 0.005
-"""How far beside its place an outline may be drawn: twice the tolerance of the greeting at the
-nearest visible point of an object, or a third of a degree of a 69 degree camera. The resolution of
-the comparison comes on top, a 160th of the picture's width."""
+"""The allowed offset of an outline: twice the position tolerance of the handshake at the nearest
+visible point of an object, or a third of a degree of a 69 degree camera. The resolution of the
+comparison is added, a 160th of the image's width."""
 _OFF_M_OF = {"person": 0.3, "quadrotor": 0.1}
-"""The same of kinds of which an engine has a model of its own: limbs and rotors are elsewhere."""
+"""The same for kinds with the engine's own models, whose limbs and rotors differ in position."""
 
 
 class SimulatorCheck:
-    """An ImageSource that asks a simulator, and measures what its pictures show.
+    """An ImageSource that requests images of a simulator, and measures what they show.
 
-    fault: the first that lasted long enough, in words; empty without one. Several threads may ask.
+    fault: the first that lasted long enough, in words; empty without one. Thread-safe for requests.
     """
 
     def __init__(
@@ -50,15 +50,15 @@ class SimulatorCheck:
         self.fault = ""
 
     def begin(self, is_judged: Callable[[], bool]) -> None:
-        """Measure from now on what is shown while `is_judged`."""
+        """Begin to measure images while `is_judged` returns True."""
         self._is_judged = is_judged
 
     @property
     def marked(self) -> Mapping[int, str]:
-        """Return the names of the objects that the simulator marks, by id; rooms left out."""
-        said = frozenset(self._simulator.welcome.objects)
+        """Return the names of the objects that the simulator marks, by id, without rooms."""
+        marked = frozenset(self._simulator.welcome.objects)
         objects = (one for one in self._scene.objects if not one.is_room)
-        return {one.object_id: one.name for one in objects if one.name in said}
+        return {one.object_id: one.name for one in objects if one.name in marked}
 
     @property
     def not_measured(self) -> str:
@@ -67,7 +67,7 @@ class SimulatorCheck:
         missing = sorted(there - set(self.marked.values()))
         if missing:
             return f"it marks no {' and no '.join(missing)} (`objects` of its `welcome`)"
-        return "" if self.coverage.frames or not there else "no picture was asked in flight"
+        return "" if self.coverage.frames or not there else "no image was requested in flight"
 
     def picture(
         self,
@@ -80,17 +80,17 @@ class SimulatorCheck:
     ) -> RenderedImage:
         """Return a simulator's image; blocks within its limit. Raises SimulatorError."""
         due = self._is_due(t_s)
-        picture = self._simulator.picture(
+        image = self._simulator.picture(
             camera_pose, intrinsics, t_s, want_depth=want_depth, want_ids=want_ids or due
         )
-        if due and picture.object_ids is not None:
-            self._take(self._compare(picture.object_ids, camera_pose, intrinsics, t_s))
-        return picture
+        if due and image.object_ids is not None:
+            self._record(self._compare(image.object_ids, camera_pose, intrinsics, t_s))
+        return image
 
     def look_back(self) -> str:
         """Return in words what was never or hardly shown in the whole flight; "" for nothing."""
-        found = self.coverage.never_shown() or uncovered((self.coverage,), shower=self._shower)
-        return self.fault or (found.text if found is not None else "")
+        fault = self.coverage.never_shown() or uncovered((self.coverage,), shower=self._shower)
+        return self.fault or (fault.text if fault is not None else "")
 
     def _is_due(self, t_s: float) -> bool:
         if not self._is_judged() or not self.marked:
@@ -100,10 +100,10 @@ class SimulatorCheck:
         self._due_s = t_s + PERIOD_S
         return True
 
-    def _take(self, frame: FrameVisibility) -> None:
-        found = self.coverage.take(frame)
-        if found is not None and not self.fault:
-            self.fault = found.text
+    def _record(self, frame: FrameVisibility) -> None:
+        fault = self.coverage.take(frame)
+        if fault is not None and not self.fault:
+            self.fault = fault.text
 
     def _compare(
         self, ids: Ids, camera_pose: Pose, intrinsics: Intrinsics, t_s: float
@@ -126,7 +126,7 @@ class SimulatorCheck:
     def _limits_px(
         self, intrinsics: Intrinsics, expected: Ids, depth_m: DepthImage
     ) -> dict[int, float]:
-        """Return the limit of the offset of each object, by id."""
+        """Return the allowed offset of each object in pixels, by id."""
         floor_px, limits_px = _OFF_SHARE_OF_WIDTH * intrinsics.width_px, {}
         for object_id, name in self.marked.items():
             own = depth_m[expected == object_id]

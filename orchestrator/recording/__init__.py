@@ -1,1 +1,1 @@
-"""Recording of one run: streams that append in place and stay readable when cut."""
+"""Recording of one run: files that grow in place and stay readable when cut off."""

@@ -1,5 +1,5 @@
-"""What can be wrong with a recording."""
+"""Errors of recordings."""
 
 
 class RecordingError(Exception):
-    """A recording that cannot be read, or not be judged again; says which file, and why."""
+    """A recording cannot be read or judged again; says which file, and why."""

@@ -1,4 +1,4 @@
-"""judged.msgpack: everything that the oracles of a run judged, so that it can be judged again."""
+"""The judge log file judged.msgpack: all samples of a run's oracles, to judge it again."""
 
 from pathlib import Path
 from typing import Self

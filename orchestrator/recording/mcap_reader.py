@@ -1,4 +1,4 @@
-"""Reads run.mcap: every reading with its sensor, provenance and log lines, also of a cut file."""
+"""Reads run.mcap: readings with their sensor, provenance and log lines, also of a cut file."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -50,9 +50,9 @@ Recorded = RecordedReading | RecordedProvenance | RecordedEvent
 class Recording:
     """Iterates over the items of an MCAP recording, in the recorded order.
 
-    After an iteration `end` says whether the file is whole, `counts` what its writer counted
-    (empty for a cut file) and `facts` what stands at its beginning. Raises RecordingError for a
-    file that is no recording of ours; OSError. Topics that are not ours are passed over.
+    After an iteration `end` says whether the file is whole, `counts` has its writer's counts (empty
+    for a cut file) and `facts` the metadata at its beginning. Raises RecordingError for a file that
+    is no recording of wil-campaign; OSError. Foreign topics are skipped.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,33 +64,33 @@ class Recording:
     def __iter__(self) -> Iterator[Recorded]:
         stream = RecordStream(self._path)
         channels: dict[int, Channel] = {}
-        pictures = _ImageDecoder()
+        images = _ImageDecoder()
         for record in stream:
             if isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Metadata):
-                self._note(record)
+                self._store_metadata(record)
             elif isinstance(record, Message):
-                found = self._add_reading(channels.get(record.channel_id), record, pictures)
-                if found is not None:
-                    yield found
+                item = self._read_item(channels.get(record.channel_id), record, images)
+                if item is not None:
+                    yield item
         self.end = stream.end
 
-    def _note(self, metadata: Metadata) -> None:
-        """Note the recording's metadata: its facts and counts."""
+    def _store_metadata(self, metadata: Metadata) -> None:
+        """Store the recording's metadata: its facts and counts."""
         if metadata.name == "wil.recording":
             self.facts = dict(metadata.metadata)
         elif metadata.name == "wil.counts":
             self.counts = dict(metadata.metadata)
 
-    def _add_reading(
-        self, channel: Channel | None, message: Message, pictures: "_ImageDecoder"
+    def _read_item(
+        self, channel: Channel | None, message: Message, images: "_ImageDecoder"
     ) -> Recorded | None:
         part = channel.metadata.get("part", "") if channel is not None else ""
         if channel is None or part not in _PARTS:
             return None
         try:
-            return _interpret(part, channel.metadata, message, pictures)
+            return _interpret(part, channel.metadata, message, images)
         except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
             raise RecordingError(
                 f"{self._path}: {channel.topic} at {message.log_time} ns cannot be read:"
@@ -113,23 +113,23 @@ class _ImageDecoder:
 
     def take(self, source: str, sensor: str, wil: Json) -> dict[str, NDArray[Any]]:
         """Return the recorded parts of an image. Raises ValueError when one is missing."""
-        found: dict[str, NDArray[Any]] = {}
+        parts: dict[str, NDArray[Any]] = {}
         for part in wil.get("parts", ()):
             seq, array = self._waiting.pop((source, sensor, part), (None, None))
             if array is None or seq != wil["seq"]:
                 raise ValueError(f"its {part} is not in the file")
-            found[part] = array
-        return found
+            parts[part] = array
+        return parts
 
 
 def _loads(data: bytes) -> Json:
-    """Return a message's document. Raises ValueError, also for one that would fill the memory."""
+    """Return a message's document. Raises ValueError, also for one that is too large."""
     document: Json = loads_limited(data)
     return document
 
 
 def _interpret(
-    part: str, facts: Mapping[str, str], message: Message, pictures: _ImageDecoder
+    part: str, facts: Mapping[str, str], message: Message, images: _ImageDecoder
 ) -> Recorded | None:
     """Return the recorded item in an MCAP message."""
     document = _loads(message.data)
@@ -141,8 +141,8 @@ def _interpret(
         fields = {name: value for name, value in document.items() if name != "timestamp"}
         return RecordedProvenance(sensor, message.log_time, fields)
     if part != "reading":
-        pictures.keep((source, sensor, part), document)
+        images.keep((source, sensor, part), document)
         return None
     wil = document["wil"]
-    reading = decode(document, pictures.take(source, sensor, wil))
+    reading = decode(document, images.take(source, sensor, wil))
     return RecordedReading(sensor, reading, wil.get("exact", True))

@@ -1,4 +1,4 @@
-"""What run.mcap tells of its run before all readings, so that it can be mixed anew from it."""
+"""The facts of a run at the beginning of run.mcap, by which its readings can be mixed again."""
 
 import json
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from safety.fence.geofence import Fence
 from worlds.files.documents import Data, parse
 from worlds.world_file.world import World
 
-if TYPE_CHECKING:  # what reads a recording does not load what flies
+if TYPE_CHECKING:  # readers of a recording do not load the code that flies
     from orchestrator.state.run_setup import RunSetup
 
 
@@ -22,7 +22,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     Files are recorded with the overrides of the case and of the command line.
     """
     plan = setup.order.plan
-    objects = {thing.name: thing.object_id for thing in setup.virtual_scene.objects}
+    objects = {one.name: one.object_id for one in setup.virtual_scene.objects}
     facts = {
         "case": plan.case,
         "mode": plan.mode,
@@ -47,7 +47,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
         facts["latency_s"] = json.dumps(latencies)
     recipe = setup.campaign.recipe
     if recipe is not None and plan.mode == "wil":
-        # JSON is YAML: the recipe as it was flown, overrides of a case included.
+        # JSON is YAML: the recipe as it was flown, with the overrides of the case.
         facts["recipe"] = json.dumps(recipe.document.data)
         facts["recipe_file"] = str(recipe.document.path)
     return facts
@@ -56,7 +56,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
 def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
     """Return the recipe in a recording's facts; None where nothing was mixed. Raises BadInput.
 
-    loads_code: whether steps of the user's that it names are loaded; False: no file is run.
+    loads_code: whether the user's steps that it names are loaded; False: no user code runs.
     """
     text = facts.get("recipe")
     if text is None:

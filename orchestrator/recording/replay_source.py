@@ -1,4 +1,4 @@
-"""A recorded run as a source of readings: each is delivered when it was, on the run clock."""
+"""A recorded run as a source of readings, delivered at their recorded times on the run clock."""
 
 import asyncio
 from collections.abc import AsyncIterator, Collection, Iterator
@@ -14,10 +14,10 @@ Delivered = tuple[str, Reading]
 class ReplaySource:
     """Replays a recording's readings in the order and at the times of their delivery.
 
-    sources, sensors: only these; None is all but what was mixed. offset_s: added to the times at
+    sources, sensors: only these; None for all sensors. offset_s: added to the times at
     which readings are delivered, not to the readings. exact_only: raises ValueError at the first
-    picture that was recorded with loss, since a mixing replayed from it would diverge. One chunk
-    of the file is held in memory. Raises as `Recording` does.
+    image that was recorded with loss, since a mixing replayed from it would diverge. One chunk of
+    the file is held in memory. Raises as `Recording` does.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class ReplaySource:
         self._offset_s = offset_s
         self._exact_only = exact_only
         self._due_s = float("-inf")
-        self._items = self._is_wanted(Recording(path))
+        self._items = self._select_readings(Recording(path))
         self._next = next(self._items, None)
 
     @property
@@ -43,7 +43,7 @@ class ReplaySource:
         """Return when the next replayed reading is due on the run clock; None at the end."""
         if self._next is None:
             return None
-        # what was handed over late, behind a newer one, is due together with it
+        # a reading that was delivered late, after a newer one, is due together with it
         return max(self._due_s, self._next[1].arrived_s + self._offset_s)
 
     def take(self, now_s: float) -> list[Delivered]:
@@ -65,7 +65,7 @@ class ReplaySource:
             for delivered in self.take(max(due_s, loop.time())):
                 yield delivered
 
-    def _is_wanted(self, recording: Recording) -> Iterator[Delivered]:
+    def _select_readings(self, recording: Recording) -> Iterator[Delivered]:
         for item in recording:
             if not isinstance(item, RecordedReading):
                 continue
@@ -75,7 +75,7 @@ class ReplaySource:
                 continue
             if self._exact_only and not item.exact:
                 raise ValueError(
-                    f"{self._path}: pictures of {item.sensor} are JPEG; a replay from them would"
+                    f"{self._path}: images of {item.sensor} are JPEG; a replay from them would"
                     " diverge: record with pictures `raw` or `png`"
                 )
             yield (item.sensor, item.reading)

@@ -1,4 +1,4 @@
-"""Everything that one run leaves in its folder."""
+"""Records the files of one run: log, trajectory, judge log, telemetry, video, run.mcap."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -34,19 +34,19 @@ from vehicles.tasks import TakeFault
 
 TRAJECTORY_HZ = 20.0
 _SNAPSHOT_AFTER_S = 1.0
-"""When after the goal was given the picture for people is taken."""
+"""How long after the start of the goal the preview image is taken."""
 
 
 class RunRecorder:
     """Records the streams of one run into `folder`; a context manager.
 
     epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
-    pictures that are perceived; None for no video. collision_oracles: names of those whose flags
-    are contacts. clock: whether run.mcap waits for its writer or drops. settings: what it holds;
-    facts: what it tells of the run. broken: told once, why, when something cannot be written any
-    more (the disk is full); what comes after is let go. fault: told of exceptions of ours.
-    incomplete: told what run.mcap lacks, in words, where that is too much. max_loss: of a topic, as
-    a share. `artifacts` names what was written, `losses` what is missing.
+    perceived images; None for no video. collision_oracles: names of those whose flags are contacts.
+    clock: decides whether run.mcap waits for its writer or drops messages. settings, facts: of
+    run.mcap. broken: called once with the reason when a file cannot be written (the disk is full);
+    later data is dropped. fault: called with internal errors. incomplete: called with what run.mcap
+    lacks, in words, where that exceeds max_loss, a share of each topic. `artifacts` has the names
+    of the files, `losses` what is missing.
     """
 
     def __init__(
@@ -114,15 +114,15 @@ class RunRecorder:
         try:
             self._report_losses(self._mcap.close())
         finally:
-            self._keep(self._stack.close)
+            self._guard_write(self._stack.close)
         shown = self._snapshot or self._last
         if shown is None:
             return
         if not cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown)):
             self._break("mixed.png cannot be written")
 
-    def _keep(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
-        """Record something; a failure breaks the recorder, not the flight."""
+    def _guard_write(self, write: Callable[..., None], *args: Any, **details: Any) -> None:
+        """Call a write function; its failure breaks the recorder, not the flight."""
         try:
             write(*args, **details)
         except OSError as error:
@@ -133,11 +133,11 @@ class RunRecorder:
             self._is_broken = True
             self._broken(f"the recording ended early: {why}")
 
-    def _report_trouble(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
-        self._keep(self._log.write, t_s, event, **details)
+    def _write_log(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
+        self._guard_write(self._log.write, t_s, event, **details)
 
     def _report_losses(self, report: RecordingReport) -> None:
-        """Record what run.mcap lacks: a replay of it would not show it."""
+        """Record what run.mcap lacks, because a replay would not show it."""
         for error in report.errors:
             self._fault(error, "run.mcap")
         if report.complete:
@@ -156,7 +156,7 @@ class RunRecorder:
     @property
     def artifacts(self) -> tuple[str, ...]:
         """Return the names of the recorded files in the run's folder, sorted."""
-        if not self._folder.is_dir():  # somebody removed it
+        if not self._folder.is_dir():  # it was removed
             return ()
         return tuple(sorted(path.name for path in self._folder.iterdir()))
 
@@ -164,14 +164,14 @@ class RunRecorder:
         """Record that the run reached a stage."""
         if stage == "goal":
             self._goal_s = t_s
-        self._report_trouble(t_s, "stage", stage=stage)
+        self._write_log(t_s, "stage", stage=stage)
         self._mcap.event(t_s, "info", "stage", stage)
 
     def decisive(self, event: DecisiveEvent) -> None:
-        """Record what decides the run's verdict."""
-        told = {"note": event.note, "trace": event.trace}
-        more = {key: text for key, text in told.items() if text}
-        self._report_trouble(
+        """Record a decisive event of the run."""
+        optional = {"note": event.note, "trace": event.trace}
+        more = {key: text for key, text in optional.items() if text}
+        self._write_log(
             event.t_s, "decisive", kind=event.kind, reason=event.text, source=event.source, **more
         )
         self._mcap.event(event.t_s, "error", event.kind, event.text)
@@ -180,39 +180,35 @@ class RunRecorder:
         """Record an oracle's flag when it is raised."""
         if flag.oracle in self._collision_oracles:
             self.collisions.append(flag)
-        self._report_trouble(
-            flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text
-        )
+        self._write_log(flag.t_s, "flag", oracle=flag.oracle, vehicle=flag.vehicle, text=flag.text)
         self._mcap.event(flag.t_s, "warning", flag.oracle, flag.text)
 
     def guard_event(self, event: GuardEvent) -> None:
         """Record an event of the guard."""
-        self._report_trouble(
-            event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text
-        )
+        self._write_log(event.t_s, "guard", kind=event.kind, vehicle=event.vehicle, text=event.text)
 
     def operator(self, command: OperatorCommand) -> None:
         """Record an operator's command and who gave it."""
-        self._report_trouble(
+        self._write_log(
             self._time(), "operator", kind=command.kind, who=command.who, reason=command.reason
         )
 
     def vehicle_event(self, name: str, event: VehicleEvent) -> None:
         """Record an event of a vehicle."""
-        self._report_trouble(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
+        self._write_log(event.t_s, "vehicle", vehicle=name, kind=event.kind, text=event.text)
 
     def note(self, event: str, **details: str | float | bool | None) -> None:
-        """Record anything else worth knowing later."""
-        self._report_trouble(self._time(), event, **details)
+        """Record any other event in the run's log."""
+        self._write_log(self._time(), event, **details)
 
     def judged(self, sample: LoggedSample) -> None:
         """Record a sample that the oracles judge."""
-        self._keep(self._judged.write, sample)
+        self._guard_write(self._judged.write, sample)
 
     def frame(self, name: str, t_s: float, frame: bytes) -> None:
         """Record a MAVLink frame that passed the guard."""
         if name in self._tlogs:
-            self._keep(self._tlogs[name].write, t_s, frame)
+            self._guard_write(self._tlogs[name].write, t_s, frame)
 
     def reading(self, reading: Reading) -> None:
         """Record a reading of real or twin."""
@@ -228,7 +224,7 @@ class RunRecorder:
     def shown(self, shown: PreviewImages) -> None:
         """Record a perceived image, and one set of preview images."""
         if self._video is not None:
-            self._keep(self._video.write, shown.perceived.t_s, shown.perceived.image_bgr)
+            self._guard_write(self._video.write, shown.perceived.t_s, shown.perceived.image_bgr)
         self._last = shown
         due_s = math.inf if self._goal_s is None else self._goal_s + _SNAPSHOT_AFTER_S
         if self._snapshot is None and shown.perceived.t_s >= due_s:
@@ -237,23 +233,23 @@ class RunRecorder:
     async def follow(
         self, contexts: tuple[VehicleContext, ...], run_state: RunState, alive: Callable[[], None]
     ) -> None:
-        """Record all vehicles' places at 20 Hz until cancelled, and once more then."""
+        """Record all vehicles' poses at 20 Hz until cancelled, and once more at the end."""
         t0_s, tick = self._time(), 0
         try:
             while True:
                 alive()
-                self._where_all_are(contexts, run_state)
+                self._record_poses(contexts, run_state)
                 tick = max(tick + 1, int((self._time() - t0_s) * TRAJECTORY_HZ))
                 await sleep_until(t0_s + tick / TRAJECTORY_HZ)
         finally:
-            self._where_all_are(contexts, run_state)
+            self._record_poses(contexts, run_state)
 
-    def _where_all_are(self, contexts: tuple[VehicleContext, ...], run_state: RunState) -> None:
+    def _record_poses(self, contexts: tuple[VehicleContext, ...], run_state: RunState) -> None:
         now_s = self._time()
         if self._log.is_removed:
-            self._break(f"somebody removed {self._folder}")
+            self._break(f"{self._folder} was removed")
         for context in contexts:
-            self._keep(self._trajectory.write, _row(context, run_state.stage, now_s))
+            self._guard_write(self._trajectory.write, _row(context, run_state.stage, now_s))
 
 
 def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:

@@ -1,4 +1,4 @@
-"""Wall-clock stamps of recordings: the run clock on a fixed epoch under virtual time."""
+"""UTC timestamps of recordings; runs in virtual time have a fixed epoch."""
 
 from datetime import UTC, datetime
 
@@ -7,7 +7,7 @@ VIRTUAL_EPOCH_S = 1_767_225_600.0
 
 
 def utc_text(epoch_s: float) -> str:
-    """Return a UTC timestamp as people and files write it, to the second."""
+    """Return a UTC timestamp in ISO 8601, to the second."""
     return datetime.fromtimestamp(epoch_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 

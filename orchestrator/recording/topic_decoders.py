@@ -1,4 +1,4 @@
-"""How the messages of an MCAP file are read as readings: those of our recordings, and of ROS 2."""
+"""Decodes messages of an MCAP file as readings: of our recordings, and of ROS 2."""
 
 import struct
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from worlds.frames import Pose
 
 _IMAGES = frozenset({"camera", "depth"})
 _LATE_S = 5.0
-"""Logged later than this after its stamp, a message was stamped by another clock."""
+"""A message that is logged more than this after its stamp was stamped by another clock."""
 _FAULTS = (
     McapError,
     ValueError,
@@ -31,17 +31,16 @@ _FAULTS = (
     struct.error,
 )
 _MISSING = (
-    "messages of ROS 2 are read by the extra ros, which is not installed: pip install "
-    "'wil-campaign[ros]'"
+    "messages of ROS 2 need the extra ros, which is not installed: pip install 'wil-campaign[ros]'"
 )
 Decoder = Callable[[bytes], Any]
 
 
 class TopicDecoders:
-    """Decodes an MCAP file's messages by their channels. mount: of the sensor, for those of ROS 2.
+    """Decodes an MCAP file's messages by their channels. mount: of the sensor, for ROS 2 messages.
 
-    Takes the file's schemas and channels as they come. Of a channel of ROS 2 the last fix is kept:
-    the next one's velocity is the change of place.
+    `take` is called with the file's schemas and channels as they appear. The last fix of a ROS 2
+    channel is kept: the velocity of the next one is computed from both positions.
     """
 
     def __init__(self, *, mount: Pose) -> None:
@@ -52,19 +51,19 @@ class TopicDecoders:
         self._before: dict[int, Reading] = {}
 
     def take(self, record: Schema | Channel) -> None:
-        """Take a schema or a channel of the MCAP file."""
+        """Store a schema or a channel of the MCAP file."""
         if isinstance(record, Channel):
             self._channels[record.id] = record
         else:
             self._schemas[record.id] = record
 
     def topic(self, message: Message) -> str | None:
-        """Return the topic of a message; None where its channel is not known."""
+        """Return the topic of a message; None if its channel is unknown."""
         channel = self._channels.get(message.channel_id)
         return None if channel is None else channel.topic
 
     def kind(self, message: Message) -> str:
-        """Return the type of sensor that a message is a reading of; "" for another message."""
+        """Return the sensor type of the reading in a message; "" for other messages."""
         channel = self._channels[message.channel_id]
         if channel.metadata.get("part") == "reading":
             return _own_kind(message.data)
@@ -72,10 +71,10 @@ class TopicDecoders:
         return "" if schema is None else ROS2_TYPES[schema.name].kind
 
     def reading(self, message: Message) -> Reading:
-        """Return the reading in a message that is one.
+        """Return the reading in a message.
 
-        Raises BadMessageError for one of ROS 2 that is of no use, and RecordingError for what
-        cannot be read at all.
+        Raises BadMessageError for an unusable ROS 2 message, and RecordingError for one that cannot
+        be read at all.
         """
         schema = self._ros2_schema(self._channels[message.channel_id])
         if schema is not None:
@@ -86,11 +85,11 @@ class TopicDecoders:
             raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
         kind = self.kind(message)
         if sensor_type_of(reading) != kind or kind in _IMAGES:
-            raise RecordingError(f"message {message.sequence} is no {kind}")
+            raise RecordingError(f"message {message.sequence} is no {kind} reading")
         return reading
 
     def _ros2_schema(self, channel: Channel) -> Schema | None:
-        """Return the schema of a channel of ROS 2 whose messages are readings; None for another."""
+        """Return the schema of a ROS 2 channel of readings; None for other channels."""
         schema = self._schemas.get(channel.schema_id)
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             return None
@@ -113,8 +112,8 @@ class TopicDecoders:
         return reading
 
     def _ros2_decoder(self, schema: Schema) -> Decoder:
-        if (found := self._decoders.get(schema.id)) is not None:
-            return found
+        if (known := self._decoders.get(schema.id)) is not None:
+            return known
         try:
             from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415  # of an extra
         except ImportError as error:
@@ -124,13 +123,13 @@ class TopicDecoders:
         except _FAULTS as error:
             raise RecordingError(f"its definition of {schema.name} is damaged: {error}") from error
         if decoder is None:
-            raise RecordingError(f"its definition of {schema.name} is of a kind that is not read")
+            raise RecordingError(f"its definition of {schema.name} is of an unsupported kind")
         self._decoders[schema.id] = decoder
         return decoder
 
 
 def _own_kind(data: bytes) -> str:
-    """Return the type of sensor in a message of ours; "" for another message."""
+    """Return the sensor type in a message of our recordings; "" for other messages."""
     try:
         kind = str(loads_limited(data)["wil"]["type"])
     except (KeyError, ValueError, TypeError):

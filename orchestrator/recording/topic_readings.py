@@ -1,4 +1,4 @@
-"""The readings of one topic of an MCAP file, to be played as a sensor."""
+"""The readings of one topic of an MCAP file, for replay as a sensor."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,8 +17,8 @@ from worlds.frames import AT_ORIGIN, Pose
 class TopicReadings:
     """The readings of a topic of run.mcap, or of a bag of ROS 2, as recorded; a ReadingFile.
 
-    kind: type of the sensor. topic: None when the file has one topic of that type. mount: the
-    sensor's, where a message does not say it.
+    kind: type of the sensor. topic: None if the file has only one topic of that type. mount: the
+    sensor's, where messages lack it.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class TopicReadings:
         self._mount = mount
         self._readings: Iterator[Reading] = iter(())
         self.unusable = 0
-        """Messages that were passed over, for they are of no use."""
+        """How many unusable messages were skipped."""
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class TopicReadings:
             raise SourceError(f"{self._path}: {error.strerror}; check the path") from error
         except RecordingError as error:
             raise SourceError(str(error)) from error
-        self._readings = self._of_topic(self._topic)
+        self._readings = self._readings_of(self._topic)
 
     def next(self) -> Reading | None:
         """Return the next reading; None at the end. Raises SourceError."""
@@ -68,21 +68,21 @@ class TopicReadings:
             return fitting[0]
         listed = ", ".join(sorted(fitting)) or "none"
         raise SourceError(
-            f"{self._path}: name by `topic` the readings of type {self._kind} to use (there: "
+            f"{self._path}: set `topic` to the readings of type {self._kind} to use (available: "
             f"{listed})"
         )
 
     def _topics(self) -> Mapping[str, str]:
         """Return the recording's topics of readings, with the type of their sensor."""
-        found: dict[str, str] = {}
+        kinds: dict[str, str] = {}
         for decoders, message in self._messages():
             topic = decoders.topic(message)
-            if topic is not None and topic not in found and (kind := decoders.kind(message)):
-                found[topic] = kind
-        return found
+            if topic is not None and topic not in kinds and (kind := decoders.kind(message)):
+                kinds[topic] = kind
+        return kinds
 
     def _messages(self) -> Iterator[tuple[TopicDecoders, Message]]:
-        """Yield the recording's messages, each with what decodes it."""
+        """Yield the recording's messages, each with its decoders."""
         decoders = TopicDecoders(mount=self._mount)
         for record in RecordStream(self._path):
             if isinstance(record, Schema | Channel):
@@ -90,7 +90,7 @@ class TopicReadings:
             elif isinstance(record, Message):
                 yield decoders, record
 
-    def _of_topic(self, topic: str) -> Iterator[Reading]:
+    def _readings_of(self, topic: str) -> Iterator[Reading]:
         """Yield the readings of a topic. Raises SourceError, RecordingError, OSError."""
         there, used, why = 0, 0, ""
         for decoders, message in self._messages():
@@ -107,16 +107,16 @@ class TopicReadings:
             yield reading
         if not there:
             listed = ", ".join(sorted(self._topics())) or "none"
-            raise SourceError(f"{self._path}: has no topic {topic!r} (there: {listed})")
+            raise SourceError(f"{self._path}: has no topic {topic!r} (available: {listed})")
         if not used:
-            raise SourceError(f"{self.name}: none of its messages can be used; the last one: {why}")
+            raise SourceError(f"{self.name}: none of its messages is usable; the last one: {why}")
 
     def _reading(self, decoders: TopicDecoders, message: Message) -> Reading:
         """Return the reading in a message. Raises SourceError for one of another type."""
         kind = decoders.kind(message)
         if kind != self._kind:
-            said = f"readings of type {kind}" if kind else "no readings that can be read"
-            raise SourceError(f"{self.name}: has {said}, and a {self._kind} is wanted")
+            content = f"readings of type {kind}" if kind else "no readable readings"
+            raise SourceError(f"{self.name}: has {content}, but the sensor is a {self._kind}")
         try:
             return decoders.reading(message)
         except RecordingError as error:

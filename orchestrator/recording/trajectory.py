@@ -1,4 +1,4 @@
-"""trajectory.csv: where both vehicles were, thought they were, and were asked to be."""
+"""The trajectory file trajectory.csv: true poses, estimates and setpoints of all vehicles."""
 
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -27,7 +27,7 @@ COLUMNS = (
 )
 """World frame, NED. Setpoint components are metres (position) or m/s (velocity) by sp_kind.
 
-A value that is not known (no truth of attached hardware, no setpoint yet) is empty.
+An unknown value (no ground truth of attached hardware, no setpoint yet) is empty.
 """
 
 

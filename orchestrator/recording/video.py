@@ -1,4 +1,4 @@
-"""mixed.mp4: the pictures that the autonomy perceived, playable even when cut short."""
+"""The video mixed.mp4: the images that the autonomy perceived, playable even when cut off."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -15,8 +15,8 @@ _TIME_BASE = Fraction(1, 90_000)
 class VideoWriter:
     """Writes a video of images of one size as H.264 in fragmented MP4; a context manager.
 
-    Each second is a fragment of its own, so that a file whose writer was killed plays up to
-    there. One encoder thread: the bytes depend on the pictures and their times alone.
+    Each second is a separate fragment, so that the file of a killed writer is playable up to
+    there. One encoder thread: the bytes depend only on the images and their times.
     """
 
     def __init__(self, *, path: Path, rate_hz: float) -> None:

@@ -1,4 +1,4 @@
-"""The engine of a search: flies a batch of variants, and hands back what came of them."""
+"""The engine of a search: flies a batch of variants, and returns their results."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ _SIGNAL, _COMMAND, _BROKEN = 130, 4, 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EngineResult:
-    """What an engine hands back. runs: by their names, `<case>/<mode>/<rep>`.
+    """The results of a batch. runs: by their names, `<case>/<mode>/<rep>`.
 
-    stopped: what ended the batch early. is_broken: an exception of ours was met.
+    stopped: what ended the batch early. is_broken: there was an internal error.
     """
 
     runs: Mapping[str, RunResult]
@@ -29,10 +29,10 @@ class EngineResult:
 
 
 class Engine(Protocol):
-    """Flies campaigns for a search, each into a folder of its own."""
+    """Flies campaigns for a search, each into its own folder (protocol)."""
 
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
-        """Fly what is not flown yet of a campaign into its folder, and return all its results.
+        """Fly the remaining runs of a campaign into its folder, and return all its results.
 
         Raises OutputError, OperatingError, ResumeError, EngineError.
         """
@@ -49,7 +49,7 @@ class BatchEngine:
     runs: RunEngine = field(default_factory=LocalRunEngine)
 
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
-        """Fly a batch's campaign; one that was cut off is resumed."""
+        """Fly a batch's campaign, or resume it."""
         settings = FlyingSettings(
             out=folder,
             folder=folder,

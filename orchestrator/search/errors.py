@@ -2,4 +2,4 @@
 
 
 class SearchError(Exception):
-    """A search that cannot be flown or continued; says why, and what to do."""
+    """A search cannot be flown or continued; says why, and the remedy."""

@@ -1,6 +1,6 @@
-"""The ledger of a search: each batch that was begun, and what came of it, as lines of JSON.
+"""The ledger of a search: each batch that was begun, and its outcomes, as lines of JSON.
 
-It alone decides what a search that was cut off flies again. A line that a crash cut off is no line.
+It alone decides which batches a resumed search flies again. An incomplete last line is ignored.
 """
 
 import dataclasses
@@ -28,9 +28,9 @@ def _outcomes_model() -> TypeAdapter[tuple[FlightOutcome, ...]]:
 
 @dataclass(slots=True)
 class LedgerContents:
-    """What a ledger holds. at_once: flights that the search wants at once.
+    """The contents of a ledger. at_once: how many flights the search proposes at once.
 
-    batches: as they were begun; outcomes: of those that are finished; both by number.
+    batches: as they were begun; outcomes: of finished batches; both by number.
     """
 
     at_once: int
@@ -40,9 +40,9 @@ class LedgerContents:
 
 
 def read_ledger(text: str) -> LedgerContents:
-    """Return what the lines of a ledger say; what follows the last line's end was cut off.
+    """Return the contents of a ledger's text; an incomplete last line is ignored.
 
-    Raises SearchError for a line that is damaged.
+    Raises SearchError for a damaged line.
     """
     lines = text.split("\n")[:-1]
     contents: LedgerContents | None = None
@@ -54,19 +54,21 @@ def read_ledger(text: str) -> LedgerContents:
             elif "begun" in entry:
                 contents.batches[int(entry["begun"]["number"])] = entry["begun"]
             else:
-                found = _outcomes_model().validate_json(json.dumps(entry["outcomes"]), strict=True)
-                contents.outcomes[int(entry["flown"])] = found
+                outcomes = _outcomes_model().validate_json(
+                    json.dumps(entry["outcomes"]), strict=True
+                )
+                contents.outcomes[int(entry["flown"])] = outcomes
                 contents.is_broken |= bool(entry["is_broken"])
         except (ValueError, KeyError, TypeError, ValidationError) as error:
-            said = f"line {number} of {FILE_NAME} is damaged ({type(error).__name__})"
-            raise SearchError(f"{said}: start the search again without --resume") from error
+            text = f"line {number} of {FILE_NAME} is damaged ({type(error).__name__})"
+            raise SearchError(f"{text}: start the search again without --resume") from error
     if contents is None:
         raise SearchError(f"{FILE_NAME} is empty: start the search again without --resume")
     return contents
 
 
 class Ledger:
-    """A ledger on the disk; every line is there before anything else happens. Raises OSError."""
+    """A ledger on the disk; each line is synced before the call returns. Raises OSError."""
 
     def __init__(self, path: Path, contents: LedgerContents) -> None:
         self._path = path
@@ -74,20 +76,20 @@ class Ledger:
 
     @classmethod
     def new(cls, folder: Path, *, at_once: int) -> "Ledger":
-        """Return the ledger of a search that begins."""
+        """Return the ledger of a new search."""
         path = folder / FILE_NAME
         write_whole(path, to_json({"at_once": at_once}, indent=None))
         return cls(path, LedgerContents(at_once))
 
     @classmethod
     def resumed(cls, folder: Path) -> "Ledger":
-        """Return the ledger of a search that was cut off. Raises SearchError."""
+        """Return the ledger of an interrupted search. Raises SearchError."""
         path = folder / FILE_NAME
         try:
             text = path.read_bytes().decode("utf-8", "replace")
         except OSError as error:
-            said = error.strerror or error
-            raise SearchError(f"{path} cannot be read: {said}; begin without --resume") from error
+            reason = error.strerror or error
+            raise SearchError(f"{path} cannot be read: {reason}; start without --resume") from error
         contents = read_ledger(text)
         whole = text[: text.rfind("\n") + 1]
         if whole != text:
@@ -96,37 +98,37 @@ class Ledger:
 
     @property
     def at_once(self) -> int:
-        """Return how many flights the search wants at once: it decides what it proposes."""
+        """Return how many flights the search proposes at once, which affects its proposals."""
         return self._contents.at_once
 
     @property
     def is_broken(self) -> bool:
-        """Return whether an exception of ours was met in a batch."""
+        """Return whether a batch had an internal error."""
         return self._contents.is_broken
 
     def outcomes(self, batch: Batch) -> tuple[FlightOutcome, ...] | None:
-        """Return what came of a batch; None where it is not finished.
+        """Return the outcomes of a batch; None if it is not finished.
 
-        Raises SearchError where the ledger has another batch of its number.
+        Raises SearchError if the ledger has another batch with this number.
         """
         begun = self._contents.batches.get(batch.number)
-        if begun is not None and begun != _plain(batch):
+        if begun is not None and begun != _to_json_values(batch):
             raise SearchError(
-                f"{self._path} cannot be resumed: its batch {batch.number} is another one than the "
-                "search proposes now (other versions of optuna, scipy or NumPy propose otherwise): "
+                f"{self._path} cannot be resumed: its batch {batch.number} differs from what the "
+                "search proposes now (another version of optuna, scipy or NumPy may do that): "
                 "start the search again without --resume"
             )
         return self._contents.outcomes.get(batch.number)
 
     def begin(self, batch: Batch) -> None:
-        """Note that a batch begins; one that is resumed is noted already."""
+        """Record that a batch begins, unless that is recorded already."""
         if batch.number not in self._contents.batches:
-            plain = _plain(batch)
+            plain = _to_json_values(batch)
             self._contents.batches[batch.number] = plain
             self._append({"begun": plain})
 
     def finish(self, batch: Batch, outcomes: Sequence[FlightOutcome], *, is_broken: bool) -> None:
-        """Note what came of a batch."""
+        """Record the outcomes of a batch."""
         self._contents.outcomes[batch.number] = tuple(outcomes)
         self._contents.is_broken |= is_broken
         plain = [dataclasses.asdict(one) for one in outcomes]
@@ -140,6 +142,6 @@ class Ledger:
         sync_folder(self._path.parent)
 
 
-def _plain(batch: Batch) -> Any:
-    """Return a batch as the ledger's JSON reads back."""
+def _to_json_values(batch: Batch) -> Any:
+    """Return a batch as it is read back from the ledger."""
     return json.loads(to_json(batch, indent=None))

@@ -1,4 +1,4 @@
-"""search.json: what a search tried, found and cost."""
+"""The document of a search, search.json: its variants, failures, coverage and cost."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ def search_document(
 ) -> dict[str, Any]:
     """Return the document of a search. ended: why it ended. files: of confirmed failures, by name.
 
-    Beside `wall_s` nothing here depends on the machine.
+    Only `wall_s` depends on the machine.
     """
     part = search.part
     return {
@@ -48,7 +48,7 @@ def search_document(
         ],
         "constraints": [one.text for one in search.space.constraints],
         "ended": ended,
-        "failures": [_case_of(search, one, files) for one in findings.cases],
+        "failures": [_failure_entry(search, one, files) for one in findings.cases],
         "gaps": [
             {
                 "from": gap.lower,
@@ -69,9 +69,9 @@ def search_document(
             }
             for (mode, purpose), cost in findings.costs.items()
         ],
-        "coverage": _coverage(search, findings),
-        "sensed": [_sensed(one) for one in sensed_of(findings)],
-        "variants": [_variant(one) for one in findings.tried],
+        "coverage": _coverage_entry(search, findings),
+        "sensed": [_sensed_entry(one) for one in sensed_of(findings)],
+        "variants": [_variant_entry(one) for one in findings.tried],
         "refused": [
             {"name": one.name, "values": dict(one.values), "reason": why}
             for one, why in findings.refused
@@ -80,13 +80,13 @@ def search_document(
 
 
 def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
-    """Return what the sensors had before them in all flights that proved something."""
+    """Return what the sensors had in view in all flights with PASS or FAIL."""
     proven = (one for one in findings.flown if one.verdict in {"PASS", "FAIL"})
     return sensed_coverage((one.sensed, one.verdict == "FAIL") for one in proven)
 
 
-def _sensed(one: SensedCoverage) -> dict[str, Any]:
-    """Return what a sensor had before it."""
+def _sensed_entry(one: SensedCoverage) -> dict[str, Any]:
+    """Return the entry of what a sensor had in view."""
     return {
         "sensor": one.sensor,
         "object": one.object,
@@ -107,8 +107,8 @@ def _sensed(one: SensedCoverage) -> dict[str, Any]:
     }
 
 
-def _variant(tried: TriedVariant) -> dict[str, Any]:
-    """Return a variant that was tried."""
+def _variant_entry(tried: TriedVariant) -> dict[str, Any]:
+    """Return the entry of a variant that was tried."""
     return {
         "name": tried.variant.name,
         "values": dict(tried.variant.values),
@@ -124,8 +124,10 @@ def _variant(tried: TriedVariant) -> dict[str, Any]:
     }
 
 
-def _case_of(search: SearchCampaign, case: FailingCase, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return a failure that was flown again."""
+def _failure_entry(
+    search: SearchCampaign, case: FailingCase, files: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the entry of a failure that was flown again."""
     interval = case.interval
     return {
         "name": case.variant.name,
@@ -149,13 +151,13 @@ def _case_of(search: SearchCampaign, case: FailingCase, files: Mapping[str, str]
     }
 
 
-def _coverage(search: SearchCampaign, findings: Findings) -> dict[str, Any]:
-    """Return how much of the space was flown."""
-    found = coverage_of(search.space, [one.variant.values for one in findings.tried])
+def _coverage_entry(search: SearchCampaign, findings: Findings) -> dict[str, Any]:
+    """Return the entry of how much of the space was flown."""
+    coverage = coverage_of(search.space, [one.variant.values for one in findings.tried])
     return {
-        "cells": found.cells,
-        "flown": found.flown,
-        "share": found.share,
-        "farthest": found.farthest,
-        "distance": found.distance,
+        "cells": coverage.cells,
+        "flown": coverage.flown,
+        "share": coverage.share,
+        "farthest": coverage.farthest,
+        "distance": coverage.distance,
     }

@@ -1,4 +1,4 @@
-"""Flies a search: resumes from its ledger, has batches flown, writes what it found."""
+"""Flies a search: resumes from its ledger, flies batches, writes the findings."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -25,21 +25,21 @@ from orchestrator.search.search_document import FILE_NAME, search_document
 from orchestrator.search.sensed_views import sensed_views
 
 SEARCHES = "search"
-"""The folder of a campaign's searches, beneath that of its results."""
+"""The folder of a campaign's searches, beneath its results."""
 _FLIGHTS = "flights"
 _STOPPED: Mapping[Stop, str] = {
-    "signal": "Ctrl-C or SIGTERM; --resume goes on",
-    "command": "aborted by an operator; --resume goes on",
+    "signal": "Ctrl-C or SIGTERM; continue with --resume",
+    "command": "aborted by an operator; continue with --resume",
 }
 _CODES: Mapping[Stop, int] = {"signal": 130, "command": 4}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchSettings:
-    """How a search is flown. out: beneath it the search's folder is made.
+    """How a search is flown. out: the folder beneath which the search's folder is made.
 
-    at_once: flights that it wants at once; a resumed search keeps what it had. resume: go on with
-    the search that was cut off: `out` itself, or the newest beneath it.
+    at_once: how many flights it proposes at once; a resumed search keeps its number. resume:
+    continue the interrupted search in `out` itself, or the newest beneath it.
     """
 
     out: Path
@@ -50,7 +50,7 @@ class SearchSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOutcome:
-    """The outcome of a search. ended: why, in words. files: of confirmed failures, by variant."""
+    """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant."""
 
     findings: Findings
     folder: Path
@@ -69,14 +69,14 @@ def fly_search(
 
     Raises OutputError, OperatingError, ResumeError, EngineError, SearchError, MissingExtraError.
     """
-    # First of all: without its package nothing is begun.
+    # First of all: it raises MissingExtraError before anything begins.
     strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)
     with ExitStack() as stack:
         try:
             folder, ledger = _begin(search, settings, stack)
-            return _Flown(search, engine, folder, ledger, say).fly(strategy)
+            return _SearchFlight(search, engine, folder, ledger, say).fly(strategy)
         except (TakenError, OSError) as error:
-            raise OutputError(f"{error}; choose another place by --out") from error
+            raise OutputError(f"{error}; choose another folder with --out") from error
 
 
 def _begin(
@@ -84,7 +84,7 @@ def _begin(
 ) -> tuple[Path, Ledger]:
     """Return the search's folder, locked until the stack ends, and its ledger."""
     home = settings.out / search.campaign.name
-    about: Mapping[str, object] = manifest(search.campaign, settings.clock)
+    document: Mapping[str, object] = manifest(search.campaign, settings.clock)
     if not settings.resume:
         folder = make_folder(home / SEARCHES)
         stack.enter_context(held(folder))
@@ -92,14 +92,14 @@ def _begin(
     else:
         is_folder = (settings.out / "campaign.json").is_file()
         folder = resumed_folder(settings.out if is_folder else home, SEARCHES)
-        about = resumed_manifest(folder, about)
+        document = resumed_manifest(folder, document)
         stack.enter_context(held(folder))
         ledger = Ledger.resumed(folder)
-    write_whole(folder / "campaign.json", to_json(about))
+    write_whole(folder / "campaign.json", to_json(document))
     return folder, ledger
 
 
-class _Flown:
+class _SearchFlight:
     """A search while it is flown."""
 
     def __init__(
@@ -118,12 +118,12 @@ class _Flown:
         self._files: dict[str, str] = {}
 
     def fly(self, strategy: Strategy) -> SearchOutcome:
-        """Fly until the search wants nothing more, or is stopped."""
+        """Fly until the search is complete, or is stopped."""
         search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
         try:
             stopped = self._fly_all(search)
         except KeyboardInterrupt:
-            # Between two batches; within one it lands what flies.
+            # Between two batches; within a batch the campaign lands its vehicles.
             stopped = "signal"
         findings = search.findings
         ended = findings.ended if stopped is None else _STOPPED[stopped]
@@ -137,7 +137,7 @@ class _Flown:
         )
 
     def _fly_all(self, search: Search) -> Stop | None:
-        """Send the search what came of each batch that it wants; return what stopped it."""
+        """Fly the proposed batches, and send the search their outcomes; return what stopped it."""
         steps = search.steps()
         outcomes: tuple[FlightOutcome, ...] | None = None
         while True:
@@ -147,13 +147,13 @@ class _Flown:
                 return None
             outcomes = self._ledger.outcomes(batch)
             if outcomes is None:
-                found = self._fly_batch(batch)
-                if not isinstance(found, tuple):
-                    return found
-                outcomes = found
+                flown = self._fly_batch(batch)
+                if not isinstance(flown, tuple):
+                    return flown
+                outcomes = flown
 
     def _fly_batch(self, batch: Batch) -> tuple[FlightOutcome, ...] | Stop:
-        """Have a batch flown; return what came of it, or what stopped it."""
+        """Fly a batch; return its outcomes, or what stopped it."""
         self._ledger.begin(batch)
         names = ", ".join(dict.fromkeys(one.variant.name for one in batch.flights))
         self._say(f"batch {batch.number}, {batch.purpose} in {batch.mode}: {names}")
@@ -171,8 +171,8 @@ class _Flown:
         return outcomes
 
     def _outcome(self, result: RunResult, plan: RunPlan, folder: Path) -> FlightOutcome:
-        """Return a run's result, and what its sensors saw, as the search takes it."""
-        found = self._search.objective.outcome(
+        """Return the outcome of a flight for the search, with what its sensors had in view."""
+        outcome = self._search.objective.outcome(
             verdict=result.verdict,
             results=result.oracles,
             vehicle=result.subject,
@@ -181,7 +181,7 @@ class _Flown:
             duration_s=result.duration_s or 0.0,
             wall_s=result.wall_s,
         )
-        return replace(found, sensed=sensed_views(plan, folder))
+        return replace(outcome, sensed=sensed_views(plan, folder))
 
     def _write(self, findings: Findings, ended: str) -> None:
         """Write the campaign files of confirmed failures, and search.json."""
@@ -200,8 +200,8 @@ class _Flown:
 def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -> int:
     """Return the exit code of a search; the first of 130, 4, 3, 1, 5, 0.
 
-    1: a failure is confirmed. 3: an exception of ours; or what failed is neither confirmed nor
-    refuted, or half of the variants or more proved nothing. 5: nothing was flown.
+    1: a failure is confirmed. 3: an internal error; or a failure is neither confirmed nor refuted,
+    or half of the variants or more have no PASS or FAIL. 5: nothing was flown.
     """
     if stopped is not None:
         return _CODES[stopped]
@@ -215,7 +215,7 @@ def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -
 
 
 def _reason(result: RunResult) -> str:
-    """Return a flight's reason, the same whether the search's program was killed meanwhile."""
+    """Return a flight's reason, the same whether or not the search was interrupted meanwhile."""
     if result.verdict != "PASS":
         return result.reason
     return passed_text(ended_attempts(result.attempts))

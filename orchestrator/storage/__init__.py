@@ -1,1 +1,1 @@
-"""Storage that machines share without sharing a folder: the results of runs go through it."""
+"""Storage that machines share without a shared folder; it transfers the results of runs."""

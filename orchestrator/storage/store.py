@@ -1,7 +1,7 @@
-"""A store of files at a URL, S3 or whatever else fsspec reaches: reads and writes, each bounded.
+"""A store of files at a URL, S3 or anything else that fsspec supports, with time limits.
 
-A store may be full, slow, refuse or vanish. Each call is tried a few times, in a thread that is
-left behind when the store does not answer in time, and then raises with what the store said.
+A store may be full, slow, refuse access or vanish. Each call is tried a few times, in a thread that
+is abandoned when the store does not answer in time, and then raises the store's error.
 """
 
 import threading
@@ -17,18 +17,18 @@ _TIMED_OUT = "it has not answered for {:g} s"
 
 
 class StoreError(Exception):
-    """A store does not do what it was asked for: says where and why."""
+    """A call of a store failed; says where and why."""
 
 
 class StoreRefusedError(StoreError):
-    """A text is no URL of a store that this machine can use: says why, and the remedy."""
+    """A URL names no store that this machine can use; says why, and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoreLimits:
-    """How patient a store is used. tries: of each call. pauses_s: between them.
+    """Time limits of a store. tries: of each call. pauses_s: between tries.
 
-    answer_s: how long a try may take, and as long again as its bytes take at least_bytes_s.
+    answer_s: the limit of a try, to which the time of its bytes at least_bytes_s is added.
     """
 
     tries: int = 3
@@ -36,8 +36,8 @@ class StoreLimits:
     answer_s: float = 30.0
     least_bytes_s: float = 250_000.0
 
-    def patience_s(self, size: int) -> float:
-        """Return how long one try with so many bytes may take."""
+    def limit_s(self, size: int) -> float:
+        """Return the time limit of a try with so many bytes."""
         return self.answer_s + size / self.least_bytes_s
 
 
@@ -54,7 +54,7 @@ class Store:
     limits: StoreLimits = field(default_factory=StoreLimits)
 
     def read(self, name: str) -> bytes | None:
-        """Return what a file has; None where there is none."""
+        """Return a file's content; None if it does not exist."""
 
         def read() -> bytes | None:
             try:
@@ -66,7 +66,7 @@ class Store:
         return self._retry_call(f"{self.url}/{name} cannot be read", read)
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file, in place of an older one."""
+        """Write a file, or replace it."""
         self._retry_call(
             f"{self.url}/{name} cannot be written",
             lambda: self.files.pipe_file(self._path(name), content),
@@ -74,7 +74,7 @@ class Store:
         )
 
     def upload(self, name: str, path: Path) -> None:
-        """Write a file from one of this machine."""
+        """Copy a file of this machine to the store."""
         self._retry_call(
             f"{self.url}/{name} cannot be written",
             lambda: self.files.put_file(str(path), self._path(name)),
@@ -82,7 +82,7 @@ class Store:
         )
 
     def download(self, name: str, path: Path, size: int) -> None:
-        """Write a file's content to one of this machine. size: what it should have."""
+        """Copy a file to this machine. size: in bytes, as expected."""
         self._retry_call(
             f"{self.url}/{name} cannot be read",
             lambda: self.files.get_file(self._path(name), str(path)),
@@ -92,64 +92,64 @@ class Store:
     def _path(self, name: str) -> str:
         return f"{self.root}/{name}"
 
-    def _retry_call(self, failing: str, call: Callable[[], T], size: int = 0) -> T:
-        """Return what a call returns, at one of its tries."""
-        limits, said = self.limits, ""
+    def _retry_call(self, failure: str, call: Callable[[], T], size: int = 0) -> T:
+        """Return the result of a call that is tried several times."""
+        limits, reason = self.limits, ""
         for number in range(limits.tries):
             if number:
                 time.sleep(limits.pauses_s[min(number, len(limits.pauses_s)) - 1])
             try:
-                return _within(limits.patience_s(size), call)
-            except Exception as error:  # noqa: BLE001  # whatever a file system of fsspec raises
-                said = str(error) or type(error).__name__
-        raise StoreError(f"{failing}: {said}, at the last of {limits.tries} tries")
+                return _call_within(limits.limit_s(size), call)
+            except Exception as error:  # noqa: BLE001  # file systems of fsspec raise anything
+                reason = str(error) or type(error).__name__
+        raise StoreError(f"{failure}: {reason} (the last of {limits.tries} tries)")
 
 
 def open_store(url: str, limits: StoreLimits | None = None) -> Store:
-    """Return the store at a URL; nothing is connected to. Raises StoreRefusedError."""
+    """Return the store at a URL, without connecting to it. Raises StoreRefusedError."""
     parts = urlsplit(url)
     if not parts.scheme or not (parts.netloc + parts.path).strip("/"):
         raise StoreRefusedError(f"--store {url}: must be a URL such as s3://BUCKET/PREFIX")
     if "@" in parts.netloc or parts.query:
         raise StoreRefusedError(
-            f"--store {parts.scheme}://...: credentials do not belong into the URL, which is "
-            "recorded; give them to every node as its environment or its files say (AWS_PROFILE)"
+            f"--store {parts.scheme}://...: the URL is recorded and must not contain credentials; "
+            "give them to every node by its environment or credential files (AWS_PROFILE)"
         )
     try:
         from fsspec.core import url_to_fs  # noqa: PLC0415  # of an extra
     except ImportError as error:
-        raise StoreRefusedError(_missing(url, "fsspec")) from error
+        raise StoreRefusedError(_missing_extra_text(url, "fsspec")) from error
     options = {"auto_mkdir": True} if parts.scheme in {"file", "local"} else {}
     try:
         files, root = url_to_fs(
             url.rstrip("/"), use_listings_cache=False, skip_instance_cache=True, **options
         )
     except ImportError as error:
-        raise StoreRefusedError(_missing(url, str(error))) from error
+        raise StoreRefusedError(_missing_extra_text(url, str(error))) from error
     except Exception as error:
         raise StoreRefusedError(f"--store {url}: {error}") from error
     return Store(url.rstrip("/"), files, str(root).rstrip("/"), limits or StoreLimits())
 
 
-def _missing(url: str, what: str) -> str:
+def _missing_extra_text(url: str, what: str) -> str:
     return (
         f"--store {url} needs the extra storage on this machine and on every node: pip install "
         f"'wil-campaign[storage]' ({what})"
     )
 
 
-def _within(limit_s: float, call: Callable[[], T]) -> T:
-    """Return what a call returns within a time; raises what it raises, or TimeoutError."""
+def _call_within(limit_s: float, call: Callable[[], T]) -> T:
+    """Return the result of a call within a time; raises its exception, or TimeoutError."""
     results: list[T] = []
     errors: list[BaseException] = []
 
     def run() -> None:
         try:
             results.append(call())
-        except BaseException as error:  # noqa: BLE001  # raised again by who waits
+        except BaseException as error:  # noqa: BLE001  # raised again in the waiting thread
             errors.append(error)
 
-    # A thread that ends with the process: a call that hangs keeps nothing from ending.
+    # A daemon thread: a call that hangs does not keep the process from ending.
     thread = threading.Thread(target=run, name="store", daemon=True)
     thread.start()
     thread.join(limit_s)

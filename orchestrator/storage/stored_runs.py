@@ -1,8 +1,8 @@
-"""A run's files in a store: sent by the node that flew it, fetched where the campaign is.
+"""A run's files in a store: sent by the node that flew it, fetched by the campaign's machine.
 
-A run has a place of its own in the store, new for each order. `begun` is there before it takes off,
-then its files, `result.json` as the last of them, and then `sent.json` with the SHA-256 of each.
-Without `sent.json` nothing is read; nothing is taken whose SHA-256 is another.
+Each order has its own place in the store. `begun` is written before the takeoff, then the run's
+files with `result.json` as the last, and then `sent.json` with the SHA-256 of each. Without
+`sent.json` nothing is fetched, and a file with another SHA-256 is refused.
 """
 
 import hashlib
@@ -19,8 +19,8 @@ from orchestrator.storage.store import Store, StoreError
 RESULT_FILE = "result.json"
 _BEGUN, _SENT, _GIVEN_UP = "begun", "sent.json", "given-up"
 _NEWEST = "newest"
-_PIECE_BYTES = 1 << 20
-_LOOK_S = 1.0
+_CHUNK_BYTES = 1 << 20
+_POLL_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class _SentFile:
 
 
 def write_session(store: Store, campaign: str, session: str) -> None:
-    """Say which start of a campaign may fly; nodes read it before each flight. Raises StoreError.
+    """Write which start of a campaign may fly; nodes read it before each flight. Raises StoreError.
 
     campaign: its place in the store.
     """
@@ -40,24 +40,24 @@ def write_session(store: Store, campaign: str, session: str) -> None:
 
 
 def read_session(store: Store, campaign: str) -> str:
-    """Return which start of a campaign may fly; "" where none is said. Raises StoreError."""
+    """Return which start of a campaign may fly; "" if none is written. Raises StoreError."""
     return (store.read(f"{campaign}/{_NEWEST}") or b"").decode("utf-8", "replace")
 
 
 def begin_run(store: Store, place: str, node: str) -> bool:
-    """Say that a run begins on a node; return whether it may. Raises StoreError.
+    """Write that a run begins on a node; return whether it may. Raises StoreError.
 
-    Who gives it up writes that first, and looks then whether it has begun: one of both sees the
-    other.
+    The campaign's machine gives a run up in the reverse order: it writes that first, then reads
+    whether the run has begun. So at least one of both sees the other.
     """
     store.write(f"{place}/{_BEGUN}", node.encode())
     return store.read(f"{place}/{_GIVEN_UP}") is None
 
 
 def send_run(store: Store, place: str, folder: Path, sent: Callable[[int], None]) -> None:
-    """Send the files of a run's folder. sent: told after each how many. Raises StoreError, OSError.
+    """Send the files of a run's folder, the result last. Raises StoreError, OSError.
 
-    The run's result is sent as the last one, and then what all of them are.
+    sent: called after each file with how many are sent.
     """
     paths = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
     paths.sort(key=lambda path: (path == folder / RESULT_FILE, path))
@@ -71,10 +71,10 @@ def send_run(store: Store, place: str, folder: Path, sent: Callable[[int], None]
 
 
 def fetch_run(store: Store, place: str, folder: Path, fetched: Callable[[int], None]) -> bool:
-    """Write a run's files into a folder, the result as the last; return whether it was sent.
+    """Write a run's files into a folder, the result last; return whether the run was sent.
 
-    fetched: told after each file how many. Raises StoreError for a file that is not what was sent,
-    OSError.
+    fetched: called after each file with how many are fetched. Raises StoreError, also for a file
+    that differs from what was sent, and OSError.
     """
     files = _sent_files(store, place)
     if files is None:
@@ -91,14 +91,14 @@ def fetch_run(store: Store, place: str, folder: Path, fetched: Callable[[int], N
 
 
 def await_run(store: Store, place: str, folder: Path, *, landed_s: float, begun_s: float) -> str:
-    """Fetch a run whose node nobody hears any more; return why there is none, "" once it is there.
+    """Fetch a run whose node is lost; return in words why it is missing, "" once it is here.
 
     landed_s: how long it may take to land and to be sent. begun_s: how long it may take to begin.
     Raises StoreError, OSError.
     """
     start_s = time.monotonic()
     has_begun = False
-    while not fetch_run(store, place, folder, _ignore):
+    while not fetch_run(store, place, folder, lambda _: None):
         has_begun = has_begun or store.read(f"{place}/{_BEGUN}") is not None
         passed_s = time.monotonic() - start_s
         if not has_begun and passed_s >= begun_s:
@@ -108,7 +108,7 @@ def await_run(store: Store, place: str, folder: Path, *, landed_s: float, begun_
             has_begun = True
         if passed_s >= landed_s:
             return f"its node has sent nothing to {store.url}/{place} for {landed_s:g} s"
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
     return ""
 
 
@@ -116,32 +116,31 @@ def digest_of(path: Path) -> str:
     """Return the SHA-256 of a file in hex. Raises OSError."""
     digest = hashlib.sha256()
     with path.open("rb") as stream:
-        while piece := stream.read(_PIECE_BYTES):
-            digest.update(piece)
+        while chunk := stream.read(_CHUNK_BYTES):
+            digest.update(chunk)
     return digest.hexdigest()
 
 
 def _sent_files(store: Store, place: str) -> Mapping[str, _SentFile] | None:
-    """Return what was sent of a run, by name; None before all of it is there.
-
-    Raises StoreError.
-    """
+    """Return the sent files of a run, by name; None until all are sent. Raises StoreError."""
     content = store.read(f"{place}/{_SENT}")
     if content is None:
         return None
     try:
         files = json.loads(content)["files"]
-        found = {
+        sent = {
             str(name): _SentFile(str(one["sha256"]), int(one["size"]))
             for name, one in files.items()
         }
     except (ValueError, KeyError, TypeError, AttributeError):
-        return None  # a store that shows a file while it is written
-    for name in found:
+        return None  # some stores show a file while it is written
+    for name in sent:
         parts = PurePosixPath(name).parts
         if not parts or name.startswith("/") or ".." in parts or "\\" in name:
-            raise StoreError(f"{store.url}/{place}/{_SENT} names a file outside of its run: {name}")
-    return found
+            raise StoreError(
+                f"{store.url}/{place}/{_SENT} names a file outside of the run's folder: {name}"
+            )
+    return sent
 
 
 def _fetch_file(store: Store, name: str, path: Path, wanted: _SentFile) -> None:
@@ -157,7 +156,7 @@ def _fetch_file(store: Store, name: str, path: Path, wanted: _SentFile) -> None:
                 return
     finally:
         part.unlink(missing_ok=True)
-    raise StoreError(f"{store.url}/{name} is not what its node has sent: its SHA-256 is another")
+    raise StoreError(f"{store.url}/{name} is not what its node has sent: its SHA-256 differs")
 
 
 def _sync(path: Path) -> None:
@@ -166,7 +165,3 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _ignore(_: int) -> None:
-    """Take how far it has come."""

@@ -1,4 +1,4 @@
-"""Calls that block, made beside an event loop in threads that end with the process."""
+"""Blocking calls in daemon threads, awaited from an event loop."""
 
 import asyncio
 import threading
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 def in_thread(call: Callable[[], T]) -> "asyncio.Future[T]":
-    """Return a future of what a call returns; a call that hangs keeps no process from ending."""
+    """Return the future result of a call; a hanging call does not keep the process alive."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
 
@@ -26,10 +26,10 @@ def in_thread(call: Callable[[], T]) -> "asyncio.Future[T]":
         error: BaseException | None = None
         try:
             result.append(call())
-        except BaseException as raised:  # noqa: BLE001  # raised again by who awaits
+        except BaseException as raised:  # noqa: BLE001  # raised again where it is awaited
             error = raised
         if not loop.is_closed():
             loop.call_soon_threadsafe(settle, result, error)
 
-    threading.Thread(target=run, name="beside the loop", daemon=True).start()
+    threading.Thread(target=run, name="blocking call", daemon=True).start()
     return future

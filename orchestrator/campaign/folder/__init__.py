@@ -1,1 +1,1 @@
-"""A campaign's folder: who uses it, what is in it, and what its runs rest on."""
+"""A campaign's folder: its lock, its manifest, and the files that its runs read."""

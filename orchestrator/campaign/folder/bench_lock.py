@@ -1,4 +1,4 @@
-"""One flight at a time on a bench: its file is locked by the program that flies there."""
+"""Lock of a bench: the program that flies on a bench locks its file."""
 
 import fcntl
 import os
@@ -11,9 +11,9 @@ from orchestrator.campaign.folder.campaign_folder import TakenError
 
 @contextmanager
 def held_benches(benches: Iterable[Bench]) -> Iterator[None]:
-    """Lock benches of this machine for this process, until it ends at the latest.
+    """Lock benches of this machine until the context or the process ends.
 
-    Raises TakenError for one that another process flies on, and OSError.
+    Raises TakenError for a bench in use by another process, and OSError.
     """
     with ExitStack() as stack:
         for bench in benches:

@@ -1,7 +1,7 @@
-"""A campaign's folder on the disk: made, held while it is flown, runs set aside in it.
+"""A campaign's folder on the disk: created, locked while it is flown, with runs set aside in it.
 
-Beneath it each run has `<case>/<mode>/<rep>`. What was flown there before and does not count is
-kept in `earlier/<case>/<mode>/<rep>-<n>`, n from 1.
+Beneath it each run has `<case>/<mode>/<rep>`. Earlier attempts, which do not count, are kept in
+`earlier/<case>/<mode>/<rep>-<n>`, n from 1.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ class TakenError(Exception):
 
 
 def make_folder(parent: Path) -> Path:
-    """Make and return a new campaign folder, named by the time. Raises OutputError."""
+    """Create and return a new campaign folder, named by the time. Raises OutputError."""
     stamp = folder_stamp(time.time())
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -42,29 +42,29 @@ def make_folder(parent: Path) -> Path:
         raise OutputError(
             f"the results cannot be written to {parent}: {reason}; choose another folder with --out"
         ) from error
-    raise OutputError(f"{parent} has 1000 folders of this second already")
+    raise OutputError(f"{parent} already has 1000 folders of this second")
 
 
 def require_writable(out: Path, *, junit: Path | None) -> None:
     """Check that a campaign's results can be written before it begins. Raises OutputError.
 
-    out: made when it is not there; junit: a file in a folder that is there.
+    out: created when it does not exist; junit: a file in an existing folder.
     """
-    there = next((one for one in (out, *out.absolute().parents) if one.exists()), out)
+    existing = next((one for one in (out, *out.absolute().parents) if one.exists()), out)
     try:
-        with tempfile.TemporaryDirectory(dir=there, prefix=".wil-"):
+        with tempfile.TemporaryDirectory(dir=existing, prefix=".wil-"):
             pass
     except OSError as error:
         raise OutputError(
             f"the results cannot be written to {out}: {error.strerror or error}; choose another "
-            "place by --out"
+            "folder with --out"
         ) from error
     if junit is None:
         return
     if not junit.parent.is_dir():
         raise OutputError(
-            f"junit.xml cannot be written to {junit}: there is no folder {junit.parent}; make it, "
-            "or choose another place by --junit"
+            f"junit.xml cannot be written to {junit}: there is no folder {junit.parent}; create "
+            "it, or choose another place with --junit"
         )
     if junit.is_dir():
         raise OutputError(f"junit.xml cannot be written to {junit}: it is a folder; name a file")
@@ -72,21 +72,18 @@ def require_writable(out: Path, *, junit: Path | None) -> None:
         with tempfile.TemporaryFile(dir=junit.parent):
             pass
     except OSError as error:
-        said = error.strerror or error
-        raise OutputError(f"junit.xml cannot be written to {junit}: {said}") from error
+        reason = error.strerror or error
+        raise OutputError(f"junit.xml cannot be written to {junit}: {reason}") from error
 
 
 def newest_folder(parent: Path) -> Path | None:
-    """Return the campaign folder that was begun last; None without one."""
+    """Return the newest campaign folder; None without one."""
     folders = [path.parent for path in parent.glob("*/campaign.json")]
-    return max(folders, key=_moment, default=None)
+    return max(folders, key=_start_key, default=None)
 
 
 def make_run_folder(folder: Path, run: str) -> None:
-    """Make a run's folder durably; run: the end of its name.
-
-    Raises OutputError.
-    """
+    """Create a run's folder durably. run: its path beneath the campaign's. Raises OutputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for parent in folder.parents[: len(Path(run).parts)]:
@@ -97,9 +94,9 @@ def make_run_folder(folder: Path, run: str) -> None:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Lock a campaign folder for this process, until it ends at the latest. Raises TakenError.
+    """Lock a campaign folder until the context or the process ends. Raises TakenError.
 
-    The kernel lets it go when the process dies, whatever it dies of.
+    The kernel releases the lock when the process dies for any reason.
     """
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
@@ -108,7 +105,7 @@ def held(folder: Path) -> Iterator[None]:
         except BlockingIOError as error:
             raise TakenError(f"{folder} is in use by another wil-campaign") from error
         except OSError:
-            # A file system without locks: nothing says that anybody is there.
+            # A file system without locks cannot tell whether the folder is in use.
             pass
         yield
     finally:
@@ -116,7 +113,7 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def set_aside(campaign: Path, run: str) -> Path:
-    """Move a run's folder to those of uncounted attempts; return where. Raises OSError."""
+    """Move a run's folder to the earlier attempts; return its new path. Raises OSError."""
     place = campaign / _EARLIER / run
     number = len(earlier_folders(campaign, run)) + 1
     target = place.with_name(f"{place.name}-{number}")
@@ -130,13 +127,13 @@ def set_aside(campaign: Path, run: str) -> Path:
 def earlier_folders(campaign: Path, run: str) -> list[Path]:
     """Return the folders of earlier attempts at a run, oldest first."""
     place = campaign / _EARLIER / run
-    found: list[Path] = []
-    while (folder := place.with_name(f"{place.name}-{len(found) + 1}")).is_dir():
-        found.append(folder)
-    return found
+    folders: list[Path] = []
+    while (folder := place.with_name(f"{place.name}-{len(folders) + 1}")).is_dir():
+        folders.append(folder)
+    return folders
 
 
-def _moment(folder: Path) -> tuple[str, int]:
-    """Return the sort key of a campaign folder: the second it was begun in, and its number."""
+def _start_key(folder: Path) -> tuple[str, int]:
+    """Return the sort key of a campaign folder: the second of its start, and its number."""
     stamp, _, number = folder.name.partition("-")
     return stamp, int(number) if number.isdecimal() else 1

@@ -1,4 +1,4 @@
-"""campaign.json: what was flown, with what, and where."""
+"""The manifest of a campaign, campaign.json: its runs, files, versions and machine."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
 from worlds.files.documents import Data
 
-_PIECE_BYTES = 1 << 20
+_CHUNK_BYTES = 1 << 20
 _VERSIONED = (
     "wil-campaign",
     "av",
@@ -31,11 +31,11 @@ _VERSIONED = (
     "pymavlink",
     "trimesh",
 )
-"""Packages whose version may change what a run does."""
+"""Packages whose version may change the flight of a run."""
 
 
 def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
-    """Return the manifest campaign.json: what is flown, with what, where; arm: not --no-arm."""
+    """Return the content of campaign.json. arm: False for --no-arm."""
     files = _files(campaign)
     imported = imported_by({path for path in files if path.suffix == ".py"})
     return {
@@ -59,16 +59,16 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
 
 
 def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
-    """Return for the manifest the SHA-256 of files, by their paths from the campaign's folder."""
+    """Return the SHA-256 of files, by their paths relative to the campaign file."""
     home = campaign.document.path.resolve().parent
     return {os.path.relpath(path, home): f"sha256:{_digest(path)}" for path in sorted(files)}
 
 
 def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, Any]:
-    """Return that of a campaign's manifest by which its recorded runs are judged.
+    """Return the part of a campaign's manifest that affects how its recorded runs are judged.
 
-    Without the users' Python files, of which the judging uses nothing. flown: the manifest of the
-    flight; runs whose documents differ from it in `repetitions` alone have the digest that it has.
+    It excludes the users' Python files, which judging does not use. flown: the manifest of the
+    flight; runs whose documents differ from it only in `repetitions` keep its digest.
     """
     files = {path for path in _files(campaign) if path.suffix != ".py"}
     return {
@@ -81,10 +81,10 @@ def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, 
 
 
 def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, object]]:
-    """Return the manifest's runs, by the repetitions of the flight where else nothing differs.
+    """Return the manifest's runs, with the digest of the flight where only `repetitions` differs.
 
-    These are in the campaign's document; of an option, or of a part of the campaign, the runs of a
-    case and mode were as many.
+    The flight's number is in its campaign document, or, where an option or a part of the campaign
+    set it, in the number of runs per case and mode.
     """
     before = of_runs(flown, "documents")
     counts = Counter(name.rpartition("/")[0] for name in before)
@@ -104,7 +104,7 @@ def _as_flown(campaign: Campaign, flown: Mapping[str, Any]) -> list[dict[str, ob
 
 
 def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
-    """Return what a manifest states of its runs under a key, by their names; damage left out."""
+    """Return the values of a key of a manifest's runs, by run name, without damaged entries."""
     runs = manifest.get("runs")
     entries = runs if isinstance(runs, list) else []
     stated = ((one.get("run"), one.get(key)) for one in entries if isinstance(one, dict))
@@ -112,21 +112,21 @@ def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
 
 
 def read_files(campaign: Campaign) -> set[Path]:
-    """Return every file that a run of the campaign reads: those named, and what Python imports."""
+    """Return every file that the campaign's runs read, with imported Python modules."""
     files = _files(campaign)
     return files | imported_by({path for path in files if path.suffix == ".py"}).files
 
 
 def flown_versions() -> dict[str, str]:
-    """Return the versions of the packages that may change what a run does."""
+    """Return the versions of the packages that may change the flight of a run."""
     return _versions(frozenset())
 
 
 def _files(campaign: Campaign) -> set[Path]:
     """Return every file that the campaign reads or names.
 
-    The campaign, its worlds and recipes, and what a text in one of them names beside it: the
-    autonomy, profiles, meshes with what these name, steps, models, programs, firmware, pictures.
+    These are the campaign, its worlds and recipes, and the files that they name: the autonomy,
+    profiles, meshes with their textures, steps, models, programs, firmware, images.
     """
     files = {path.resolve() for path in campaign.paths}
     for case in _files_by_case(campaign).values():
@@ -137,10 +137,10 @@ def _files(campaign: Campaign) -> set[Path]:
 
 
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
-    """Return the manifest's runs; documents: a digest of all that a run reads, as overridden."""
+    """Return the manifest's runs; documents: a digest of their documents with overrides."""
     digests = {case: _documents_digest(files) for case, files in _first_files(campaign).items()}
     plans = campaign.plans
-    # Runs share their files, but for those whose world draws speeds by the seed of each run.
+    # Runs share their files, except where the world draws speeds by the seed of each run.
     files = {id(run.files): run.files for run in plans}
     worlds = {key: world_digest(one) for key, one in files.items()}
     return [
@@ -156,20 +156,20 @@ def _runs(campaign: Campaign) -> list[dict[str, object]]:
 
 
 def _files_by_case(campaign: Campaign) -> dict[str, CaseFiles]:
-    """Return the files of each case and control of a campaign for its manifest."""
+    """Return the files of each case and control."""
     return {run.case: run.files for run in campaign.plans}
 
 
 def _first_files(campaign: Campaign) -> dict[str, CaseFiles]:
-    """Return for the manifest the files of the first run of each case and control.
+    """Return the files of the first run of each case and control.
 
-    Those of the others differ from them in the seed of a world alone.
+    Those of the other runs differ only in the seed of their world.
     """
     return {run.case: run.files for run in reversed(campaign.plans)}
 
 
 def _documents_digest(files: CaseFiles, **changed: Data) -> str:
-    """Return a digest of a case's documents for the manifest; changed: keys of the campaign."""
+    """Return a digest of a case's documents; changed: replaced keys of the campaign."""
     own = files.campaign.data
     if isinstance(own, dict):
         own = {**own, **changed}
@@ -179,7 +179,7 @@ def _documents_digest(files: CaseFiles, **changed: Data) -> str:
 
 
 def world_digest(files: CaseFiles) -> str:
-    """Return a digest of a case's world for the manifest: as overridden, with meshes it names."""
+    """Return a digest of a case's world, with overrides and the meshes that it names."""
     if files.world is None:
         return ""
     digest = hashlib.sha256(json.dumps(files.world.data, sort_keys=True, default=str).encode())
@@ -196,18 +196,18 @@ def _digest(path: Path) -> str:
 
 
 def _add_file(digest: "hashlib._Hash", path: Path) -> None:
-    """Add a file to a digest, in pieces: a video may be larger than the memory."""
+    """Add a file to a digest, in chunks: a video may be larger than the memory."""
     with path.open("rb") as stream:
-        while piece := stream.read(_PIECE_BYTES):
-            digest.update(piece)
+        while chunk := stream.read(_CHUNK_BYTES):
+            digest.update(chunk)
 
 
 def _versions(imported: frozenset[str]) -> dict[str, str]:
-    """Return for the manifest the versions of the packages in use; imported: by users' files."""
-    found: dict[str, str] = {}
+    """Return the versions of the packages in use; imported: by users' files."""
+    versions: dict[str, str] = {}
     for name in (*_VERSIONED, *sorted(imported - set(_VERSIONED))):
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            versions[name] = "not installed"
+    return versions

@@ -1,4 +1,4 @@
-"""What a campaign's manifest says otherwise than an earlier one; pure."""
+"""Differences between two manifests of a campaign, in words; pure."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -6,10 +6,10 @@ from typing import Any
 
 from campaigns.setup.case_files import override_from_option
 
-_LONGEST = 80
-"""Characters of a value in a sentence about a changed key."""
+_MAX_LENGTH = 80
+"""Of a value in a sentence about a changed key, in characters."""
 _COUNTED = frozenset({"repetitions"})
-"""Keys that only say how many runs there are: what is missing of them is named as never flown."""
+"""Keys that only set the number of runs: missing runs are reported as never flown."""
 
 
 def changed_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, str, str]]:
@@ -26,46 +26,46 @@ def changed_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, st
 def changes_since_flight(
     before: Mapping[str, Any], now: Mapping[str, Any], *, file: str
 ) -> list[str]:
-    """Return in words what judges a campaign otherwise than the manifest that it was flown by.
+    """Return in words what affects verdicts and has changed since a flight.
 
-    file: the campaign's own, of which each key is compared.
+    before: the manifest of the flight. file: the campaign's file, compared key by key instead.
     """
-    said = [
-        f"{key} was {_cut(was)}, and is {_cut(present)}"
+    changes = [
+        f"{key} was {_shorten(was)}, now it is {_shorten(present)}"
         for key, was, present in changed_keys(before.get("document", {}), now["document"])
         if key not in _COUNTED
     ]
     flown_files = before.get("files", {})
-    said += [
+    changes += [
         f"{name} changed"
         for name, digest in now["files"].items()
         if name != file and flown_files.get(name, digest) != digest
     ]
-    said += _changed_options(before, now)
+    changes += _changed_options(before, now)
     was, present = (one.get("versions", {}).get("wil-campaign") for one in (before, now))
     if was != present:
-        said.append(f"wil-campaign was {was}, and is {present}")
-    return said or _changed_runs(before, now)
+        changes.append(f"wil-campaign was {was}, now it is {present}")
+    return changes or _changed_runs(before, now)
 
 
 def _changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return the --set options of one manifest alone whose keys are not in its document.
+    """Return in words the --set options that only one manifest has and no document shows.
 
-    Those of the world or the recipe, and all of a campaign that names others.
+    These are options for the world or the recipe, and all options of a composed campaign.
     """
     was, present = (one.get("options", {}).get("set", []) for one in (before, now))
-    said = {text: "was not given" for text in present if text not in was}
-    said |= {text: "is not given" for text in was if text not in present}
+    changes = {text: "was not given" for text in present if text not in was}
+    changes |= {text: "is not given" for text in was if text not in present}
     is_composed = "campaigns" in now["document"]
     return [
-        f"--set {_cut(text)} {what}"
-        for text, what in said.items()
+        f"--set {_shorten(text)} {what}"
+        for text, what in changes.items()
         if is_composed or override_from_option("--set", text).file != "campaign"
     ]
 
 
 def _changed_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Return the runs whose documents the manifest has otherwise, for a reason not found above."""
+    """Return in words the runs whose documents changed for any other reason."""
     flown = {run["run"]: run["documents"] for run in before.get("runs", [])}
     return [
         f"the files of {run['run']} changed"
@@ -74,6 +74,6 @@ def _changed_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str
     ]
 
 
-def _cut(text: str) -> str:
-    """Return a value as short as a sentence about the manifest's changes takes it."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+def _shorten(text: str) -> str:
+    """Return a text shortened to the maximum length."""
+    return text if len(text) <= _MAX_LENGTH else f"{text[: _MAX_LENGTH - 3]}..."

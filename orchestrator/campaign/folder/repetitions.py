@@ -1,6 +1,6 @@
-"""Which runs a campaign still needs, where a sequential test decides how many there are; pure.
+"""Which runs count, where a sequential test decides how many repetitions are needed; pure.
 
-Runs count in the order of their repetitions, whatever order they ended in: what is counted does not
+Runs are counted in the order of their repetitions, not of their ends, so that the decision does not
 depend on how many flew at once.
 """
 
@@ -35,7 +35,7 @@ def _last_counted(
 ) -> int:
     """Return the repetition with which the test decided; the last planned one until then.
 
-    A run that proves nothing is passed over: the test goes on with the next.
+    A run without PASS or FAIL is skipped: the test continues with the next one.
     """
     ordered = sorted(plans, key=lambda one: one.repetition)
     passes: list[bool] = []

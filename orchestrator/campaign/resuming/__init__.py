@@ -1,1 +1,1 @@
-"""Taking up a campaign that was cut off: what was flown, what is lost, what is flown again."""
+"""Resuming an interrupted campaign: which runs are finished, lost, or flown again."""

@@ -1,6 +1,6 @@
-"""Vehicles that are attached from outside: which ones, who they are, and whether they may arm.
+"""Attached vehicles of a campaign, found and identified over their links.
 
-What we neither embed nor launch may be hardware, also behind a port of loopback.
+A vehicle that is neither embedded nor launched may be hardware, also behind a port of loopback.
 """
 
 import asyncio
@@ -21,11 +21,11 @@ from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress
 from vehicles.links.udp import UdpLink
 
-_PLACE_S = 3.0
-"""How long is waited for a position and a battery, which it may not have."""
-_LOOK_S = 0.05
+_POSITION_S = 3.0
+"""How long to wait for a position and a battery state, which a vehicle may not have."""
+_POLL_S = 0.05
 _HEARTBEATS_S = 1.2
-"""Until whoever is there was heard once: heartbeats come every second."""
+"""Enough for one heartbeat of each vehicle on the link: they come every second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +45,12 @@ class AttachedVehicle:
 
     def __str__(self) -> str:
         """Return the attached vehicle in words."""
-        who = self.identity
-        kind = "a simulation" if who.simulation else f"board {who.uid}"
+        identity = self.identity
+        kind = "a simulation" if identity.simulation else f"board {identity.uid}"
         battery = "" if self.battery is None else f", battery {self.battery:.0%}"
         return (
-            f"{self.name}: {who.autopilot} {who.version_text} {who.vehicle_type}, system "
-            f"{who.system_id}, {kind}, on {self.address}, {self.where}{battery}"
+            f"{self.name}: {identity.autopilot} {identity.version_text} {identity.vehicle_type}, "
+            f"system {identity.system_id}, {kind}, on {self.address}, {self.where}{battery}"
         )
 
     @property
@@ -62,15 +62,12 @@ class AttachedVehicle:
 
 
 def flown_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
-    """Return the vehicles that fly in the campaign's modes, in any of its cases, each once.
-
-    Actors are among them.
-    """
-    found: dict[tuple[str, object], FlownSetup] = {}
+    """Return the vehicles, including actors, that fly in any of the campaign's modes and cases."""
+    vehicles: dict[tuple[str, object], FlownSetup] = {}
     for setup in campaign.setups.values():
         for vehicle in (one for mode in campaign.modes for one in setup.flown_in(mode)):
-            found.setdefault((vehicle.name, vehicle.link), vehicle)
-    return tuple(found.values())
+            vehicles.setdefault((vehicle.name, vehicle.link), vehicle)
+    return tuple(vehicles.values())
 
 
 def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
@@ -79,22 +76,22 @@ def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
 
 
 def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
-    """Return what plays the real vehicle: attached, launched or embedded."""
+    """Return what flies as the real vehicle: hardware, a simulation, or an embedded one."""
     real = next((one for one in flown_vehicles(campaign) if one.name == "real"), None)
     if real is None or real.embedded:
         return "embedded"
     if real.launch is not None:
         return "sitl"
-    answered = next((one for one in found if one.name == "real"), None)
-    if answered is None:
+    identified = next((one for one in found if one.name == "real"), None)
+    if identified is None:
         return "unknown"
-    return "sitl" if answered.identity.simulation else "hardware"
+    return "sitl" if identified.identity.simulation else "hardware"
 
 
 async def find_all(vehicles: Iterable[FlownSetup], timeout_s: float) -> tuple[AttachedVehicle, ...]:
-    """Connect to the attached vehicles and identify them. Raises VehicleError, the first one.
+    """Connect to the attached vehicles and identify them. Raises the first VehicleError.
 
-    Nothing is changed in them, and the links are closed again.
+    Nothing is changed in the vehicles, and their links are closed again.
     """
     found = await asyncio.gather(*(_find(vehicle, timeout_s) for vehicle in vehicles))
     for one, other in itertools.combinations(found, 2):
@@ -121,7 +118,7 @@ async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
         system_id=vehicle.system_id,
         rates=vehicle.rates,
     )
-    return await _look(driver, raw, address=link.name, timeout_s=timeout_s)
+    return await _identify(driver, raw, address=link.name, timeout_s=timeout_s)
 
 
 async def find_at(address: LinkAddress, timeout_s: float) -> AttachedVehicle:
@@ -131,21 +128,21 @@ async def find_at(address: LinkAddress, timeout_s: float) -> AttachedVehicle:
     """
     link = open_link(address)
     driver = Driver(name="vehicle", link=link)
-    return await _look(driver, [link], address=str(address), timeout_s=timeout_s)
+    return await _identify(driver, [link], address=str(address), timeout_s=timeout_s)
 
 
-async def _look(
+async def _identify(
     driver: Driver, links: Iterable[Link], *, address: str, timeout_s: float
 ) -> AttachedVehicle:
-    """Identify a driver's vehicle, wait for its place and battery. Raises VehicleError."""
+    """Identify a driver's vehicle, wait for its position and battery. Raises VehicleError."""
     loop = asyncio.get_running_loop()
     async with driver:
         began_s = loop.time()
         identity = await driver.identify(timeout_s)
-        for _ in range(round(_PLACE_S / _LOOK_S)):
-            if _complete(driver) and loop.time() - began_s >= _HEARTBEATS_S:
+        for _ in range(round(_POSITION_S / _POLL_S)):
+            if _has_position_and_battery(driver) and loop.time() - began_s >= _HEARTBEATS_S:
                 break
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
         _refuse_rivals(driver.name, links)
         state = driver.state
         return AttachedVehicle(
@@ -161,14 +158,14 @@ async def _look(
 def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
     """Refuse two attached vehicles with one system id on one port. Raises IdentifyError."""
     for link in links:
-        said = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
-        if said is not None:
+        rival = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
+        if rival is not None:
             raise IdentifyError(
-                f"{name} on {link.name}: {said}; switch one off, or give one another id "
+                f"{name} on {link.name}: {rival}; switch one off, or give one another id "
                 "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
             )
 
 
-def _complete(driver: Driver) -> bool:
-    """Return whether an attached vehicle has reported its place and battery."""
+def _has_position_and_battery(driver: Driver) -> bool:
+    """Return whether a vehicle has reported its position and battery."""
     return driver.place_deg is not None and driver.state.battery is not None

@@ -1,4 +1,4 @@
-"""Runs that were begun and came to no result: what they count as, and which are flown again."""
+"""Runs that began and have no result: how they count, and which are flown again."""
 
 from collections.abc import Callable
 
@@ -9,14 +9,14 @@ from orchestrator.model.control_results import control_result
 from orchestrator.model.results import RunResult, SyncResult
 
 IsReal = Callable[[RunPlan], bool]
-"""Whether a run is one that nobody but a person has flown again."""
+"""Whether a run has a real vehicle, and so is flown again only when a person orders it."""
 
 
 def real_runs(campaign: Campaign, hardware: str) -> IsReal:
-    """Return which runs of a campaign have a vehicle in them that a person has to look at first.
+    """Return which runs of a campaign fly a vehicle that a person has to inspect after a loss.
 
-    On a bench that is its vehicle, whatever it is; otherwise an attached one where hardware says
-    that there is any. hardware: in words, the vehicles that are no simulation; empty for none.
+    These are runs with attached vehicles: on a bench always, otherwise where `hardware` names any.
+    hardware: in words, the vehicles that are no simulation; empty for none.
     """
     if not (campaign.benches or hardware) or not attached_vehicles(campaign):
         return lambda _: False
@@ -29,10 +29,10 @@ def real_runs(campaign: Campaign, hardware: str) -> IsReal:
 
 
 def killed_program_text(run: str, what: str) -> str:
-    """Return why a run that has no result is not flown again. what: what is known of it."""
+    """Return why a run without a result is not flown again. what: what is known about it."""
     return (
-        f"its program was killed, and {what}; a real vehicle was in it, so it is not flown again "
-        f"by itself: look at the vehicle, then --resume --again {run}"
+        f"its program was killed, and {what}; it has a real vehicle, so it is not flown again "
+        f"automatically: inspect the vehicle, then use --resume --again {run}"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a resumed campaign has already, what is flown again, and what was lost with its program."""
+"""Sorts the runs of a resumed campaign: finished, lost with their program, or flown again."""
 
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -26,8 +26,8 @@ from orchestrator.model.results import Attempt, RunResult
 from orchestrator.model.results_reader import ResultError, read_result
 
 _LANDED_S = 120.0
-"""How long a run of a campaign that was killed may go on: it lands, for its parent has died."""
-_LOOK_S = 0.2
+"""How long a run of a killed campaign may take to land."""
+_POLL_S = 0.2
 _CUT_OFF = "it has no result"
 _RESULT, _DAMAGED = "result.json", "result.damaged.json"
 
@@ -36,7 +36,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumedCampaign:
-    """What a resumed campaign has already, by run. attempts: at those still to be flown."""
+    """The results of a resumed campaign, by run. attempts: earlier ones at the other runs."""
 
     results: Mapping[str, RunResult]
     attempts: Mapping[str, tuple[Attempt, ...]]
@@ -44,11 +44,11 @@ class ResumedCampaign:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumeRules:
-    """What of a campaign is flown again. retries: of the campaign.
+    """Which runs of a campaign are flown again. retries: of the campaign.
 
-    is_real: of whose runs none is flown again by itself. again: runs that a person has named.
-    repeats_cut_off: a simulated run that was cut off in flight is flown again whatever it had come
-    to by then, as a search needs it: what it proposes next depends on how the flight ends.
+    is_real: runs that are not flown again automatically. again: runs that a person has named.
+    repeats_cut_off: a simulated run that was cut off in flight is flown again even if it had a
+    verdict by then; a search needs this, because its next proposal depends on the complete flight.
     """
 
     retries: int = 0
@@ -60,9 +60,9 @@ class ResumeRules:
 def resume_campaign(
     campaign: Campaign, folder: Path, rules: ResumeRules, *, say: Say
 ) -> ResumedCampaign:
-    """Return the finished runs of a resumed campaign; set aside what is flown again.
+    """Return the finished runs of a resumed campaign; set aside those that are flown again.
 
-    A run with a real vehicle that was begun and has no result is lost: ERROR, on the disk before
+    A run with a real vehicle that began and has no result is lost: its ERROR is on the disk before
     anything flies. Raises ResumeError, OutputError, OSError.
     """
     fetch_stored_runs(folder, say=say)
@@ -71,7 +71,7 @@ def resume_campaign(
 
 @dataclass(frozen=True, slots=True)
 class _Resumption:
-    """A campaign while it is resumed. orders: that its ledger has no outcome of."""
+    """A campaign while it is resumed. orders: those without an outcome in its ledger."""
 
     campaign: Campaign
     folder: Path
@@ -82,27 +82,27 @@ class _Resumption:
     attempts: dict[str, tuple[Attempt, ...]] = field(default_factory=dict)
 
     def resume(self) -> ResumedCampaign:
-        """Return what the folder has. Raises ResumeError, OutputError, OSError."""
+        """Return the folder's results. Raises ResumeError, OutputError, OSError."""
         for plan in self.campaign.plans:
             home = self.folder / plan.name
             if home.is_dir():
-                _wait_for(home, self.say)
-        found = {plan.name: _find_results(self.folder / plan.name, plan) for plan in self._plans}
-        self._require_named(found)
+                _await_landing(home, self.say)
+        results = {plan.name: _read_finished(self.folder / plan.name, plan) for plan in self._plans}
+        self._require_repeatable(results)
         lost: list[tuple[RunPlan, str]] = []
         for plan in self._plans:
-            one, earlier = found[plan.name], self._earlier(plan)
-            if isinstance(one, RunResult) and not self._is_flown_again(plan, one):
-                self._keep(plan, one)
-            elif what := self._begun(plan, one, earlier):
+            result, earlier = results[plan.name], self._earlier_attempts(plan)
+            if isinstance(result, RunResult) and not self._is_flown_again(plan, result):
+                self._keep_result(plan, result)
+            elif what := self._loss_text(plan, result, earlier):
                 lost.append((plan, what))
             else:
-                self._clear(plan, one, earlier)
+                self._plan_flight(plan, result, earlier)
         for plan, what in lost:
-            # Beyond the decision of a sequential test nothing counts, lost or not.
+            # After the decision of a sequential test no run counts, lost or not.
             due = runs_due(self._plans, self.campaign.test, self.results)
             if plan.name in {one.name for one in due}:
-                self._lose(plan, what)
+                self._record_loss(plan, what)
             elif (order := self.orders.get(plan.name)) is not None:
                 close_order(self.folder, order, "lost", f"{what}; it does not count")
         return ResumedCampaign(results=self.results, attempts=self.attempts)
@@ -111,48 +111,48 @@ class _Resumption:
     def _plans(self) -> tuple[RunPlan, ...]:
         return self.campaign.plans
 
-    def _require_named(self, found: Mapping[str, RunResult | str]) -> None:
-        """Raise ResumeError for a named run that there is not, or that has proved something."""
+    def _require_repeatable(self, results: Mapping[str, RunResult | str]) -> None:
+        """Raise ResumeError for a run of --again that does not exist, or has a PASS or FAIL."""
         for name in self.rules.again:
-            one = found.get(name)
-            if one is None:
+            result = results.get(name)
+            if result is None:
                 raise ResumeError(f"--again {name}: the campaign has no such run")
-            if isinstance(one, RunResult) and one.verdict in {"PASS", "FAIL"}:
+            if isinstance(result, RunResult) and result.verdict in {"PASS", "FAIL"}:
                 raise ResumeError(
-                    f"--again {name}: it is {one.verdict}, which stays; only what proved nothing "
-                    "is flown again"
+                    f"--again {name}: it is {result.verdict}, which counts; only a run without "
+                    "PASS or FAIL can be flown again"
                 )
 
     def _is_flown_again(self, plan: RunPlan, result: RunResult) -> bool:
         """Return whether a run that has a result is flown again."""
         if plan.name in self.rules.again:
             return True
-        # Whose parent died, or whose operator pressed Ctrl-C, was not tried to its end.
-        wants = result.verdict == "ABORTED" or self._was_cut_off(result)
-        wants = wants or retry_due(result, retries=self.rules.retries)
-        return wants and not self.rules.is_real(plan)
+        # After Ctrl-C or the death of its parent, a run was not flown to its end.
+        is_due = result.verdict == "ABORTED" or self._was_cut_off(result)
+        is_due = is_due or retry_due(result, retries=self.rules.retries)
+        return is_due and not self.rules.is_real(plan)
 
     def _was_cut_off(self, result: RunResult) -> bool:
-        """Return whether a run was cut off after its verdict, and is to be flown to its end."""
+        """Return whether a run was cut off after its verdict, and has to be flown to its end."""
         return self.rules.repeats_cut_off and is_cut_off(result)
 
-    def _begun(self, plan: RunPlan, found: RunResult | str, earlier: list[Attempt]) -> str:
-        """Return what was begun of a run that may not be flown again; "" for one that may."""
+    def _loss_text(self, plan: RunPlan, result: RunResult | str, earlier: list[Attempt]) -> str:
+        """Return what is known about a begun run that may not be flown again; "" for others."""
         if plan.name in self.rules.again or not self.rules.is_real(plan):
             return ""
-        if isinstance(found, str) and found:
-            return found
+        if isinstance(result, str) and result:
+            return result
         if earlier:
             return "it had been set aside for another flight"
         order = self.orders.get(plan.name)
         return "" if order is None else f"it was ordered from {order.node} and has no folder"
 
-    def _earlier(self, plan: RunPlan) -> list[Attempt]:
+    def _earlier_attempts(self, plan: RunPlan) -> list[Attempt]:
         places = earlier_folders(self.folder, plan.name)
         return [self._attempt_in(place) for place in places]
 
     def _attempt_in(self, place: Path) -> Attempt:
-        """Return the earlier attempt in a folder that the resumption sets aside."""
+        """Return the earlier attempt in a folder that was set aside."""
         name = str(place.relative_to(self.folder))
         try:
             return self._attempt_of(read_result(place / _RESULT), name)
@@ -160,26 +160,26 @@ class _Resumption:
             return Attempt(None, _CUT_OFF, name)
 
     def _attempt_of(self, result: RunResult, place: str) -> Attempt:
-        """Return a result as an earlier attempt; one that was cut off has spent no retry."""
+        """Return a result as an earlier attempt; one that was cut off does not count as a retry."""
         if result.verdict != "ABORTED" and self._was_cut_off(result):
             return Attempt(None, f"in flight, after {result.verdict}: {result.reason}", place)
         return attempt_of(result, place)
 
-    def _keep(self, plan: RunPlan, result: RunResult) -> None:
-        """Have a result count; the ledger has it, too."""
+    def _keep_result(self, plan: RunPlan, result: RunResult) -> None:
+        """Count a result, and close its order in the ledger."""
         self.results[plan.name] = result
         if (order := self.orders.get(plan.name)) is not None:
             close_order(self.folder, order, "found", result.verdict)
 
-    def _clear(self, plan: RunPlan, found: RunResult | str, earlier: list[Attempt]) -> None:
-        """Have a run flown; what there is of it is set aside."""
+    def _plan_flight(self, plan: RunPlan, result: RunResult | str, earlier: list[Attempt]) -> None:
+        """Plan the flight of a run; set aside what an earlier flight has left."""
         why = "it had not begun"
-        if found:
+        if result:
             place = set_aside(self.folder, plan.name).relative_to(self.folder)
             last = (
-                Attempt(None, found, str(place))
-                if isinstance(found, str)
-                else self._attempt_of(found, str(place))
+                Attempt(None, result, str(place))
+                if isinstance(result, str)
+                else self._attempt_of(result, str(place))
             )
             why = f"{last.verdict or 'cut off'}, {last.reason}; kept in {place}"
             self.say(f"{plan.name}: {why}")
@@ -188,10 +188,10 @@ class _Resumption:
         if (order := self.orders.get(plan.name)) is not None:
             close_order(self.folder, order, "lost", why)
 
-    def _lose(self, plan: RunPlan, what: str) -> None:
-        """Have a run count as lost, on the disk."""
+    def _record_loss(self, plan: RunPlan, what: str) -> None:
+        """Count a run as lost, and write its result."""
         home, why = self.folder / plan.name, killed_program_text(plan.name, what)
-        result = after_attempts(lost_result(plan, WorkerLost(why)), self._earlier(plan))
+        result = after_attempts(lost_result(plan, WorkerLost(why)), self._earlier_attempts(plan))
         make_run_folder(home, plan.name)
         if (home / _RESULT).exists():
             (home / _RESULT).rename(home / _DAMAGED)
@@ -202,8 +202,8 @@ class _Resumption:
         self.say(f"{plan.name}: ERROR, {result.reason}")
 
 
-def _find_results(home: Path, plan: RunPlan) -> RunResult | str:
-    """Return a run's result to resume with; or in words why it is unusable; "" for none."""
+def _read_finished(home: Path, plan: RunPlan) -> RunResult | str:
+    """Return a run's result, or in words why it has none; "" for a run that has not begun."""
     if not home.is_dir() or not any(home.iterdir()):
         return ""
     if not (home / _RESULT).exists():
@@ -214,22 +214,20 @@ def _find_results(home: Path, plan: RunPlan) -> RunResult | str:
         return str(error)
     wanted = (plan.case, plan.mode, plan.repetition, plan.seed, plan.required)
     if (result.case, result.mode, result.rep, result.seed, result.required) != wanted:
-        return f"{home / _RESULT} is of another run"
+        return f"{home / _RESULT} belongs to another run"
     return result
 
 
-def _wait_for(home: Path, say: Say) -> None:
-    """Wait until no process flies into the folder to resume. Raises OutputError."""
-    told = False
-    for _ in range(round(_LANDED_S / _LOOK_S)):
+def _await_landing(home: Path, say: Say) -> None:
+    """Wait until no process uses a run's folder. Raises OutputError."""
+    is_reported = False
+    for _ in range(round(_LANDED_S / _POLL_S)):
         try:
             with held(home):
                 return
         except TakenError:
-            if not told:
+            if not is_reported:
                 say(f"{home} is still in flight: waiting until it has landed")
-                told = True
-            time.sleep(_LOOK_S)
-    raise OutputError(
-        f"{home} is being flown still, after {_LANDED_S:g} s; look: wil-campaign watch"
-    )
+                is_reported = True
+            time.sleep(_POLL_S)
+    raise OutputError(f"{home} is still in flight after {_LANDED_S:g} s; see wil-campaign watch")

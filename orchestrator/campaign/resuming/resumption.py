@@ -1,4 +1,4 @@
-"""Which campaign is resumed: its folder, and whether it is the same campaign still."""
+"""Finds the folder of a campaign to resume, and checks that the campaign is unchanged."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from worlds.files.limited_json import read_json
 
 
 class ResumeError(Exception):
-    """A campaign that cannot be resumed; says why, and what to do."""
+    """A campaign cannot be resumed; says why, and the remedy."""
 
 
 def resumed_folder(out: Path, campaign: str) -> Path:
@@ -32,9 +32,9 @@ def resumed_folder(out: Path, campaign: str) -> Path:
 
 
 def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, object]:
-    """Return the manifest of a resumed folder with the resumption added; now: today's.
+    """Return the manifest of a resumed folder with the time of resuming; now: the current manifest.
 
-    Raises ResumeError when they differ: two campaigns in one folder prove nothing.
+    Raises ResumeError when they differ: results of two campaigns must not be mixed.
     """
     path = folder / "campaign.json"
     try:
@@ -44,12 +44,12 @@ def resumed_manifest(folder: Path, now: Mapping[str, object]) -> Mapping[str, ob
     present = json.loads(to_json(now))
     if not isinstance(before, dict) or not before.keys() >= present.keys():
         raise ResumeError(
-            f"{path} was written by another version: start the campaign again without --resume"
+            f"{path} was written by another version: start the campaign anew, without --resume"
         )
-    if said := list(_differences(before, present)):
+    if differences := list(_differences(before, present)):
         raise ResumeError(
-            f"{folder} cannot be resumed: {'; '.join(said)}. Results of two campaigns do not make "
-            "one: bring back what was, or begin anew without --resume"
+            f"{folder} cannot be resumed: {'; '.join(differences)}. Results of two different "
+            "campaigns must not be mixed: undo these changes, or start anew without --resume"
         )
     again = [*before.get("resumed_utc", []), present["started_utc"]]
     return {**before, "resumed_utc": again}
@@ -59,42 +59,43 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     """Yield differences of the manifests that forbid resuming: name, clock, seed, options."""
     for key, word in (("campaign", "its name"), ("clock", "its clock"), ("seed", "its seed")):
         if before[key] != now[key]:
-            yield f"{word} was {before[key]}, and is {now[key]}"
+            yield f"{word} was {before[key]}, now it is {now[key]}"
     if not before["arm"]:
-        yield "it armed nothing (--no-arm)"
+        yield "it was flown without arming (--no-arm)"
     files = list(_changes(before["files"], now["files"]))
     yield from (f"{name} {what}" for name, _, _, what in files)
     for name, was, present, _ in _changes(before["versions"], now["versions"]):
-        yield f"{name} was {was}, and is {present}"
+        yield f"{name} was {was}, now it is {present}"
     if before["document"] != now["document"] and not files:
         for key, was, present in changed_keys(before["document"], now["document"]):
-            yield f"{key} was {was}, and is {present} (an option, or --set {key}=...)"
+            yield f"{key} was {was}, now it is {present} (an option, or --set {key}=...)"
     elif before["runs"] != now["runs"] and not files:
         yield from _different_runs(before, now)
 
 
 def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the resumption's options that select other runs, or override other files."""
+    """Yield the options that now select other runs, or override other files."""
     was, present = before.get("options", {}), now.get("options", {})
-    said = [
-        f"--{name} was {_shown(was.get(name))}, and is {_shown(present.get(name))}"
+    changes = [
+        f"--{name} was {_values_text(was.get(name))}, now it is {_values_text(present.get(name))}"
         for name in present
         if was.get(name) != present.get(name)
     ]
-    yield from said or [f"it had {len(before['runs'])} runs, and has {len(now['runs'])}, or others"]
+    counts = f"it had {len(before['runs'])} runs, now it has {len(now['runs'])} or different ones"
+    yield from changes or [counts]
 
 
-def _shown(values: object) -> str:
-    """Return an option's values as a resumption message shows them."""
+def _values_text(values: object) -> str:
+    """Return an option's values in words."""
     return " and ".join(map(str, values)) if isinstance(values, list) and values else "not given"
 
 
 def _changes(
     before: Mapping[str, str], now: Mapping[str, str]
 ) -> Iterator[tuple[str, str | None, str | None, str]]:
-    """Yield the files that changed since the resumed campaign was flown."""
+    """Yield the names whose values changed, with both values and what happened."""
     for name in sorted({*before, *now}):
         was, present = before.get(name), now.get(name)
         if was != present:
-            what = "was not there" if was is None else "is gone" if present is None else "changed"
+            what = "is new" if was is None else "is missing" if present is None else "changed"
             yield name, was, present, what

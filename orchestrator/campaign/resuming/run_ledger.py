@@ -1,7 +1,7 @@
-"""The ledger of a campaign on a cluster: which start of it may fly, and what became of each run.
+"""The ledger of a campaign on a cluster: its starts, and the outcome of each run.
 
-`ledger.jsonl` in the campaign's folder. A node reads it before each flight: only runs of the newest
-start are flown, whatever a cluster still delivers of an earlier one.
+It is `ledger.jsonl` in the campaign's folder. A node reads it before each flight: only runs of the
+newest start are flown, whatever orders of an earlier start the cluster still delivers.
 """
 
 import json
@@ -19,9 +19,9 @@ LedgerEvent = Literal["ordered", "ended", "lost", "found"]
 
 @dataclass(frozen=True, slots=True)
 class OpenOrder:
-    """A run that was ordered, and of which the ledger has no outcome. node: to which it went.
+    """A run that was ordered and has no outcome in the ledger. node: to which it was sent.
 
-    place: of the run in the store of its start; "" where the node writes into the run's folder.
+    place: the run's in the store of its start; "" where the node writes into the run's folder.
     """
 
     session: str
@@ -32,14 +32,14 @@ class OpenOrder:
 
 @dataclass(frozen=True, slots=True)
 class CampaignPlace:
-    """Where the runs of a campaign are in a store. store: its URL. place: beneath it."""
+    """The place of a campaign in a store. store: its URL. place: beneath that."""
 
     store: str
     place: str
 
 
 class RunLedger:
-    """Appends to the ledger, each line on the disk before anything else happens. Raises OSError."""
+    """Appends to the ledger; each line is on the disk before the call returns. Raises OSError."""
 
     def __init__(self, folder: Path, session: str, stored: CampaignPlace | None = None) -> None:
         self._folder = folder
@@ -51,13 +51,13 @@ class RunLedger:
     def write(
         self, event: LedgerEvent, run: str, node: str, text: str = "", *, place: str = ""
     ) -> None:
-        """Add what became of a run. node: where. place: of an ordered run in the store."""
+        """Append an event of a run. node: where it flies. place: of an ordered run in the store."""
         line = {"session": self._session, "event": event, "run": run, "node": node, "text": text}
         _append(self._folder, line | ({"place": place} if place else {}))
 
 
 def close_order(folder: Path, order: OpenOrder, event: LedgerEvent, text: str) -> None:
-    """Add what became of a run whose program was killed before it could. Raises OSError."""
+    """Append the outcome of a run whose program was killed before that. Raises OSError."""
     where = {"session": order.session, "event": event, "run": order.run, "node": order.node}
     _append(folder, {**where, "text": text})
 
@@ -73,7 +73,7 @@ def first_session(folder: Path) -> str:
 
 
 def campaign_places(folder: Path) -> dict[str, CampaignPlace]:
-    """Return where a campaign's runs are in a store, by each start that had one. Raises OSError."""
+    """Return the campaign's place in a store, by each start with a store. Raises OSError."""
     return {
         str(line.get("session", "")): CampaignPlace(str(line["store"]), str(line.get("place", "")))
         for line in _lines(folder)
@@ -82,19 +82,16 @@ def campaign_places(folder: Path) -> dict[str, CampaignPlace]:
 
 
 def open_orders(folder: Path) -> dict[str, OpenOrder]:
-    """Return the runs of a campaign's ledger that were ordered and have no outcome; by name.
-
-    Raises OSError.
-    """
-    found: dict[str, OpenOrder] = {}
+    """Return the ordered runs without an outcome in a ledger, by name. Raises OSError."""
+    orders: dict[str, OpenOrder] = {}
     for line in _lines(folder):
         run = str(line.get("run", ""))
         if line.get("event") == "ordered":
             session, node = str(line.get("session", "")), str(line.get("node", ""))
-            found[run] = OpenOrder(session, run, node, str(line.get("place", "")))
+            orders[run] = OpenOrder(session, run, node, str(line.get("place", "")))
         elif run:
-            found.pop(run, None)
-    return found
+            orders.pop(run, None)
+    return orders
 
 
 def _sessions(folder: Path) -> list[str]:
@@ -118,7 +115,7 @@ def _lines(folder: Path) -> Iterator[dict[str, object]]:
 
 
 def _append(folder: Path, line: dict[str, str]) -> None:
-    """Add a line, which is on the disk then; what was cut off before it stays a line of its own."""
+    """Append a line and sync it to the disk; an incomplete line before it stays separate."""
     content = (json.dumps(line, ensure_ascii=True) + "\n").encode()
     handle = os.open(folder / LEDGER_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
     try:

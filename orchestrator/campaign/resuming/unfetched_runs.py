@@ -1,4 +1,4 @@
-"""Runs that nodes have sent to a store for a program that did not live to fetch them."""
+"""Fetches runs that nodes have sent to a store after the campaign's program was killed."""
 
 import time
 import uuid
@@ -13,16 +13,16 @@ from orchestrator.storage.store import Store, StoreError, StoreRefusedError, ope
 from orchestrator.storage.stored_runs import RESULT_FILE, await_run, write_session
 
 _LANDED_S = 120.0
-"""How long a run of a program that was killed may take to land and to be sent."""
+"""How long a run of a killed program may take to land and to be sent."""
 _BEGUN_S = 5.0
-"""How long an order that was on its way may take to begin; after that the store refuses it."""
+"""How long a sent order may take to begin; after that the store refuses it."""
 
 
 def fetch_stored_runs(folder: Path, *, say: Callable[[str], None]) -> None:
-    """Have no earlier start fly any more, and fetch what its nodes have sent to its store.
+    """Stop earlier starts from beginning runs, and fetch what their nodes have sent to the store.
 
-    What the ledger has as ordered and the folder has no result of is waited for until it has
-    landed. Raises ResumeError, OutputError, OSError.
+    Waits until ordered runs without a result in the folder have landed. Raises ResumeError,
+    OutputError, OSError.
     """
     places = campaign_places(folder)
     stores: dict[str, Store] = {}
@@ -35,7 +35,7 @@ def fetch_stored_runs(folder: Path, *, say: Callable[[str], None]) -> None:
             home, place = folder / order.run, places.get(order.session)
             if not order.place or place is None or _has_result(home):
                 continue
-            say(f"{order.run}: looking for it in {place.store}/{order.place}")
+            say(f"{order.run}: looking for its files in {place.store}/{order.place}")
             why = await_run(
                 stores[place.store],
                 order.place,
@@ -49,8 +49,8 @@ def fetch_stored_runs(folder: Path, *, say: Callable[[str], None]) -> None:
         raise ResumeError(f"{folder} has runs in a store: {error}") from error
     except StoreError as error:
         raise OutputError(
-            f"finished runs may be in the store, and are not fetched: {error}; resume again when "
-            "the store answers"
+            f"finished runs may be in the store and cannot be fetched: {error}; resume again when "
+            "the store is reachable"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""Processes that a run's own code leaves behind end with the run."""
+"""Ends the processes that the code of a run has started and left running."""
 
 import os
 from collections.abc import Iterator
@@ -10,11 +10,11 @@ from vehicles.processes.linux import UnsupportedSystemError, adopt_orphans
 
 _GRACE_S = 1.0
 _OURS = ("safety.", "vehicles.")
-"""Packages whose programs end by themselves: a guard that still lands, and what it lands."""
+"""Packages whose programs end by themselves: a guard that is still landing, and its vehicles."""
 
 
 def adopt_descendants() -> None:
-    """Have what this process's descendants leave behind become its own, where Linux is."""
+    """Make orphaned processes of descendants children of this process (Linux only)."""
     with suppress(UnsupportedSystemError):
         adopt_orphans()
 
@@ -22,33 +22,33 @@ def adopt_descendants() -> None:
 def end_descendants() -> list[str]:
     """End the processes below this one, by SIGTERM and a second later SIGKILL.
 
-    Left alone are guards, vehicles and their supervisors with all that is below them: a guard
-    outlives a run that failed until its vehicles are down, and ends them. Returns what the ended
-    processes are called. Never raises: a run's result is still to be handed over.
+    Guards, vehicles and their supervisors are spared with their descendants: after a failed run a
+    guard lives until its vehicles are down, and then ends them. Returns the names of the ended
+    processes. Never raises: the run's result is still to be sent.
     """
     left: list[psutil.Process] = []
     names: list[str] = []
     with suppress(psutil.Error, OSError):
-        left = list(_below(psutil.Process(os.getpid())))
+        left = list(_descendants(psutil.Process(os.getpid())))
     for process in left:
         with suppress(psutil.Error, OSError):
             names.append(f"{process.name()} (process {process.pid})")
             process.terminate()
-    for process in _alive(left):
+    for process in _await_end(left):
         with suppress(psutil.Error, OSError):
             process.kill()
-    _alive(left)
+    _await_end(left)
     return names
 
 
-def _below(parent: psutil.Process) -> Iterator[psutil.Process]:
-    """Yield the processes below one, except ours, ended ones, and what is below those."""
+def _descendants(parent: psutil.Process) -> Iterator[psutil.Process]:
+    """Yield the descendants of a process, except ours, ended ones, and those below them."""
     for child in parent.children():
         with suppress(psutil.Error, OSError):
             if child.status() == psutil.STATUS_ZOMBIE or _is_ours(child.cmdline()):
                 continue
             yield child
-            yield from _below(child)
+            yield from _descendants(child)
 
 
 def _is_ours(words: list[str]) -> bool:
@@ -56,7 +56,7 @@ def _is_ours(words: list[str]) -> bool:
     return len(words) > 2 and words[1] == "-m" and words[2].startswith(_OURS)
 
 
-def _alive(processes: list[psutil.Process]) -> list[psutil.Process]:
+def _await_end(processes: list[psutil.Process]) -> list[psutil.Process]:
     """Wait for processes to end; return those that did not within the grace."""
     with suppress(psutil.Error, OSError):
         return psutil.wait_procs(processes, timeout=_GRACE_S)[1]

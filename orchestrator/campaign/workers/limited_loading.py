@@ -1,4 +1,4 @@
-"""Files of the user's that hang while they are loaded end their run soon, and say where."""
+"""Ends a run whose user files hang while they are loaded, with the place where they hang."""
 
 import faulthandler
 import os
@@ -13,18 +13,18 @@ from vehicles.processes.linux import processor_wait_s
 
 LONGEST_LOADING_S = 30.0
 _GRACE_S = 5.0
-"""After which the process ends, where what is raised is swallowed, or no Python runs at all."""
+"""After so much more the process ends: the exception was swallowed, or native code hangs."""
 _LEAST_S = 0.001
 """A timer set to 0 is off."""
 
 
 class LoadingTimeoutError(Exception):
-    """The files that a run names were not loaded in time; its traceback says where they hang."""
+    """A run's files were not loaded in time; the traceback shows where they hang."""
 
 
 @contextmanager
 def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
-    """Raise LoadingTimeoutError within this when it takes longer. Only in a main thread.
+    """Raise LoadingTimeoutError in the context when it takes longer; only in the main thread.
 
     Time for which this process is ready to run but has no processor does not count.
     """
@@ -40,8 +40,8 @@ def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
             limit(left_s)
             return
         raise LoadingTimeoutError(
-            f"the campaign's files are not loaded within {limit_s:g} s: the autonomy, or a step of "
-            "the recipe, blocks when it is imported or built"
+            f"loading the campaign's files took more than {limit_s:g} s: the autonomy or a recipe "
+            "step blocks when it is imported or constructed"
         )
 
     def limit(left_s: float) -> None:
@@ -60,7 +60,7 @@ def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
 
 
 def _has_stderr() -> bool:
-    """Return whether there is a standard error that faulthandler can write to."""
+    """Return whether there is a stderr that faulthandler can write to."""
     try:
         sys.stderr.fileno()
     except (AttributeError, OSError, ValueError):

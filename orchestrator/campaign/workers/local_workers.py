@@ -1,6 +1,6 @@
-"""Local workers: each run has a process of this machine of its own, forked from the run server.
+"""Local workers: each run has its own process on this machine, forked from the run server.
 
-The parent owns Ctrl-C and the terminal. A worker whose parent has died treats that as an operator's
+The parent handles Ctrl-C and the terminal. A worker treats the death of its parent as an operator's
 abort: it lands, writes its result, and ends.
 """
 
@@ -25,22 +25,22 @@ from orchestrator.model.progress import News, ProgressLimiter
 from safety.guard.core.operator_command import OperatorCommand
 
 _PROGRESS_S = 0.1
-_ITSELF = "the run itself: its parent process died"
+_ORPHANED = "the run itself: its parent process died"
 
 
 class _Stderr:
-    """The stderr of the pool's process, handed to a worker; number: its descriptor there."""
+    """The stderr of the pool's process, sent to a worker; number: its descriptor."""
 
     def __init__(self, number: int = 2) -> None:
         self.number = number
 
     def __reduce__(self) -> "tuple[Callable[[Any], _Stderr], tuple[object]]":
-        """Return what a worker makes it of again: a copy of the descriptor goes with it."""
-        return _received, (reduction.DupFd(self.number),)
+        """Return how a worker unpickles it: with a duplicate of the descriptor."""
+        return _receive_stderr, (reduction.DupFd(self.number),)
 
 
-def _received(descriptor: Any) -> _Stderr:
-    """Return the pool's stderr as it arrived in a worker."""
+def _receive_stderr(descriptor: Any) -> _Stderr:
+    """Return the pool's stderr in a worker."""
     return _Stderr(descriptor.detach())
 
 
@@ -61,7 +61,7 @@ class PipeInbox:
             command = self._connection.recv()
         except (EOFError, OSError):
             self._orphaned = True
-            return OperatorCommand("abort", _ITSELF)
+            return OperatorCommand("abort", _ORPHANED)
         return command if isinstance(command, OperatorCommand) else None
 
 
@@ -72,17 +72,17 @@ def _work(
     stderr: _Stderr,
 ) -> None:
     """Fly an order in a worker process, and end when the parent closes the pipe."""
-    # The run server's environment and terminal may be older than its campaign's.
+    # The run server may have started with another environment and terminal than the campaign.
     os.environ.clear()
     os.environ.update(environment)
     os.dup2(stderr.number, 2)
     os.close(stderr.number)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        # `timeout`, a service manager and a terminal that closes send these to the whole group; the
-        # parent tells us what to do. A handler, for what is ignored our children would ignore too.
+        # `timeout`, a service manager and a closing terminal send these to the whole group; the
+        # parent decides what to do. A handler, because children would inherit an ignored signal.
         signal.signal(number, lambda *_: None)
-    os.dup2(2, 1)  # stdout is the parent's document; whatever a library prints goes to stderr
+    os.dup2(2, 1)  # stdout is for the parent's output; prints of libraries go to stderr
     adopt_descendants()
     inbox = PipeInbox(connection)
     limiter = ProgressLimiter(_PROGRESS_S)
@@ -90,7 +90,7 @@ def _work(
     def report(news: News) -> None:
         if not limiter.passes(news):
             return
-        # A parent that does not read (SIGSTOP) must not make a flight wait.
+        # A parent that does not read (SIGSTOP) must not block a flight.
         _, writable, _ = select.select([], [connection], [], 0.0)
         if writable:
             with contextlib.suppress(OSError):
@@ -101,32 +101,32 @@ def _work(
         return
     try:
         outcome = fly(order, report, inbox)
-    except BaseException as error:  # noqa: BLE001  # a worker must tell, whatever it was
-        outcome = _lost_by(error)
+    except BaseException as error:  # noqa: BLE001  # a worker reports every exception
+        outcome = _lost_by_exception(error)
     if left := end_descendants():
-        sys.stderr.write(f"ended what a run left behind: {', '.join(left)}\n")
+        sys.stderr.write(f"ended processes that a run left running: {', '.join(left)}\n")
     try:
         connection.send(OrderDone(outcome))
     except OSError:
         return
     except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
-        connection.send(OrderDone(_lost_by(error)))
-    _first_order(connection)  # until the parent has read it, and closes the pipe
+        connection.send(OrderDone(_lost_by_exception(error)))
+    _first_order(connection)  # wait until the parent has read it and closes the pipe
 
 
-def _first_order(connection: Connection) -> Any:  # what the pool's owner flies
+def _first_order(connection: Connection) -> Any:  # of the type that `fly` takes
     """Return a worker's order; None once the parent has closed the pipe."""
     while True:
         try:
             order = connection.recv()
         except (EOFError, OSError):
             return None
-        if not isinstance(order, OperatorCommand):  # one came after the run that it was meant for
+        if not isinstance(order, OperatorCommand):  # a command came after its run
             return order
 
 
-def _lost_by(error: BaseException) -> WorkerLost:
-    """Return the worker's loss by an exception."""
+def _lost_by_exception(error: BaseException) -> WorkerLost:
+    """Return the loss of a run by an exception."""
     kind = type(error).__name__
     return WorkerLost(f"{kind}: {error}", traceback.format_exc(), kind)
 
@@ -140,7 +140,7 @@ class LocalWorker(Generic[Order, Outcome]):
 
     @property
     def place(self) -> FlightPlace:
-        """This machine."""
+        """Return the empty place, for this machine."""
         return FlightPlace()
 
     async def begin(self, order: Order) -> None:
@@ -149,7 +149,9 @@ class LocalWorker(Generic[Order, Outcome]):
 
     async def receive(self) -> object:
         """Return the process's next message. Raises EOFError, OSError."""
-        return await receive_message(self._connection)
+        await await_message(self._connection)
+        message: object = self._connection.recv()
+        return message
 
     def send(self, command: OperatorCommand) -> None:
         """Pass a command on to the process, unless its pipe is full."""
@@ -176,7 +178,7 @@ class LocalWorker(Generic[Order, Outcome]):
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(None, self._process.join, 20.0)
         if self._process.is_alive():
-            print(  # noqa: T201  # the last word to a person about a process that hangs
+            print(  # noqa: T201  # the user must learn of a process that hangs
                 f"worker process {self._process.pid} did not exit; killing it", file=sys.stderr
             )
             self._process.kill()
@@ -195,7 +197,7 @@ class LocalWorkers(Generic[Order, Outcome]):
         self._context = run_context()
 
     async def start(self) -> LocalWorker[Order, Outcome]:
-        """Return a new worker process; preparing the run server takes seconds, in a thread."""
+        """Return a new worker process; the run server may take seconds to start, in a thread."""
         loop = asyncio.get_running_loop()
         starting = loop.run_in_executor(None, self._start)
         try:
@@ -220,8 +222,8 @@ class LocalWorkers(Generic[Order, Outcome]):
         return LocalWorker(process, ours)
 
 
-async def receive_message(connection: Connection) -> object:
-    """Return a worker's next message without blocking the loop."""
+async def await_message(connection: Connection) -> None:
+    """Wait until a connection has a message or is closed, without blocking the loop."""
     loop = asyncio.get_running_loop()
     if not connection.poll(0):
         ready: asyncio.Future[None] = loop.create_future()
@@ -230,12 +232,10 @@ async def receive_message(connection: Connection) -> object:
             await ready
         finally:
             loop.remove_reader(connection.fileno())
-    message: object = connection.recv()
-    return message
 
 
 def _kill_started(starting: "asyncio.Future[LocalWorker[Any, Any]]") -> None:
-    """Kill a worker process that nobody waits for any more."""
+    """Kill a worker process whose start was cancelled."""
     if not starting.cancelled() and starting.exception() is None:
         starting.result().kill()
 
@@ -249,7 +249,7 @@ def _set_once(ready: "asyncio.Future[None]") -> None:
 def _exit_text(exitcode: int | None, when: str = "before it had a verdict") -> str:
     """Return a worker's exit code in words."""
     if exitcode is None:
-        return "its process stopped answering"
+        return "its process stopped responding"
     if exitcode < 0:
         return f"its process was ended by {signal.Signals(-exitcode).name}"
     return f"its process ended with exit status {exitcode} {when}"

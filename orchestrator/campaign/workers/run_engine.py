@@ -1,4 +1,4 @@
-"""Where the runs of a campaign are flown: an engine provides the workers of the worker pool."""
+"""Engines: where the runs of a campaign fly. An engine provides the workers of the worker pool."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ class RunEngine(Protocol):
     def workers(
         self, campaign: Campaign, folder: Path, say: Callable[[str], None]
     ) -> Workers[RunOrder, RunResult]:
-        """Return the workers of a campaign. folder: of its results, which is there.
+        """Return the workers of a campaign. folder: of its results, which exists.
 
-        say: shows a sentence to a person. Raises EngineError.
+        say: shows the user a sentence. Raises EngineError.
         """
 
 
@@ -39,7 +39,7 @@ class LocalRunEngine:
 
     def workers(
         self,
-        campaign: Campaign,  # noqa: ARG002  # a run brings what it needs with its order
+        campaign: Campaign,  # noqa: ARG002  # an order has all that its run needs
         folder: Path,  # noqa: ARG002
         say: Callable[[str], None],  # noqa: ARG002
     ) -> LocalWorkers[RunOrder, RunResult]:

@@ -1,4 +1,4 @@
-"""Flies one order in a worker process: looks up what it names, flies, writes the result."""
+"""Flies one order in a worker process: loads its files, flies, writes the result."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,32 +20,32 @@ from worlds.files.references import forget_loaded
 
 
 @contextmanager
-def _unflown(folder: Path) -> Iterator[None]:
-    """Raise OutputError where a held folder has a result: who ordered the run has given it up."""
+def _require_unflown(folder: Path) -> Iterator[None]:
+    """Raise OutputError where a locked folder has a result: the campaign gave the run up."""
     if (folder / "result.json").exists():
-        raise OutputError(f"{folder} has a result already: the run was given up, and is not flown")
+        raise OutputError(f"{folder} has a result already: the campaign gave this run up")
     yield
 
 
 def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     """Fly the run of an order and write its result.json; return the result once on the disk.
 
-    The run's folder is held meanwhile: who takes the campaign up waits until this has landed, also
-    when whoever ordered it has died.
+    The run's folder is locked meanwhile: a resumed campaign waits until this has landed, also
+    when the campaign that ordered it has died.
     """
-    # The run server has it, and who only sends orders to it does without.
+    # Only the run server imports this; a process that only sends orders does not need it.
     from orchestrator.run.flight.run import fly  # noqa: PLC0415
 
     cv2.setNumThreads(1)  # runs share the cores by processes
-    forget_loaded()  # else the runs that a worker flew before this one could tell
+    forget_loaded()  # an earlier run of this process must not affect this one
     make_run_folder(order.folder, order.plan.name)
-    with held(order.folder), _unflown(order.folder), kept_output(order.folder):
+    with held(order.folder), _require_unflown(order.folder), kept_output(order.folder):
         with limited_loading():
             setup = RunSetup.of(order)
         if order.back is not None:
             setup = return_setup(setup, order.back)
         result = after_attempts(fly(setup, report, inbox), order.attempts)
-        order.folder.mkdir(parents=True, exist_ok=True)  # somebody may have removed it in flight
+        order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
         sync_files(order.folder)
         write_whole(order.folder / "result.json", to_json(result))
     return result

@@ -1,4 +1,4 @@
-"""What a run's process prints goes to a file of the run's folder, and is bounded there."""
+"""Redirects the output of a run's process to a file in the run's folder, of limited size."""
 
 import os
 import sys
@@ -8,24 +8,24 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 OUTPUT_FILE = "output.txt"
-_MOST_BYTES = 16_000_000
-_LOOK_S = 0.25
+_MAX_BYTES = 16_000_000
+_POLL_S = 0.25
 _TAIL_BYTES = 4096
 
 
 @contextmanager
 def kept_output(folder: Path) -> Iterator[None]:
-    """Write what this process prints within this to the run's folder; without any: no file.
+    """Write the process's output to the run's folder while in the context; no output, no file.
 
-    That is the user's autonomy and steps, their children, and libraries: file descriptors 1 and 2.
-    Beyond 16 MB the newest is dropped. Raises OSError.
+    This covers file descriptors 1 and 2: the user's autonomy and steps, their children, and
+    libraries. Output beyond 16 MB is dropped. Raises OSError.
     """
     path = folder / OUTPUT_FILE
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     before = [os.dup(number) for number in (1, 2)]
     over = threading.Event()
-    bound = threading.Thread(target=_bound, args=(file, over), name="output", daemon=True)
-    bound.start()
+    limiter = threading.Thread(target=_limit_size, args=(file, over), name="output", daemon=True)
+    limiter.start()
     try:
         _flush()
         for number in (1, 2):
@@ -37,7 +37,7 @@ def kept_output(folder: Path) -> Iterator[None]:
             os.dup2(copy, number)
             os.close(copy)
         over.set()
-        bound.join()
+        limiter.join()
         empty = os.fstat(file).st_size == 0
         os.close(file)
         if empty:
@@ -45,7 +45,7 @@ def kept_output(folder: Path) -> Iterator[None]:
 
 
 def output_tail(folder: Path, lines: int) -> list[str]:
-    """Return the last lines that a run's process printed."""
+    """Return the last lines of a run's output; empty without any."""
     try:
         with (folder / OUTPUT_FILE).open("rb") as file:
             file.seek(0, os.SEEK_END)
@@ -55,20 +55,20 @@ def output_tail(folder: Path, lines: int) -> list[str]:
         return []
 
 
-def _bound(file: int, over: threading.Event) -> None:
-    """Cut a run's output file to its most bytes, whenever it has become longer."""
-    while not over.wait(_LOOK_S):
-        _cut(file)
-    _cut(file)
+def _limit_size(file: int, over: threading.Event) -> None:
+    """Truncate a run's output file to its size limit, whenever it exceeds that."""
+    while not over.wait(_POLL_S):
+        _truncate(file)
+    _truncate(file)
 
 
-def _cut(file: int) -> None:
-    if os.fstat(file).st_size > _MOST_BYTES:
-        os.ftruncate(file, _MOST_BYTES)
+def _truncate(file: int) -> None:
+    if os.fstat(file).st_size > _MAX_BYTES:
+        os.ftruncate(file, _MAX_BYTES)
 
 
 def _flush() -> None:
-    """Write what Python still holds of both streams; a full disk loses it, and never a result."""
+    """Flush Python's buffers of both streams; on a full disk that output is lost."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             with suppress(OSError, ValueError):

@@ -1,6 +1,6 @@
-"""The run server: a process that has imported all that a run needs, and forks one for each run.
+"""The run server: a process that has imported all that a run needs, and forks a process per run.
 
-Every run so begins in the same state, whatever flew before it, and its process is there at once.
+So each run starts at once, and in the same state whatever flew before it.
 """
 
 import atexit
@@ -14,26 +14,26 @@ from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
-_PREPARED = "orchestrator.campaign.workers.run_server_imports"
+_PRELOADED = "orchestrator.campaign.workers.run_server_imports"
 
 
 def run_context() -> ForkServerContext:
     """Return the context in which the processes of runs are forked from the run server."""
     context = mp.get_context("forkserver")
-    context.set_forkserver_preload([_PREPARED])
+    context.set_forkserver_preload([_PRELOADED])
     return context
 
 
 def start_run_server() -> None:
-    """Start the run server, unless it is there; it imports while its caller goes on."""
+    """Start the run server unless it runs; it imports while the caller continues."""
     run_context()
     forkserver.ensure_running()
 
 
 def remove_listeners_at_exit() -> None:
-    """Have this process, the run server, remove the socket it listens at when it ends.
+    """Make this process, the run server, remove its listening socket when it ends.
 
-    The program that started it does so otherwise, unless it is killed.
+    Otherwise the program that started it does so, unless that is killed.
     """
     server, paths = os.getpid(), tuple(_listening_paths())
 
@@ -43,7 +43,7 @@ def remove_listeners_at_exit() -> None:
         for path in paths:
             with contextlib.suppress(OSError):
                 path.unlink(missing_ok=True)
-                path.parent.rmdir()  # made for this socket; not removed while anything is in it
+                path.parent.rmdir()  # made for this socket; stays while it has other files
 
     atexit.register(remove)
 
@@ -61,7 +61,7 @@ def _listening_paths() -> Iterator[Path]:
 
 
 def _is_socket(descriptor: int) -> bool:
-    """Return whether a descriptor is open, and that of a socket."""
+    """Return whether a descriptor is an open socket."""
     try:
         return stat.S_ISSOCK(os.fstat(descriptor).st_mode)
     except OSError:

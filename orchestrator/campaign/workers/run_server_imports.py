@@ -1,15 +1,15 @@
-"""Imported by the run server alone: what every run needs, before one is forked from it."""
+"""Imports everything that a run needs; only the run server imports this, before it forks runs."""
 
-# ruff: noqa: E402 - the number of threads is read, and garbage looked for, by what is imported
+# ruff: noqa: E402 - the imports read the number of threads, and the collector is off meanwhile
 import os
 
-# A fork has no threads but its first; runs share the cores by processes as it is.
+# A fork only has its first thread; runs share the cores by processes anyway.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import gc
 import signal
 
-gc.disable()  # what is imported stays
+gc.disable()  # imported objects stay
 
 import cv2
 
@@ -21,9 +21,9 @@ from orchestrator.run.perception.warm_up import load_kept_kernels
 __all__ = ["orchestrator"]
 
 for _number in (signal.SIGTERM, signal.SIGHUP):
-    # They go to the whole process group; the server ends when its campaign does.
+    # These signals reach the whole process group; the server ends when its campaign does.
     signal.signal(_number, lambda *_: None)
-cv2.setNumThreads(1)  # threads of its own would not be in a fork
+cv2.setNumThreads(1)  # its threads would not exist in a fork
 remove_listeners_at_exit()
 load_kept_kernels()
 gc.collect()

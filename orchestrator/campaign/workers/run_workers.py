@@ -1,4 +1,4 @@
-"""Workers that fly orders, one at a time each, wherever they are, and what they send."""
+"""Protocols of workers, which fly orders one at a time, and the messages that they send."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,10 +47,10 @@ class Worker(Protocol[OrderT_contra, OutcomeT_co]):
 
     @property
     def place(self) -> FlightPlace:
-        """Where it flies."""
+        """Return where the worker flies."""
 
     async def begin(self, order: OrderT_contra) -> None:
-        """Hand the order over. Raises OSError, EOFError when the worker has ended."""
+        """Send the order. Raises OSError, EOFError when the worker has ended, EngineError."""
 
     async def receive(self) -> object:
         """Return the worker's next message: News, or OrderDone at the end.
@@ -59,15 +59,15 @@ class Worker(Protocol[OrderT_contra, OutcomeT_co]):
         """
 
     def send(self, command: OperatorCommand) -> None:
-        """Pass an operator's command on; waits for nothing, and raises nothing."""
+        """Pass an operator's command on; never waits, never raises."""
 
     def kill(self) -> None:
         """End the worker at once; the guard of its run brings the vehicles down."""
 
     async def outcome_of_lost(self, reason: str) -> OutcomeT_co | WorkerLost:
-        """Return what came of the order of a worker that ended or was killed.
+        """Return the outcome of the order of a worker that ended or was killed.
 
-        reason: why it was killed; "" where it ended by itself.
+        reason: why it was killed; "" if it ended by itself.
         """
 
     async def end(self) -> str:
@@ -81,4 +81,4 @@ class Workers(Protocol[OrderT_contra, OutcomeT_co]):
         """Return a new worker, once it can take its order."""
 
     async def close(self) -> None:
-        """Give back what the workers shared, when the last one has ended."""
+        """Release what the workers shared, after the last one has ended."""

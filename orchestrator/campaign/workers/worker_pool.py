@@ -1,7 +1,7 @@
-"""The worker pool: flies orders on workers, as many at once as there are jobs.
+"""The worker pool: flies orders on workers, up to `jobs` at once.
 
-A worker that is lost takes one run with it, never more: the caller is told and a new worker takes
-the next run.
+A lost worker loses only its own run: the caller gets a WorkerLost, and a new worker takes the next
+order.
 """
 
 import asyncio
@@ -23,34 +23,34 @@ from orchestrator.model.progress import News, Report
 from safety.guard.core.operator_command import OperatorCommand
 from vehicles.tasks import finish, start, stop
 
-_FIRST_WORD_S = 600.0
-"""Until its first word a worker loads the campaign's files and compiles."""
+_FIRST_MESSAGE_S = 600.0
+"""The limit for a worker's first message: until then it loads the campaign's files and compiles."""
 _ABORTED_S = 5.0
-"""What is left of that once an abort has come: nothing flies yet that would have to land."""
+"""The rest of that limit after an abort: nothing flies yet that would have to land."""
 
 
 @dataclass(slots=True)
 class _BusyWorker(Generic[Order, Outcome]):
     worker: Worker[Order, Outcome]
     preparing: asyncio.Timeout | None = None
-    """Runs until the first word of the present order."""
+    """Runs until the worker's first message about its order."""
 
-    def hurry(self) -> None:
-        """Have a worker that has not said anything yet do so soon, or be killed."""
+    def shorten_limit(self) -> None:
+        """Shorten the limit of a worker that has sent no message yet."""
         if self.preparing is not None:
             due_s = asyncio.get_running_loop().time() + _ABORTED_S
             self.preparing.reschedule(min(due_s, self.preparing.when() or due_s))
 
 
 class Pool(Generic[Order, Outcome]):
-    """A pool of up to `jobs` workers that fly orders; outcomes come when done.
+    """A pool of up to `jobs` workers that fly orders.
 
-    done: takes an order's outcome; what it returns is flown next. ready: takes an order when its
-    turn has come, and returns it with what is known by then; None: it is not flown any more.
+    done: called with an order and its outcome; an order that it returns is flown next. ready:
+    called with an order before it is flown; returns it completed, or None to skip it.
 
-    stall_s: a worker that has reported and then says nothing for so long is killed: it hangs, or
-    was stopped. Its guard brings its vehicles down. ended_badly: told of a worker that had done all
-    its orders and then did not end as it should. begun: told of an order and where it is flown.
+    stall_s: a worker that has reported and then sends nothing for so long is killed: it hangs, or
+    was stopped. Its guard brings its vehicles down. ended_badly: called with the reason when a
+    worker that had done its order did not end properly. begun: called with an order and its place.
     """
 
     def __init__(
@@ -82,9 +82,9 @@ class Pool(Generic[Order, Outcome]):
         """Set while no order waits for a worker."""
 
     def abort(self, command: OperatorCommand) -> None:
-        """Have every worker's run land as aborted; orders not begun are not flown.
+        """Abort every worker's run, which lands; orders not begun are not flown.
 
-        One for a node or a bench does so for the workers there alone, and bars the place.
+        A command for one node or bench does so for the workers there, and bars that place.
         """
         if command.is_partial:
             self._barred.append(command)
@@ -95,25 +95,25 @@ class Pool(Generic[Order, Outcome]):
         self._needless.set()
         self.pass_on(command)
         for busy in self._busy:
-            busy.hurry()
+            busy.shorten_limit()
 
     def pass_on(self, command: OperatorCommand) -> int:
-        """Pass an operator command to every worker's run that it is for; return how many."""
-        meant = [busy for busy in self._busy if _is_for(command, busy.worker.place)]
-        for busy in meant:
+        """Pass an operator command to every worker's run that it addresses; return how many."""
+        addressed = [busy for busy in self._busy if _is_for(command, busy.worker.place)]
+        for busy in addressed:
             busy.worker.send(command)
-        return len(meant)
+        return len(addressed)
 
     def pause(self) -> None:
-        """Have the pool begin no order until `go_on`; runs in flight continue."""
+        """Begin no order until `go_on`; runs in flight continue."""
         self._going.clear()
 
     def go_on(self) -> None:
-        """Have the pool begin orders again."""
+        """Begin orders again."""
         self._going.set()
 
     async def fly(self, orders: Iterable[Order]) -> None:
-        """Fly all orders on the workers, in order of start; return when no worker is left."""
+        """Fly all orders on the workers, in this order; return when no worker is left."""
         waiting = deque(orders)
         async with asyncio.TaskGroup() as group:
             for number in range(min(self._jobs, len(waiting))):
@@ -130,7 +130,7 @@ class Pool(Generic[Order, Outcome]):
                 if worker is None or self._stopped is not None or not waiting:
                     break
                 if any(_is_for(command, worker.place) for command in self._barred):
-                    worker.kill()  # no other task gets it, and so ends without its orders
+                    worker.kill()  # so that this place gets no further order
                     break
                 order = self._ready(waiting.popleft())
                 self._note_waiting(waiting)
@@ -148,26 +148,26 @@ class Pool(Generic[Order, Outcome]):
                 await self._end(worker, is_lost=False)
 
     async def _end(self, worker: Worker[Order, Outcome], *, is_lost: bool) -> None:
-        """End a worker; report what was wrong with that, unless it is lost anyway."""
+        """End a worker; report a problem with that, unless its run is lost anyway."""
         ended = await finish(worker.end(), name="the end of a worker")
         if ended and not is_lost:
             self._ended_badly(ended)
 
     def _note_waiting(self, waiting: "deque[Order]") -> None:
-        """Take whether an order still waits for a worker."""
+        """Record whether an order still waits for a worker."""
         if self._stopped is None and waiting:
             self._needless.clear()
         else:
             self._needless.set()
 
     async def _start_worker(self) -> Worker[Order, Outcome] | None:
-        """Return a new worker; None where by then no order waits for one.
+        """Return a new worker; None if by then no order waits for one.
 
-        Preparing the run server takes seconds, a place on a cluster as long as others have it;
-        signals are heeded meanwhile.
+        Starting the run server takes seconds, and a place on a cluster may take long; signals are
+        handled meanwhile.
         """
         starting = start(self._workers.start(), name="the start of a worker")
-        needless = start(self._needless.wait(), name="orders that wait for a worker")
+        needless = start(self._needless.wait(), name="the end of waiting orders")
         try:
             await asyncio.wait([starting, needless], return_when=asyncio.FIRST_COMPLETED)
         except asyncio.CancelledError:
@@ -183,15 +183,15 @@ class Pool(Generic[Order, Outcome]):
     async def _fly_one(self, worker: Worker[Order, Outcome], order: Order) -> Outcome | WorkerLost:
         busy = _BusyWorker(worker)
         self._busy.append(busy)
-        patience_s = _FIRST_WORD_S
+        patience_s = _FIRST_MESSAGE_S
         self._begun(order, worker.place)
         try:
             await worker.begin(order)
             while True:
                 async with asyncio.timeout(patience_s) as preparing:
-                    busy.preparing = preparing if patience_s == _FIRST_WORD_S else None
+                    busy.preparing = preparing if patience_s == _FIRST_MESSAGE_S else None
                     if busy.preparing is not None and self._stopped is not None:
-                        busy.hurry()
+                        busy.shorten_limit()
                     message = await worker.receive()
                 busy.preparing = None
                 patience_s = self._stall_s
@@ -214,5 +214,5 @@ class Pool(Generic[Order, Outcome]):
 
 
 def _is_for(command: OperatorCommand, place: FlightPlace) -> bool:
-    """Return whether an operator's command is for what flies at a place."""
+    """Return whether an operator's command addresses a place."""
     return place.is_meant(node=command.node, bench=command.bench)

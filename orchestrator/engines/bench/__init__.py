@@ -1,1 +1,1 @@
-"""Benches of a cluster: places with real vehicles, whose own server flies what comes."""
+"""Benches of a cluster: places with real vehicles, where the bench's own server flies runs."""

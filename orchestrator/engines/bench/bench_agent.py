@@ -1,6 +1,6 @@
-"""The actor of Ray on the node of a bench: passes bytes on to the bench's server and back.
+"""The Ray actor on the node of a bench: relays bytes to and from the bench's server.
 
-The server is no part of Ray: when this ends, the server's connection does, and the run lands.
+The server is no part of Ray: when the actor ends, its connection ends, and the run lands.
 """
 
 import os

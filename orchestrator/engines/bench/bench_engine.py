@@ -1,4 +1,4 @@
-"""The engine that flies a campaign on a bench of a Ray cluster, by the bench's own server."""
+"""The engine that flies a campaign on a bench of a Ray cluster, through the bench's server."""
 
 import asyncio
 import time
@@ -12,38 +12,37 @@ from campaigns.schema.bench import BenchRequestPart
 from campaigns.setup.bench_file import Bench, read_bench
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.bench.bench_agent import BenchAgent
-from orchestrator.engines.bench.bench_messages import FILE, TEXT, ConsentAnswer, ConsentAsked
+from orchestrator.engines.bench.bench_messages import FILE, TEXT
 from orchestrator.engines.bench.bench_resources import (
     announced_benches,
     chosen_bench,
     missing_bench,
     resource_of,
 )
-from orchestrator.engines.node_facts import node_facts, unfit_text
-from orchestrator.engines.node_messages import DamagedMessageError, read_facts
-from orchestrator.engines.ray_agents import HiredAgent
+from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
+from orchestrator.engines.ray_agents import HiredAgent, fit_facts
 from orchestrator.engines.ray_engine import RayEngine, running_ray
 from orchestrator.storage.store import Store
 from worlds.files.documents import Document, parse
 
-_LOOK_S = 1.0
-_ANSWERED_S = 120.0
-"""How long a bench that is free may take to answer: its node starts a process, and imports."""
+_POLL_S = 1.0
+_REPLY_S = 120.0
+"""How long a free bench may take to answer: its node starts a process, which imports first."""
 
 
 @dataclass(frozen=True, slots=True)
 class HiredBench:
-    """A bench that is this campaign's until the agent is closed."""
+    """A bench that is reserved for this campaign until the agent is closed."""
 
     bench: Bench
     agent: HiredAgent
 
     def engine(self, store: Store | None = None) -> RayEngine:
-        """Return the engine that flies on the bench, one run at a time. store: of results."""
+        """Return the engine that flies on the bench, one run at a time. store: for results."""
         return RayEngine(self.agent.ray, 0, self.bench.name, [self.agent], store=store)
 
     def ask_consent(self, asked: ConsentAsked) -> ConsentAnswer:
-        """Return what the person at the bench answers. Raises EngineError."""
+        """Return the answer of the person at the bench. Raises EngineError."""
         try:
             return asyncio.run(self._ask(asked))
         except (EOFError, OSError) as error:
@@ -61,9 +60,9 @@ class HiredBench:
 def bench_of_cluster(
     address: str, campaign: Document, request: BenchRequestPart, say: Callable[[str], None]
 ) -> Iterator[HiredBench]:
-    """Join a cluster and take the bench that a campaign asks for; it is free again at the end.
+    """Join a cluster and reserve the bench that a campaign requests, until the context ends.
 
-    Raises EngineError, and BadInput for a bench that is not there within `wait_s`.
+    Raises EngineError, and BadInput for a bench that does not appear within `wait_s`.
     """
     with running_ray(address) as ray:
         due_s = time.monotonic() + request.wait_s
@@ -79,7 +78,7 @@ def bench_of_cluster(
 def await_bench(
     ray: Any, campaign: Document, request: BenchRequestPart, say: Callable[[str], None]
 ) -> str:
-    """Return the name of the bench that is asked for, once the cluster has it. Raises BadInput."""
+    """Return the name of the requested bench, once the cluster has it. Raises BadInput."""
     due_s = time.monotonic() + request.wait_s
     is_waiting = False
     while True:
@@ -93,11 +92,11 @@ def await_bench(
             names = ", ".join(sorted(str(one.facts) for one in there)) or "none"
             say(f"waiting up to {request.wait_s:g} s for the bench; the cluster has {names}")
             is_waiting = True
-        time.sleep(min(_LOOK_S, max(0.0, due_s - time.monotonic())))
+        time.sleep(min(_POLL_S, max(0.0, due_s - time.monotonic())))
 
 
 def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
-    """Take a bench for a campaign. wait_s: how long another campaign may have it still.
+    """Reserve a bench for a campaign. wait_s: how long to wait while another campaign has it.
 
     Raises EngineError.
     """
@@ -109,7 +108,7 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
         max_concurrency=8,
     )(BenchAgent)
     actor = remote.remote()
-    timeout_s = wait_s + _ANSWERED_S
+    timeout_s = wait_s + _REPLY_S
     try:
         (messages,) = ray.get([actor.receive.remote(timeout_s)], timeout=timeout_s)
     except ray.exceptions.GetTimeoutError as error:
@@ -121,22 +120,18 @@ def hire_bench(ray: Any, name: str, wait_s: float) -> HiredBench:
     except ray.exceptions.RayError as error:
         ray.kill(actor, no_restart=True)
         raise EngineError(
-            f"bench {name} does not answer: {error}; its server has ended, start it again"
+            f"bench {name} does not answer: {error}; its server has ended: start it again"
         ) from error
     try:
-        facts = read_facts(messages[0]) if messages else {}
-    except DamagedMessageError as error:
+        facts = fit_facts(messages, f"bench {name}", silent_code=2)
+    except EngineError:
         ray.kill(actor, no_restart=True)
-        raise EngineError(f"bench {name} does not say what it is: {error}") from error
-    why = unfit_text(node_facts(), facts) if facts else f"bench {name} says nothing"
-    if why:
-        ray.kill(actor, no_restart=True)
-        raise EngineError(why, 2)
+        raise
     agent = HiredAgent(ray=ray, actor=actor, node=facts["node"], bench=name)
     return HiredBench(_bench_of(facts), agent)
 
 
 def _bench_of(facts: dict[str, str]) -> Bench:
-    """Return the bench of a node's facts. Raises BadInput with places in the file there."""
+    """Return the bench in a node's facts. Raises BadInput with places in the bench's file."""
     name = f"{facts['node']}:{facts[FILE]}"
     return read_bench(parse(facts[TEXT].encode(), name=name, path=Path(facts[FILE])))

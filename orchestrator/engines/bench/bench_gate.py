@@ -1,12 +1,11 @@
-"""What a bench lets through: orders for its own vehicle, as many as were consented to.
+"""What a bench accepts: orders for its own vehicle, as many as its operator consented to; pure.
 
-Pure: what comes over the network is looked at before anything that flies gets it.
+Messages from the network pass this check before they reach anything that flies.
 """
 
 from campaigns.setup.bench_file import Bench
 from campaigns.setup.bench_resolution import departure
-from orchestrator.engines.bench.bench_messages import ConsentAsked
-from orchestrator.engines.node_messages import RunOrdered
+from orchestrator.engines.node_messages import ConsentAsked, RunOrdered, ToNode
 
 
 class BenchGate:
@@ -18,11 +17,11 @@ class BenchGate:
         self._flown = 0
 
     def open_for(self, asked: ConsentAsked) -> None:
-        """Take a person's consent; it replaces an earlier one."""
+        """Accept a person's consent; it replaces an earlier one."""
         self._consented, self._flown = asked, 0
 
-    def refusal(self, message: object) -> str:
-        """Return why a message for the bench's runs is not passed on; "" where it is.
+    def refusal(self, message: ToNode) -> str:
+        """Return why a message is not passed on to the bench's runs; "" where it is.
 
         A flight back to the start belongs to the run before it.
         """
@@ -32,9 +31,9 @@ class BenchGate:
         if consented is None:
             return f"nobody at bench {self._bench.name} has consented to this campaign"
         if order.arm and not consented.arm:
-            return f"bench {self._bench.name} was asked for a campaign that arms nothing"
+            return f"bench {self._bench.name} has consent for a campaign that does not arm"
         if order.back is None:
             self._flown += 1
             if self._flown > consented.runs:
-                return f"bench {self._bench.name} was asked for {consented.runs} runs, not more"
+                return f"bench {self._bench.name} has consent for {consented.runs} runs, not more"
         return departure(order.plan.files.campaign, self._bench)

@@ -1,38 +1,6 @@
-"""What the machine of a campaign and the server of a bench say to each other, beside runs."""
-
-from dataclasses import dataclass
-
-from orchestrator.model.campaign_results import VehicleKind
+"""Names by which the node of a bench and its server know each other's data."""
 
 SOCKET_VARIABLE = "WIL_BENCH_SOCKET"
 """In the environment of the bench's node: the Unix socket of the bench's server."""
 TEXT, FILE = "bench_text", "bench_file"
 """Among the facts of a bench's node: the bench file's content, and its path there."""
-
-
-@dataclass(frozen=True, slots=True)
-class ConsentAsked:
-    """A campaign wants to fly on the bench. runs: how many. arm: False for --no-arm.
-
-    place: the machine and the user that ask.
-    """
-
-    campaign: str
-    runs: int
-    arm: bool
-    place: str
-
-
-@dataclass(frozen=True, slots=True)
-class ConsentAnswer:
-    """What the bench says to that. problem: why nothing is flown, "" where it may; code: of exit.
-
-    real_kind: what the vehicle is. hardware: its name where it is no simulation. vehicle: the
-    vehicle in words.
-    """
-
-    problem: str = ""
-    code: int = 2
-    real_kind: VehicleKind = "unknown"
-    hardware: str = ""
-    vehicle: str = ""

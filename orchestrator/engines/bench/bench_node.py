@@ -1,7 +1,7 @@
-"""The node of a cluster that a bench's machine becomes: Ray's own processes, ended with ours.
+"""The Ray node of a bench's machine: Ray's processes, which end with the bench's server.
 
-As a program it is `ray`, and ends with its parent: a bench whose server was killed is announced no
-longer.
+Run as a program, this module is `ray`, and ends with its parent: a bench whose server was killed
+is no longer announced.
 """
 
 import ipaddress
@@ -23,20 +23,20 @@ from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
 from orchestrator.engines.bench.bench_resources import resources_of
 from vehicles.processes.linux import die_with_parent
 
-_JOINED_S = 90.0
-_LOOK_S = 0.5
-_JOINED = "Ray runtime started"
+_JOIN_S = 90.0
+_POLL_S = 0.5
+_JOINED_TEXT = "Ray runtime started"
 """In the output of a node that has joined."""
-_ENDED_S = 30.0
+_END_S = 30.0
 
 
 @contextmanager
 def bench_node(
     address: str, facts: BenchFacts, server: Path
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Have this machine be a node of a cluster with a bench and no other place for runs.
+    """Make this machine a node of a cluster, with a bench and no other place for runs.
 
-    server: the socket of the bench's server. Gives the process of the node. Raises EngineError.
+    server: the socket of the bench's server. Yields the process of the node. Raises EngineError.
     """
     with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(  # noqa: S603  # our own interpreter
@@ -55,7 +55,7 @@ def bench_node(
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            # Ctrl-C at the terminal is the server's: it lands first, then ends the node.
+            # Ctrl-C at the terminal goes to the server, which lands first, then ends the node.
             start_new_session=True,
             env={**os.environ, SOCKET_VARIABLE: str(server), "RAY_worker_niceness": "0"},
         )
@@ -65,16 +65,16 @@ def bench_node(
         finally:
             process.terminate()
             try:
-                process.wait(_ENDED_S)
+                process.wait(_END_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
 
 
 def _own_address(address: str) -> list[str]:
-    """Return Ray's option with the address of this machine towards a cluster; none on loopback.
+    """Return Ray's option with this machine's address towards a cluster; none on loopback.
 
-    On a network without a default route Ray finds none by itself, and takes 127.0.0.1.
+    On a network without a default route Ray would take 127.0.0.1.
     """
     host, _, port = address.rpartition(":")
     try:
@@ -83,32 +83,32 @@ def _own_address(address: str) -> list[str]:
             end.connect(where)  # of datagrams: nothing is sent
             own = str(end.getsockname()[0])
     except OSError:
-        return []  # Ray says what is wrong with the address
+        return []  # Ray's own error says what is wrong with the address
     return [] if ipaddress.ip_address(own).is_loopback else [f"--node-ip-address={own}"]
 
 
 def _require_joined(process: "subprocess.Popen[bytes]", address: str, output: int) -> None:
-    """Wait until a node has joined. Raises EngineError for one that ends instead, or hangs."""
-    due_s = time.monotonic() + _JOINED_S
+    """Wait until a node has joined. Raises EngineError if it ends or hangs."""
+    due_s = time.monotonic() + _JOIN_S
     while process.poll() is None and time.monotonic() < due_s:
-        if _JOINED in _text_of(output):
+        if _JOINED_TEXT in _text_of(output):
             return
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_S)
     text = _text_of(output).strip()
-    last = text.splitlines()[-1].strip() if text else "it says nothing"
+    last = text.splitlines()[-1].strip() if text else "it printed nothing"
     raise EngineError(
-        f"cannot join the Ray cluster at {address}: {last}; start its head first, by ray start "
-        "--head, with the same token and the same versions of Ray and Python"
+        f"cannot join the Ray cluster at {address}: {last}; start its head first with ray "
+        "start --head, with the same token and the same versions of Ray and Python"
     )
 
 
 def _text_of(output: int) -> str:
-    """Return what a node has written so far."""
+    """Return the output of a node so far."""
     return os.pread(output, 1_000_000, 0).decode(errors="replace")
 
 
 def main() -> int:
-    """Be the program `ray`, as long as the parent process lives."""
+    """Run the program `ray` for as long as the parent process lives."""
     die_with_parent(signal.SIGTERM)
     from ray.scripts.scripts import main as ray_main  # noqa: PLC0415  # of an extra
 

@@ -1,8 +1,8 @@
-"""Benches as resources of a cluster's nodes: how a node announces one, and how they are read.
+"""Benches as resources of Ray nodes: how a node announces one, and how they are read; pure.
 
-Pure. `bench:NAME` is there once, and a campaign takes it as a whole; `bench_property:NAME:PAIR`
-says what the bench has: key and value as JSON, percent-encoded, for Ray hands the names of
-resources on in a list with commas.
+`bench:NAME` exists once, and a campaign takes all of it; `bench_property:NAME:PAIR` names a
+property of the bench: key and value as JSON, percent-encoded, because Ray passes the names of
+resources on in a list separated by commas.
 """
 
 import json
@@ -21,14 +21,14 @@ _BENCH, _PROPERTY = "bench:", "bench_property:"
 
 @dataclass(frozen=True, slots=True)
 class AnnouncedBench:
-    """A bench that a node of the cluster has. node: the node's name."""
+    """A bench of a cluster node. node: the node's name."""
 
     facts: BenchFacts
     node: str
 
 
 def resource_of(name: str) -> str:
-    """Return the name of the resource that a bench is."""
+    """Return the name of a bench's resource."""
     return f"{_BENCH}{name}"
 
 
@@ -42,8 +42,8 @@ def resources_of(facts: BenchFacts) -> dict[str, float]:
 
 
 def announced_benches(nodes: Iterable[Mapping[str, Any]]) -> list[AnnouncedBench]:
-    """Return the benches of a cluster, from what Ray says of its nodes; of those alive."""
-    found: list[AnnouncedBench] = []
+    """Return the benches of a cluster's live nodes, as Ray describes them."""
+    benches: list[AnnouncedBench] = []
     for node in nodes:
         resources = list(node.get("Resources", {})) if node.get("Alive") else []
         for resource in resources:
@@ -54,8 +54,8 @@ def announced_benches(nodes: Iterable[Mapping[str, Any]]) -> list[AnnouncedBench
             texts = (one.removeprefix(start) for one in resources if one.startswith(start))
             properties: dict[str, PropertyValue] = dict(json.loads(unquote(one)) for one in texts)
             where = str(node.get("NodeManagerHostname") or node.get("NodeManagerAddress"))
-            found.append(AnnouncedBench(BenchFacts(name, properties), where))
-    return found
+            benches.append(AnnouncedBench(BenchFacts(name, properties), where))
+    return benches
 
 
 def chosen_bench(
@@ -71,15 +71,15 @@ def chosen_bench(
     name = min(one.name for one in fitting)
     nodes = [one.node for one in there if one.facts.name == name]
     if len(nodes) > 1:
-        said = f"the cluster has two benches of the name '{name}', on {' and '.join(nodes)}"
-        raise BadInput([campaign.problem(("bench",), f"{said}; rename one", key=True)])
+        text = f"the cluster has two benches named '{name}', on {' and '.join(nodes)}; rename one"
+        raise BadInput([campaign.problem(("bench",), text, key=True)])
     return name
 
 
 def missing_bench(
     campaign: Document, request: BenchRequestPart, there: Sequence[AnnouncedBench]
 ) -> BadInput:
-    """Return the error of a campaign whose bench has not come within its `wait_s`."""
+    """Return the error of a campaign whose bench has not appeared within its `wait_s`."""
     problem = no_bench(campaign, request, [one.facts for one in there])
-    said = f"{problem.message}, after {request.wait_s:g} s (bench.wait_s)"
-    return BadInput([campaign.problem(("bench",), said, problem.suggestion, key=True)])
+    text = f"{problem.message}, after {request.wait_s:g} s (bench.wait_s)"
+    return BadInput([campaign.problem(("bench",), text, problem.suggestion, key=True)])

@@ -1,4 +1,4 @@
-"""What stands in the message of each kind of reading; pure."""
+"""The bodies of run.mcap messages for each kind of reading; pure."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -44,7 +44,7 @@ _ENCODINGS: Mapping[tuple[str, int], str] = {
     ("uint8", 1): "8UC1",
     ("float32", 1): "32FC1",
 }
-"""As Foxglove and ROS name pixel formats; by type and channels."""
+"""Names of pixel formats in Foxglove and ROS, by type and channels."""
 
 
 def raw_image(array: NDArray[Any], wil: dict[str, Json]) -> Body:
@@ -61,19 +61,19 @@ def raw_image(array: NDArray[Any], wil: dict[str, Json]) -> Body:
     return "foxglove.RawImage", fields, array.tobytes()
 
 
-def camera_body(reading: CameraReading, pictures: ImageSettings, parts: list[str]) -> Body:
+def camera_body(reading: CameraReading, images: ImageSettings, parts: list[str]) -> Body:
     """Return a camera image's MCAP message body in the configured format, else raw."""
     image, facts = reading.image_bgr, _image_facts(reading, parts)
     is_bgr = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3 and image.size > 0
-    if pictures.format == "raw" or not is_bgr:
+    if images.format == "raw" or not is_bgr:
         return raw_image(image, facts)
-    if pictures.format == "png":
+    if images.format == "png":
         # level 1: higher ones take three times as long for a few percent
         coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
     else:
-        coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, pictures.quality])[1]
-    facts["exact"] = pictures.format == "png"
-    fields = {"format": pictures.format, "wil": facts}
+        coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, images.quality])[1]
+    facts["exact"] = images.format == "png"
+    fields = {"format": images.format, "wil": facts}
     return "foxglove.CompressedImage", fields, coded.tobytes()
 
 
@@ -211,5 +211,5 @@ _BODIES: Mapping[type, Callable[[Any], Body]] = {
 
 
 def body_of(reading: Reading) -> Body:
-    """Return the MCAP message body of any reading but an image."""
+    """Return the MCAP message body of any reading except images."""
     return _BODIES.get(type(reading), _numbers_body)(reading)

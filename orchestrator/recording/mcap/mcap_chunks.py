@@ -1,7 +1,7 @@
-"""The records of an MCAP file one after the other, as far as the file is whole.
+"""Reads the records of an MCAP file in order, as far as the file is whole.
 
-The official reader wants a footer, which a file whose writer was killed has not; this one goes
-by the records alone. Format: the MCAP specification, version 0.
+The official reader needs a footer, which the file of a killed writer lacks; this one only needs the
+records. Format: the MCAP specification, version 0.
 """
 
 import struct
@@ -25,7 +25,7 @@ Record = Schema | Channel | Message | Metadata
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """Where reading an MCAP file ended. whole: the writer closed it. reason: why not."""
+    """Where reading an MCAP file ended. whole: its writer closed it. reason: why not."""
 
     whole: bool
     read_bytes: int
@@ -33,7 +33,7 @@ class End:
 
 
 class RecordStream:
-    """Iterates over an MCAP file's records, chunk by chunk; `end` says where it ended.
+    """Iterates over an MCAP file's records, chunk by chunk; `end` tells where it ended.
 
     Memory: one chunk. Raises RecordingError for a file that is not MCAP; OSError.
     """
@@ -50,10 +50,10 @@ class RecordStream:
                 raise RecordingError(f"{self._path}: not an MCAP file (it begins with {magic!r})")
             self.end = None
             while self.end is None:
-                yield from self._record(file, size_bytes)
+                yield from self._read_records(file, size_bytes)
 
-    def _record(self, file: IO[bytes], size_bytes: int) -> Iterator[Record]:
-        """Yield the MCAP file's next records; note the end when it is cut or damaged."""
+    def _read_records(self, file: IO[bytes], size_bytes: int) -> Iterator[Record]:
+        """Yield the MCAP file's next records; set `end` when it is cut or damaged."""
         begin = file.tell()
         head = file.read(9)
         length = struct.unpack("<Q", head[1:])[0] if len(head) == 9 else 0
@@ -83,7 +83,7 @@ class RecordStream:
 def _parse(opcode: int, content: bytes) -> Iterator[Record]:
     """Yield the records in an MCAP record's content; chunks are unpacked."""
     stream = ReadDataStream(BytesIO(content))
-    # Schemas and channels stand again in the index of a closed file: reading on is harmless.
+    # The index of a closed file repeats schemas and channels: reading them twice is harmless.
     match opcode:
         case Opcode.CHUNK:
             yield from chunk_records(Chunk.read(stream))

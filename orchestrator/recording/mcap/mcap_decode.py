@@ -1,4 +1,4 @@
-"""Messages of run.mcap as readings again, to the bit where they were recorded so; pure."""
+"""Decodes messages of run.mcap as readings, exact to the bit where recorded exactly; pure."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -28,13 +28,13 @@ from worlds.files.images import decode_image
 from worlds.frames import Pose
 
 Parts = Mapping[str, NDArray[Any]]
-"""Pictures that were recorded beside a picture: "depth", "ids"."""
+"""Arrays that were recorded with an image: "depth", "ids"."""
 
 
 def decode(document: Json, parts: Parts) -> Reading:
     """Return the reading decoded from an MCAP message.
 
-    Raises KeyError, ValueError or TypeError for a document that is none of ours.
+    Raises KeyError, ValueError or TypeError for a foreign document.
     """
     wil = document["wil"]
     reading: Reading = _READINGS.get(wil["type"], _numbers)(document, parts)

@@ -1,4 +1,4 @@
-"""Readings as messages of run.mcap; pure but for remembering which camera models were told."""
+"""Encodes readings as messages of run.mcap; its only state is the written camera models."""
 
 import math
 from collections.abc import Mapping
@@ -26,16 +26,16 @@ from vehicles.readings import (
 from worlds.camera import Intrinsics
 
 MAP_FRAME, NED_FRAME = "map", "ned"
-"""East-north-up, which Foxglove draws upright, and the north-east-down of all our numbers."""
+"""East-north-up, which Foxglove draws upright, and the north-east-down of all our values."""
 
 _LAST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """An MCAP channel: one topic to encode for.
+    """An MCAP channel: one topic.
 
-    part: "reading", or what stands beside it: "depth", "ids", "calibration", "provenance",
+    part: "reading", or what accompanies it: "depth", "ids", "calibration", "provenance",
     "transform", "event".
     """
 
@@ -87,7 +87,7 @@ class Encoder:
 
     def __init__(self, *, epoch_s: float, settings: RecordingSettings) -> None:
         self.stamps = Stamps(epoch_s)
-        self._pictures: Mapping[str, ImageSettings] = {
+        self._image_settings: Mapping[str, ImageSettings] = {
             "real": settings.real,
             "twin": settings.twin,
             "mixed": settings.mixed,
@@ -109,13 +109,13 @@ class Encoder:
         return [message]
 
     def _camera(self, sensor: str, reading: CameraReading) -> list[Message]:
-        pictures = self._pictures[reading.source]
-        if pictures.format == "none":
+        images = self._image_settings[reading.source]
+        if images.format == "none":
             return []
-        parts = self._ids(sensor, reading, wanted=pictures.object_ids)
-        if pictures.depth and reading.depth_m is not None:
+        parts = self._ids(sensor, reading, wanted=images.object_ids)
+        if images.depth and reading.depth_m is not None:
             parts.append(self._message(sensor, reading, raw_image(reading.depth_m, {}), "depth"))
-        body = camera_body(reading, pictures, [part.channel.part for part in parts])
+        body = camera_body(reading, images, [part.channel.part for part in parts])
         calibration = self._calibration(sensor, reading)
         return [*calibration, *parts, self._message(sensor, reading, body)]
 
@@ -149,7 +149,7 @@ class Encoder:
         )
 
     def upright(self) -> Message:
-        """Return the encoded transform with which viewers draw north-east-down upright."""
+        """Return the transform by which viewers draw north-east-down upright."""
         half = math.sqrt(0.5)
         return self.message(
             TRANSFORMS,
@@ -207,7 +207,7 @@ class Encoder:
 
 
 def _body_frame(reading: Reading) -> str:
-    """Return the encoded frame id of a reading; a mixed one is in the real vehicle's."""
+    """Return the frame id of a reading; a mixed one is in the real vehicle's frame."""
     return "twin" if reading.source == "twin" else "real"
 
 

@@ -1,4 +1,4 @@
-"""A growing MCAP file: its chunks reach the operating system whole, and its disk may be full."""
+"""Writes an MCAP file in chunks, each of which reaches the operating system as a whole."""
 
 from io import FileIO
 from pathlib import Path
@@ -16,15 +16,15 @@ _COMPRESSION = {
     "none": CompressionType.NONE,
 }
 _NEVER = 1 << 62
-"""The library never ends a chunk by itself: we do, and hand it to the system at once."""
+"""A size at which the library never ends a chunk: this module does, and writes it at once."""
 _MESSAGE_OVERHEAD_BYTES = 31
 
 
 class _Unbuffered:
-    """The unbuffered file under the MCAP library: every write reaches the system.
+    """The unbuffered file under the MCAP library: every write reaches the operating system.
 
-    A buffer of Python's would be lost with a killed process, and would be written again, and
-    fail again, while a file on a full disk is closed.
+    A Python buffer would be lost with a killed process; on a full disk it would be written again,
+    and fail again, when the file is closed.
     """
 
     def __init__(self, raw: FileIO) -> None:
@@ -49,13 +49,13 @@ class ChunkedFile:
     """Writes an MCAP file in chunks; raises OSError when the disk fails.
 
     A chunk ends when it holds chunk_bytes or spans chunk_ns of log time, by the messages alone:
-    equal messages give equal bytes. Raises FileExistsError for a file that is there.
+    equal messages give equal bytes. Raises FileExistsError for an existing file.
     """
 
     def __init__(self, *, path: Path, compression: str, chunk_bytes: int, chunk_ns: int) -> None:
         self._raw = FileIO(str(path), "xb")
         self._writer = Writer(
-            _Unbuffered(self._raw),  # type: ignore[arg-type]  # it needs no more of a file
+            _Unbuffered(self._raw),  # type: ignore[arg-type]  # it only needs these methods
             chunk_size=_NEVER,
             compression=_COMPRESSION[compression],
         )
@@ -63,7 +63,7 @@ class ChunkedFile:
         self._chunk_ns = chunk_ns
         self._channels: dict[Channel, int] = {}
         self._schemas: dict[str, int] = {}
-        self._held_bytes = 0
+        self._pending_bytes = 0
         self._began_ns = 0
 
     def start(self, metadata: dict[str, str]) -> None:
@@ -73,7 +73,7 @@ class ChunkedFile:
 
     def write(self, message: Message, schema: bytes | None = None) -> None:
         """Append a message to the MCAP file; schema: of its channel unless fixed."""
-        if self._held_bytes == 0:
+        if self._pending_bytes == 0:
             self._began_ns = message.log_ns
         self._writer.add_message(
             self._channel(message.channel, schema),
@@ -82,15 +82,15 @@ class ChunkedFile:
             sequence=message.sequence,
             data=message.data,
         )
-        self._held_bytes += len(message.data) + _MESSAGE_OVERHEAD_BYTES
+        self._pending_bytes += len(message.data) + _MESSAGE_OVERHEAD_BYTES
         spans_ns = message.log_ns - self._began_ns
-        if self._held_bytes >= self._chunk_bytes or spans_ns >= self._chunk_ns:
+        if self._pending_bytes >= self._chunk_bytes or spans_ns >= self._chunk_ns:
             self.flush()
 
     def flush(self) -> None:
-        """End the MCAP file's chunk; what was written so far survives this process."""
-        if self._held_bytes:
-            self._held_bytes = 0
+        """End the MCAP file's chunk; what was written so far survives a killed process."""
+        if self._pending_bytes:
+            self._pending_bytes = 0
             self._writer.flush()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
 
     def finish(self, metadata: dict[str, str]) -> None:

@@ -1,7 +1,7 @@
-"""Values as JSON, exactly, infinity and not-a-number included, and back.
+"""Converts values to JSON and back, exactly, including infinity and NaN.
 
-JSON has no word for infinity: 1e999 is written, a number by the grammar of JSON that every
-reader in double precision takes for infinity. Not-a-number is null.
+JSON has no infinity: 1e999 is written, a valid JSON number that every reader in double precision
+reads as infinity. NaN is null.
 """
 
 import base64
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from worlds.frames import Pose, Vec3
 
 Json = Any
-"""What json.loads gives."""
+"""A value from json.loads."""
 
 _INFINITE, _MINUS_INFINITE = "\x00inf", "\x00-inf"
 
@@ -33,12 +33,12 @@ def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
         text = text.replace(b'"\\u0000inf"', b"1e999").replace(b'"\\u0000-inf"', b"-1e999")
     if data is None:
         return text
-    # joined by hand: json would look at every character of the long text again
+    # joined manually: json would scan every character of the long text again
     return b"".join((text[:-1], b',"data":"', binascii.b2a_base64(data, newline=False), b'"}'))
 
 
 def _without_infinity(value: Json) -> Json:
-    """Return a JSON value with infinities and NaNs as JSON can hold them."""
+    """Return a JSON value with placeholders for infinities, and None for NaN."""
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else _INFINITE if value > 0 else _MINUS_INFINITE
     if isinstance(value, dict):
@@ -67,7 +67,7 @@ def plain(value: Any) -> Json:
 
 
 def number(value: Json) -> float:
-    """Return a float of a JSON document, where null is not-a-number."""
+    """Return a float of a JSON document, where null is NaN."""
     return math.nan if value is None else float(value)
 
 

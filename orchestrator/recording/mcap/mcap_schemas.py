@@ -1,7 +1,7 @@
-"""JSON schemas of run.mcap: Foxglove's where one fits, ours where none does.
+"""JSON schemas of run.mcap: Foxglove's where one fits, our own otherwise.
 
-Names, fields and types are those of Foxglove's message schemas, which is what its panels go by;
-`wil` holds beside them what a reading has more, so that it can be read back exactly.
+Names, fields and types are those of Foxglove's message schemas, on which its panels depend; `wil`
+has the other values of a reading, so that it can be read back exactly.
 """
 
 import dataclasses
@@ -52,7 +52,7 @@ def _with_stamp(title: str, **properties: Schema) -> Schema:
 
 
 def numbers_schema(kind: type) -> str:
-    """Return the name of the schema of readings that are numbers alone."""
+    """Return the name of the schema of readings that consist of numbers only."""
     return f"wil.{kind.__name__}"
 
 
@@ -135,7 +135,7 @@ _ALL: tuple[Schema, ...] = (
 SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
     {schema["title"]: json.dumps(schema, separators=(",", ":")).encode() for schema in _ALL}
 )
-"""By name; the text that stands in the file."""
+"""By name; the text in the file."""
 
 
 def schema_of(title: str, kind: type) -> bytes:

@@ -1,4 +1,4 @@
-"""What run.mcap holds of pictures, and how it is cut into chunks."""
+"""Settings of run.mcap: how images are recorded, and the size of its chunks."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +12,7 @@ class ImageSettings:
 
     format: raw and png read back to the bit; png is smaller and some ten times slower than raw.
     quality: of JPEG, 1 to 100. depth, object_ids: whether those of a camera reading are recorded
-    too, always exactly. `none` records no picture of that source, and nothing with it.
+    too, always exactly. `none` records no images of that source, and nothing with them.
     """
 
     format: PictureFormat = "jpeg"
@@ -26,16 +26,17 @@ class ImageSettings:
 
 
 EXACT = ImageSettings("raw", depth=True, object_ids=True)
-"""All of a camera reading, to the bit."""
+"""Records a camera reading completely and exactly."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
     """The settings of a recording: what, and how.
 
-    chunk_bytes, chunk_s: a chunk is written to the file when it holds this much, or spans this
-    much of the run clock: what is lost when the process is killed. backlog_bytes: how much may
-    wait for the writing thread; beyond, a wall clock drops and a virtual clock waits.
+    chunk_bytes, chunk_s: a chunk is written to the file when it has this size, or spans this time
+    of the run clock; so much is lost when the process is killed. backlog_bytes: how much may wait
+    for the writing thread; beyond, readings are dropped under a wall clock, and the flight waits
+    under a virtual clock.
     """
 
     real: ImageSettings = ImageSettings()
@@ -48,13 +49,13 @@ class RecordingSettings:
 
 
 LOSSLESS = RecordingSettings(real=EXACT, twin=EXACT, mixed=EXACT)
-"""Everything to the bit, so that a mixing replayed from the file does not diverge."""
+"""Records everything exactly, so that a mixing replayed from the file does not diverge."""
 
 
 def recording_settings(record: RecordPart) -> RecordingSettings:
     """Return the recording settings of a campaign.
 
-    Depth and ids are in a reading only where the recipe needs them, and then a replay does too.
+    A reading has depth and ids only where the recipe needs them, and then a replay needs them too.
     """
-    pictures = ImageSettings(record.pictures, record.quality, depth=True, object_ids=True)
-    return RecordingSettings(real=pictures, twin=pictures, mixed=pictures)
+    images = ImageSettings(record.pictures, record.quality, depth=True, object_ids=True)
+    return RecordingSettings(real=images, twin=images, mixed=images)

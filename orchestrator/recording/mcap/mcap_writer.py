@@ -1,9 +1,9 @@
-"""run.mcap: the readings of both worlds and the mixed ones, by a thread that holds up no flight.
+"""Writes run.mcap, the readings of both worlds and the mixed ones, in a thread of its own.
 
-The flight hands over readings and goes on; a thread of its own encodes and writes them. When it
-cannot follow, a wall clock drops what is new and counts it, and a virtual clock waits, so that
-equal runs give equal bytes. A full disk, or a picture that cannot be encoded, never reaches the
-flight: it is counted and said in the report.
+The flight queues readings and continues; the thread encodes and writes them. When it cannot keep
+up, under a wall clock new readings are dropped and counted; under a virtual clock the flight waits,
+so that equal runs give equal bytes. A full disk, or an image that cannot be encoded, never affects
+the flight: it is counted in the report.
 """
 
 import asyncio
@@ -26,14 +26,14 @@ from vehicles.readings import Reading
 SCHEMA = "wil/recording/1"
 
 _SMALL_BYTES = 1024
-"""What a reading without arrays, or a note, counts for in the backlog."""
+"""The size of a reading without arrays, or of a note, in the backlog."""
 _IDLE_FLUSH_S = 0.5
 """Wall time after which a chunk is written although no message came to end it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TopicLoss:
-    """What is missing of a topic. offered: messages that were to be recorded."""
+    """How many messages of a topic are missing. offered: how many were to be recorded."""
 
     topic: str
     offered: int
@@ -42,12 +42,12 @@ class TopicLoss:
 
 @dataclass(frozen=True, slots=True)
 class RecordingReport:
-    """The report of a written recording: counts, size, whether it broke.
+    """The report of a written recording: counts, size, and faults.
 
-    written: readings and notes that are in the file. dropped: by topic, what the thread could
-    not take in time. failed: what could not be encoded, or came after the file had failed.
-    fault: why, in words; None when nothing went wrong. errors: exceptions of ours, no disk's.
-    losses: the topics of which something is missing, for whatever reason.
+    written: readings and notes in the file. dropped: by topic, messages for which the backlog was
+    full. failed: messages that could not be encoded, or came after the file had failed. fault: why
+    it failed, in words; None if it did not. errors: internal errors, not those of the disk. losses:
+    the topics with missing messages, for any reason.
     """
 
     written: int
@@ -60,7 +60,7 @@ class RecordingReport:
 
     @property
     def complete(self) -> bool:
-        """Return whether everything handed to the writer is in the file."""
+        """Return whether all messages are in the file."""
         return not self.dropped and not self.failed and self.fault is None
 
 
@@ -78,10 +78,9 @@ class _Item:
 class McapRecorder:
     """Writes one run's recording as MCAP; a context manager, used by one thread.
 
-    epoch_s: UTC at which the run clock was zero. facts: for the file's first record, what a reader
-    wants to know before all readings. Leaving the context waits for the thread;
-    within a running loop under a wall clock, await `aclose()` before. Raises OSError when the
-    file cannot be made.
+    epoch_s: UTC at which the run clock was zero. facts: metadata for the file's first record,
+    before all readings. Leaving the context waits for the thread; within a running loop under a
+    wall clock, await `aclose()` before. Raises OSError when the file cannot be created.
     """
 
     def __init__(
@@ -123,7 +122,7 @@ class McapRecorder:
             chunk_bytes=self._settings.chunk_bytes,
             chunk_ns=round(self._settings.chunk_s * 1e9),
         )
-        # a daemon: a process that ends without closing must not wait for it for ever
+        # a daemon: a process that ends without closing must not wait for it
         threading.Thread(target=self._work, name=f"recorder {self._path.name}", daemon=True).start()
         self._enqueue(_Item("/tf", 0.0, _SMALL_BYTES, lambda: [self._encoder.upright()]))
         return self
@@ -144,18 +143,23 @@ class McapRecorder:
         """
         if reading is not None:
             self.reading(sensor, reading)
-        self._figures(sensor, "provenance", provenance, now_s)
+        self._write_figures(sensor, "provenance", provenance, now_s)
 
     def visibility(self, sensor: str, visibility: Any, *, now_s: float) -> None:
-        """Write what a mixture shows of the virtual objects to the MCAP file."""
-        self._figures(sensor, "visibility", visibility, now_s)
+        """Write how a mixture shows the virtual objects to the MCAP file."""
+        self._write_figures(sensor, "visibility", visibility, now_s)
 
-    def _figures(self, sensor: str, part: str, figures: Any, now_s: float) -> None:
+    def _write_figures(self, sensor: str, part: str, figures: Any, now_s: float) -> None:
         schema, kind = f"wil.{part.capitalize()}", type(figures)
         if kind not in self._schemas:
             self._schemas[kind] = schema_of(schema, kind)
         channel = Channel(f"/mixed/{sensor}/{part}", schema, "mixed", sensor, part)
-        self._note(channel, lambda: plain(figures), now_s, self._schemas[kind])
+
+        def encode() -> list[Message]:
+            fields = plain(figures)
+            return [self._encoder.message(channel, fields, t_s=now_s, arrived_s=now_s)]
+
+        self._enqueue(_Item(channel.topic, now_s, _SMALL_BYTES, encode, self._schemas[kind]))
 
     def event(self, t_s: float, level: LogLevel, name: str, message: str) -> None:
         """Write a line of the run's log to the MCAP file: a stage, a contact, a warning."""
@@ -193,20 +197,8 @@ class McapRecorder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _note(
-        self,
-        channel: Channel,
-        fields: Callable[[], dict[str, Any]],
-        t_s: float,
-        schema: bytes,
-    ) -> None:
-        def encode() -> list[Message]:
-            return [self._encoder.message(channel, fields(), t_s=t_s, arrived_s=t_s)]
-
-        self._enqueue(_Item(channel.topic, t_s, _SMALL_BYTES, encode, schema))
-
     def _enqueue(self, item: _Item) -> None:
-        """Hand an item to the writer's thread; only this side counts the backlog."""
+        """Queue an item for the writer's thread; only the caller's side counts the backlog."""
         if self._report is not None:
             return
         self._offered[item.topic] += 1
@@ -227,7 +219,7 @@ class McapRecorder:
         self._backlog_items -= 1
 
     def _work(self) -> None:
-        """Encode and write items until the end; in the writer's own thread."""
+        """Encode and write items until the end (runs in the writer's thread)."""
         self._run_guarded(
             lambda: self._file.start(
                 {
@@ -250,7 +242,7 @@ class McapRecorder:
             size_bytes = self._file.close()
         except OSError:
             pass
-        except Exception as error:  # noqa: BLE001  # whoever closes waits for this thread
+        except Exception as error:  # noqa: BLE001  # `close` waits for this thread
             self._errors.append(error)
         self._done.put(size_bytes)
 
@@ -268,10 +260,10 @@ class McapRecorder:
     def _write(self, item: _Item) -> None:
         try:
             messages = item.encode()
-        except Exception as error:  # noqa: BLE001  # a reading may be bad in any way there is
+        except Exception as error:  # noqa: BLE001  # a bad reading may raise anything
             self._unwritten[item.topic] += 1
             self._errors.append(error)
-            self._count_missing(item.t_s, f"{type(error).__name__}: {error}")
+            self._write_missing(item.t_s, f"{type(error).__name__}: {error}")
             return
         written = self._run_guarded(lambda: self._append(messages, item.schema))
         self._written += written
@@ -281,7 +273,7 @@ class McapRecorder:
         for message in messages:
             self._file.write(message, schema)
 
-    def _count_missing(self, t_s: float, why: str) -> None:
+    def _write_missing(self, t_s: float, why: str) -> None:
         """Write to the MCAP file that a reading is missing."""
         message = self._encoder.event(t_s, "error", "recorder", why)
         self._run_guarded(lambda: self._append([message], None))

@@ -12,7 +12,7 @@ from unittest import mock
 
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.resuming.lost_runs import lost_result
-from orchestrator.campaign.workers.local_workers import _lost_by
+from orchestrator.campaign.workers.local_workers import _lost_by_exception
 from orchestrator.model import clock
 from orchestrator.model.exit_codes import exit_code
 from orchestrator.model.faults import fault_log
@@ -161,7 +161,7 @@ class Flights:
             try:
                 result = fly(setup, lambda _: None, Nobody(), disturb=watch)
             except BaseException as error:  # noqa: BLE001 - a worker takes whatever it was
-                lost = _lost_by(error)
+                lost = _lost_by_exception(error)
                 raised, result = lost.reason, lost_result(self._plan, lost)
                 fault_log(folder / "log.jsonl")(lost.fault)
         up = [

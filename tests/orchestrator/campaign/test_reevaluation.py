@@ -201,7 +201,7 @@ def test_a_run_without_a_record_of_its_world_is_refused(
     assert judge(folder, "world.objects.gate.pose.north_m=2.9") == 3
     said = capsys.readouterr().err
     assert "campaign.json is missing, damaged, or does not say in which world large/sim/1" in said
-    assert said.count("bring that file back, or fly it again") == 2
+    assert said.count("restore that file, or fly the campaign again") == 2
 
 
 def test_a_judgement_by_other_options_says_so(recorded: Path, capsys: Any) -> None:
@@ -212,7 +212,7 @@ def test_a_judgement_by_other_options_says_so(recorded: Path, capsys: Any) -> No
     *_, last = capsys.readouterr().out.splitlines()
     assert last.startswith("accepted")
     said = (
-        'vehicles.twin.body was null, and is {"width_m": 0.2, "height_m": 0.1}',
+        'vehicles.twin.body was null, now it is {"width_m": 0.2, "height_m": 0.1}',
         "--set recipe.combine.0.min_rate_hz=9 was not given",
     )
     assert f"judged by other options or files than flown: {', '.join(said)}" in last
@@ -281,7 +281,7 @@ def test_a_folder_without_its_summary_is_refused(
     outcome = capsys.readouterr()
     assert outcome.out == ""
     assert "summary.json" in outcome.err
-    assert "what ended the campaign outside of its runs cannot be known" in outcome.err
+    assert "without this file it is unknown how the campaign ended" in outcome.err
 
 
 def test_a_control_is_judged_again_as_a_control(recorded: Path, capsys: Any) -> None:

@@ -25,14 +25,14 @@ def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
         assert (controller.held, fleet.going) == (True, False)
         await asyncio.sleep(60.0)
         controller.obey(OperatorCommand("resume", "anna"))
-        between.gone_on()
+        between.end_wait()
         await asyncio.sleep(60.0)
 
     run_virtual(scenario())
     assert (controller.held, fleet.going, controller.stopped) == (False, True, None)
     (asked,) = said
     assert asked.startswith("move real back to its start")
-    assert asked.endswith("then say: wil-campaign resume")
+    assert asked.endswith("then run: wil-campaign resume")
 
 
 def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
 
     run_virtual(scenario())
     assert controller.stopped == "command"
-    assert said[-1] == "nobody confirmed that real is back within 100 s"
+    assert said[-1] == "nobody confirmed within 100 s that real is back"
 
 
 def test_a_campaign_that_ends_asks_for_nothing(tmp_path: Path) -> None:
@@ -73,3 +73,29 @@ async def test_enter_on_the_terminal_is_enough(
             await asyncio.sleep(0.01)
     os.close(leader)
     assert fleet.going
+
+
+@pytest.mark.parametrize("how", ["end of file", "hang-up"])
+async def test_the_end_of_the_terminal_confirms_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    leader, follower = os.openpty()
+    fleet, messages = FakeFleet(flying=0), list[str]()
+    controller = make_controller(tmp_path, fleet)
+    with os.fdopen(follower, encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        waiting = Repositioning(
+            vehicles="real", controller=controller, say=messages.append, wait_s=0.3
+        )
+        waiting.ask()
+        if how == "end of file":
+            os.write(leader, b"\x04")
+        else:
+            os.close(leader)
+        await asyncio.sleep(0.1)
+        assert controller.held
+        assert not fleet.going
+        await asyncio.sleep(0.4)  # and the limit of the wait still holds
+    if how == "end of file":
+        os.close(leader)
+    assert controller.stopped == "command"

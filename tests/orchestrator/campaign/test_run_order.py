@@ -45,7 +45,7 @@ def test_an_order_whose_folder_has_a_result_is_not_flown(
     flown: list[object] = []
     monkeypatch.setattr("orchestrator.run.flight.run.fly", lambda *given: flown.append(given))
     order = RunOrder(plan=plan, folder=folder, clock="virtual")
-    with pytest.raises(OutputError, match="was given up, and is not flown"):
+    with pytest.raises(OutputError, match="the campaign gave this run up"):
         run_order.fly_order(order, lambda _: None, NoCommands())
     assert not flown
     assert (folder / "result.json").read_text() == "given up"

@@ -21,7 +21,7 @@ def test_a_head_that_is_gone_ends_the_program_and_one_that_answers_does_not(
 
     with socket.create_server(("127.0.0.1", 0)) as head:
         address = f"127.0.0.1:{head.getsockname()[1]}"
-        with watched_head(address, look_s=0.02, silent_s=0.1, end=end):
+        with watched_head(address, poll_s=0.02, silent_s=0.1, end=end):
             time.sleep(0.5)
             assert not codes
             head.close()
@@ -32,7 +32,7 @@ def test_a_head_that_is_gone_ends_the_program_and_one_that_answers_does_not(
 
 def test_a_program_that_is_over_is_not_ended() -> None:
     codes: list[int] = []
-    with watched_head("127.0.0.1:9", look_s=0.2, silent_s=0.1, end=codes.append):
+    with watched_head("127.0.0.1:9", poll_s=0.2, silent_s=0.1, end=codes.append):
         pass
     time.sleep(0.5)
     assert not codes

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from orchestrator.engines import node_process
+from orchestrator.engines.node_messages import CommandSent, encode_to_node
 from orchestrator.engines.node_process import NodeRuns
 from orchestrator.operator import local_commands
 from orchestrator.operator.campaign_records import Place, Places
@@ -42,8 +43,8 @@ async def test_an_abort_goes_past_a_run_that_hangs_to_its_guard_and_no_other(
     reports, _ = Pipe()
     worker: Any = SilentWorker()
     passing = asyncio.create_task(NodeRuns(commands, reports, tmp_path)._pass_commands(worker, run))
-    sender.send(OperatorCommand("hold", "anna"))
-    sender.send(OperatorCommand("abort", "ben"))
+    sender.send_bytes(encode_to_node(CommandSent(OperatorCommand("hold", "anna"))))
+    sender.send_bytes(encode_to_node(CommandSent(OperatorCommand("abort", "ben"))))
     async with asyncio.timeout(10):
         while not told:  # noqa: ASYNC110 - sets no event
             await asyncio.sleep(0.01)

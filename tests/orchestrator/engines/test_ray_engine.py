@@ -2,7 +2,6 @@
 
 import json
 import os
-import pickle
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from orchestrator.cli import main
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.engines import node_agent, ray_agents, ray_engine
 from orchestrator.engines.node_facts import node_facts, unfit_text
+from orchestrator.engines.node_messages import NodeFacts, encode_to_campaign
 from orchestrator.engines.ray_agents import HIRED_S, hire_agents
 from orchestrator.engines.ray_engine import RayEngine, engine_address
 from orchestrator.model.progress import Progress
@@ -35,7 +35,7 @@ class QuickAgent:
     """An agent that is up at once, without a process of its own."""
 
     def receive(self, _: float) -> list[bytes]:
-        return [pickle.dumps(node_facts())]
+        return [encode_to_campaign(NodeFacts(node_facts()))]
 
     def die(self) -> None: ...
 
@@ -185,8 +185,8 @@ def test_a_cluster_with_fewer_places_flies_fewer_at_once_and_says_so(
         assert (len(engine.idle), engine.places) == (1, 3)
         engine.idle[0].actor.die()
     assert said[0] == (
-        "the cluster has place for 1 of 3 runs at once, of 1 CPU each (here 1); others fly as soon "
-        "as there is place for them"
+        "the cluster has place for 1 of 3 runs at once, of 1 CPU each (here 1); the others fly as "
+        "soon as there is place for them"
     )
 
 
@@ -195,18 +195,18 @@ def test_the_wait_for_a_full_cluster_is_reported_and_a_part_flies(
 ) -> None:
     monkeypatch.setattr(ray_agents, "HIRED_S", 1.0)
     ray, said = FakeRay(MortalAgent, 0), list[str]()
-    monkeypatch.setattr(ray_agents, "SAY_S", 0.1)
+    monkeypatch.setattr(ray_agents, "REPORT_S", 0.1)
     with pytest.raises(EngineError, match="no place for 2 runs of 1 CPUs each within 1 s"):
         hire_agents(ray, 2, cores=1, say=said.append)
     (waiting,) = said
     assert waiting == (
-        "a run waits for a worker with 1 CPU: its node still loads wil-campaign, others have its "
-        "place, or a node is missing; places: here 0; waiting up to 1 s"
+        "a run waits for a worker with 1 CPU: its node is still loading wil-campaign, others "
+        "have its place, or a node is missing; places: here 0; waiting up to 1 s"
     )
     assert all(one.is_dead for one in ray.actors)
     ray = FakeRay(QuickAgent, 1)
     (agent,) = hire_agents(ray, 2, cores=1, say=said.append)
-    assert said[-1] == "1 of 2 runs have a place on the cluster, and fly"
+    assert said[-1] == "1 of 2 runs have a place on the cluster and start"
     assert [one.is_dead for one in ray.actors] == [False, True]
     assert agent.node == node_facts()["node"]
 
@@ -227,7 +227,7 @@ def test_a_node_with_other_programs_is_refused_by_name_and_remedy() -> None:
     said = unfit_text(here, {**here, "node": "hall", "numpy": "1.0", "code": "0"})
     assert "node hall" in said
     assert "numpy is 1.0" in said
-    assert "code of wil-campaign is another" in said
+    assert "code of wil-campaign differs" in said
     assert "install the same wheel" in said
     assert "guards" in unfit_text(here, {**here, "subreaper": "1"})
 

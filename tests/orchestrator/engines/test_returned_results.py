@@ -35,7 +35,7 @@ def test_a_run_that_had_not_begun_is_given_up_for_whoever_begins_it_now(
     given_up = read_result(order.folder / "result.json")
     assert (given_up.verdict, "had not begun" in given_up.reason) == ("ERROR", True)
     monkeypatch.setattr("orchestrator.run.flight.run.fly", lambda *_: pytest.fail("it was flown"))
-    with pytest.raises(OutputError, match="given up"):
+    with pytest.raises(OutputError, match="gave this run up"):
         run_order.fly_order(order, lambda _: None, NoCommands())
     assert read_result(order.folder / "result.json") == given_up
 
@@ -53,7 +53,7 @@ def test_a_run_in_flight_is_waited_for_and_not_given_up(
     monkeypatch.setattr(returned_results, "LANDED_S", 0.4)
     order.folder.mkdir(parents=True)
     with held(order.folder):
-        assert "in flight still" in str(SharedResults().of_lost(order, ""))
+        assert "still in flight" in str(SharedResults().of_lost(order, ""))
         assert not (order.folder / "result.json").exists()
 
 

@@ -113,7 +113,7 @@ def test_what_cannot_be_sent_stays_on_the_node_which_the_reason_names(
     flown = fly(write_hover(tmp_path), tmp_path / "out", store, act=refuse)
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
-    assert "it is PASS, but its files are not in the store, and kept in" in run.reason
+    assert "it is PASS, but its files are not in the store; they are kept in" in run.reason
     assert events(flown.folder) == ["begun", "ordered", "lost"]
     (result,) = left_on_nodes(node_folders)
     assert str(result.parent) in run.reason
@@ -137,7 +137,7 @@ def test_a_store_that_is_gone_when_the_result_is_fetched_leaves_it_on_the_node(
     flown = fly(write_hover(tmp_path), tmp_path / "out", store)
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
-    assert "it is PASS, but its files are not here, and kept in" in run.reason
+    assert "it is PASS, but its files are not here; they are kept in" in run.reason
     (result,) = left_on_nodes(node_folders)
     assert str(result.parent) in run.reason
 
@@ -154,7 +154,7 @@ def test_a_damaged_file_does_not_count(
     flown = fly(write_hover(tmp_path), tmp_path / "out", store)
     (run,) = flown.summary.runs
     assert run.verdict == "ERROR"
-    assert "trajectory.csv is not what its node has sent: its SHA-256 is another" in run.reason
+    assert "trajectory.csv is not what its node has sent: its SHA-256 differs" in run.reason
     assert list(left_on_nodes(node_folders))
 
 
@@ -198,7 +198,7 @@ async def test_a_node_that_is_deserted_before_a_run_begins_says_so_in_the_store(
     place, run = open_store(f"file://{store}", LIMITS), "hover/1/default/sim/1/a"
     write_session(place, "hover/1", "session")
     brought: Any = CampaignBrought(
-        str(tmp_path / "out"), "session", TravellingFiles(()), store=place.url, place="hover/1"
+        tmp_path / "out", "session", TravellingFiles(()), store=place.url, place="hover/1"
     )
     commands, sender = Pipe()
     node: Any = NodeRuns(commands, Pipe()[0], tmp_path / "node")
@@ -266,7 +266,7 @@ def test_a_store_that_does_not_answer_keeps_a_resumed_campaign_from_flying(
     fly(path, tmp_path / "out", store)
     shutil.rmtree(store)
     store.write_text("no folder")
-    with pytest.raises(OutputError, match="resume again when the store answers"):
+    with pytest.raises(OutputError, match="resume again when the store is reachable"):
         fly(path, tmp_path / "out", store, resume=True)
 
 
@@ -274,7 +274,7 @@ def test_a_store_that_takes_nothing_is_refused_before_anything_flies(
     tmp_path: Path, store: Path
 ) -> None:
     store.write_text("no folder")
-    with pytest.raises(EngineError, match="the store of results does not serve") as raised:
+    with pytest.raises(EngineError, match="the store of results is not usable") as raised:
         fly(write_hover(tmp_path), tmp_path / "out", store)
     assert raised.value.code == 3
 
@@ -299,7 +299,7 @@ def test_a_node_that_sees_another_store_is_refused(
     [
         (["--store", "s3://bucket"], "leave --store out"),
         (["--engine", "ray", "--store", "bucket"], "must be a URL"),
-        (["--engine", "ray", "--store", "s3://k:s@bucket"], "credentials do not belong"),
+        (["--engine", "ray", "--store", "s3://k:s@bucket"], "must not contain credentials"),
         (["--engine", "ray", "--store", "nothing://x"], "nothing://x"),
     ],
 )

@@ -37,8 +37,8 @@ def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Pat
     place_beneath(there, here.resolve() / "still.py").unlink()
     with pytest.raises(BadInput, match=r"there is no file 'still\.py'"):
         moved.plan.setup()
-    assert sent.search_path == (str(here.resolve()),)
-    assert {Path(one.path).name for one in sent.files} == {"hover.yaml", "still.py", "world.yaml"}
+    assert sent.search_path == (here.resolve(),)
+    assert {one.path.name for one in sent.files} == {"hover.yaml", "still.py", "world.yaml"}
 
 
 def test_a_damaged_file_is_refused_by_name(tmp_path: Path) -> None:
@@ -56,7 +56,7 @@ def test_materials_and_pictures_of_a_mesh_travel_with_it(tmp_path: Path) -> None
     (tmp_path / "skin.png").write_bytes(b"png")
     (tmp_path / "other.png").write_bytes(b"png")
     sent = pack_files([tmp_path / "box.obj"], [])
-    assert {Path(one.path).name for one in sent.files} == {"box.obj", "my box.mtl", "skin.png"}
+    assert {one.path.name for one in sent.files} == {"box.obj", "my box.mtl", "skin.png"}
 
 
 def test_programs_stay_programs(tmp_path: Path) -> None:

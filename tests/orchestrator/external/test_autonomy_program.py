@@ -137,7 +137,7 @@ async def test_it_ends_also_when_the_run_is_cancelled(tmp_path: Path) -> None:
     ("command", "words"),
     [
         (["./no_such_program"], "no_such_program"),
-        (["{folder}/plain.txt"], "may be executed"),
+        (["{folder}/plain.txt"], "is executable"),
         ([], "empty"),
     ],
 )

@@ -49,7 +49,7 @@ def test_setpoints_for_another_vehicle_are_not_passed_and_reported() -> None:
     gate = CommandFilter(target=Target(2))
     gate.flying = True
     assert gate.judge(setpoint()) == "never"
-    assert gate.trouble == "its setpoints are for system 1, and it flies 2"
+    assert gate.trouble == "its setpoints are for system 1, but it flies system 2"
 
 
 def test_what_only_reads_passes_always() -> None:

@@ -15,7 +15,7 @@ async def stalled(reasons: list[str]) -> list[str]:
     setup: Any = type("Setup", (), {"with_sensors": (), "vehicles": (), "mode": "sim"})()
     outside = ExternalIo.__new__(ExternalIo)
     said: list[str] = []
-    outside._missing, outside._doubted, outside._setup = {}, said.append, setup
+    outside._missing, outside._on_stall, outside._setup = {}, said.append, setup
     for reason in reasons:
         outside.missing(KEY, reason)
         await asyncio.sleep(0.1)

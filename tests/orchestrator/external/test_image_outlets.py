@@ -126,7 +126,7 @@ async def test_a_ground_station_finds_the_stream_and_hears_of_contacts() -> None
             beat = await asyncio.to_thread(screen.received, "HEARTBEAT")
             screen.ask(mavlink.MAVLink_command_long_message(1, 100, 512, 0, 269, *[0] * 6))
             stream = await asyncio.to_thread(screen.received, "VIDEO_STREAM_INFORMATION")
-            context.contact("real touched gate.left", thing_id=7)
+            context.contact("real touched gate.left", object_id=7)
             contact = await asyncio.to_thread(screen.received, "COLLISION")
             text = await asyncio.to_thread(screen.received, "STATUSTEXT")
             running.cancel()

@@ -63,7 +63,7 @@ def injector(
         context=cast("VehicleContext", context),
         autopilot=autopilot,
         injections=injections,
-        surroundings=ScenePoses(world.scene("wil", "Wv"), world.frame, {"goal": 0.0}),
+        scene_poses=ScenePoses(world.scene("wil", "Wv"), world.frame, {"goal": 0.0}),
     )
 
 
@@ -95,7 +95,7 @@ def test_a_scan_goes_out_at_its_rate_and_only_to_whom_it_is_for() -> None:
         10,
         0,
     )
-    assert other.things == ()
+    assert other.injections == ()
 
 
 def test_a_rate_of_the_campaign_wins() -> None:

@@ -236,9 +236,9 @@ def test_a_recording_is_flown_by_and_is_an_error_when_it_ends_in_flight(
     assert "the recording is over" in result.reason
     assert all_landed(folder)
     for kind, topic, said in (
-        ("rangefinder", "/real/ahead", "no topic '/real/ahead' (there: /real/below)"),
-        ("gps", "/real/below", "has readings of type rangefinder, and a gps is wanted"),
-        ("gps", None, "name by `topic` the readings of type gps to use (there: none)"),
+        ("rangefinder", "/real/ahead", "no topic '/real/ahead' (available: /real/below)"),
+        ("gps", "/real/below", "has readings of type rangefinder, but the sensor is a gps"),
+        ("gps", None, "set `topic` to the readings of type gps to use (available: none)"),
     ):
         with pytest.raises(SourceError) as caught:
             opened(TopicReadings(path=file, kind=kind, topic=topic))

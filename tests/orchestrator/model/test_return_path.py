@@ -253,7 +253,7 @@ def test_a_flight_back_is_ordered_and_looked_at(
     assert back.back.stand.yaw_rad == pytest.approx(STOOD.yaw_rad)
     assert (back.back.start, back.back.altitude_m) == (START, 1.2)
     landed_at(back.folder, Pose.of(1.1, -1.0, 0.0, yaw_rad=START.yaw_rad))
-    made.came_back(back, result())
+    made.check_return(back, result())
     assert asked.count == 0
     assert said == ["real is back at its start, 0.10 m and 0 degrees off"]
 
@@ -264,9 +264,9 @@ def test_a_flight_back_is_ordered_and_looked_at(
         (
             result(),
             Pose.of(2.0, -1.0, 0.0, yaw_rad=START.yaw_rad),
-            "it stands 1.00 m and 0 degrees",
+            "it is 1.00 m and 0 degrees",
         ),
-        (result(), Pose.of(1.0, -1.0, 0.0), "it stands 0.00 m and 30 degrees off"),
+        (result(), Pose.of(1.0, -1.0, 0.0), "it is 0.00 m and 30 degrees off"),
         (result(verdict="ERROR", reason="preflight: battery"), START, "ERROR, preflight: battery"),
         (WorkerLost("its process died"), START, "the flight was lost: its process died"),
     ],
@@ -283,7 +283,7 @@ def test_one_that_did_not_come_back_is_asked_for(
     folder = tmp_path / "o" / "back"
     landed_at(folder, stands)
     order = RunOrder(plan=campaign.runs[0], folder=folder, clock="wall", back=way())
-    made.came_back(order, outcome)
+    made.check_return(order, outcome)
     assert asked.count == 1
     assert why in said[-1]
 
@@ -295,7 +295,8 @@ def test_what_must_not_fly_on_is_asked_for(hop: Callable[..., Campaign], tmp_pat
     landed_at(order.folder, STOOD)
     assert made.after(order, result(verdict="ERROR", reason="real was not heard")) is None
     assert asked.count == 1
-    assert said == ["default/real/1: not flown back: the run ended as ERROR: real was not heard"]
+    why = "the run ended as ERROR: real was not heard"
+    assert said == [f"default/real/1: the vehicle does not fly back: {why}"]
 
 
 def test_who_stands_at_its_start_stays_there(hop: Callable[..., Campaign], tmp_path: Path) -> None:

@@ -134,7 +134,7 @@ def test_what_is_too_near_or_was_not_measured_is_no_free_space(tmp_path: Path) -
     assert isinstance(found, LidarScanReading)
     assert found.ranges_m.tolist() == pytest.approx([math.inf, 1.0, 0.2])
     path = write_bag(tmp_path / "blind.mcap", [("/it", laser, AT_S, scan(math.nan, math.nan))])
-    with pytest.raises(SourceError, match=r"none of its messages can be used.*not a number"):
+    with pytest.raises(SourceError, match=r"none of its messages is usable.*not a number"):
         read(path, "lidar")
     lost = [("/it", "sensor_msgs/msg/Range", AT_S, distance(math.nan))]
     (one,) = read(write_bag(tmp_path / "lost.mcap", lost), "rangefinder")
@@ -237,7 +237,7 @@ def test_what_is_of_no_use_is_passed_over_and_counted(tmp_path: Path) -> None:
     assert file.next() is not None
     assert (file.unusable, file.next()) == (2, None)
     path = write_bag(tmp_path / "none.mcap", bag[:2])
-    with pytest.raises(SourceError, match=r"none of its messages can be used.*covariance_type"):
+    with pytest.raises(SourceError, match=r"none of its messages is usable.*covariance_type"):
         read(path, "gps")
     unfelt = imu(linear_acceleration_covariance=[-1.0, *ZEROS9[1:]])
     path = write_bag(tmp_path / "imu.mcap", [("/imu", "sensor_msgs/msg/Imu", AT_S, unfelt)])
@@ -253,10 +253,10 @@ def test_a_topic_of_another_type_and_one_that_is_not_there_are_named(tmp_path: P
     ]
     path = write_bag(tmp_path / "bag.mcap", bag)
     for kind, topic, said in (
-        ("rangefinder", None, "name by `topic` .* (there: /above, /below)"),
-        ("imu", "/below", "has readings of type rangefinder, and a imu is wanted"),
-        ("imu", "/warm", "has no readings that can be read, and a imu is wanted"),
-        ("imu", "/there", "has no topic '/there' (there: /above, /below)"),
+        ("rangefinder", None, "set `topic` to .* (available: /above, /below)"),
+        ("imu", "/below", "has readings of type rangefinder, but the sensor is a imu"),
+        ("imu", "/warm", "has no readable readings, but the sensor is a imu"),
+        ("imu", "/there", "has no topic '/there' (available: /above, /below)"),
     ):
         with pytest.raises(SourceError) as caught:
             read(path, kind, topic)

@@ -119,7 +119,7 @@ def test_a_ledger_of_other_proposals_or_a_damaged_one_is_refused(tmp_path: Path)
     ledger = outcome.folder / LEDGER
     text = ledger.read_text()
     ledger.write_text(text.replace('"height": 2.0', '"height": 1.9'))
-    with pytest.raises(SearchError, match="its batch 1 is another one"):
+    with pytest.raises(SearchError, match="its batch 1 differs from what the"):
         flown(path, MadeUpEngine(), resume=True)
     ledger.write_text(text.replace('"verdict": "PASS"', '"verdict": "MAYBE"'))
     with pytest.raises(SearchError, match=r"line 3 of ledger\.jsonl is damaged"):

@@ -107,7 +107,7 @@ def test_a_file_that_is_not_there_is_not_asked_for_again() -> None:
 
 
 def test_more_bytes_are_given_more_time() -> None:
-    assert StoreLimits().patience_s(250_000_000) > 900 > StoreLimits().patience_s(0)
+    assert StoreLimits().limit_s(250_000_000) > 900 > StoreLimits().limit_s(0)
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,8 @@ def test_more_bytes_are_given_more_time() -> None:
     [
         ("bucket/prefix", "must be a URL such as s3://BUCKET/PREFIX"),
         ("s3://", "must be a URL"),
-        ("s3://key:secret@bucket", "credentials do not belong"),
-        ("s3://bucket?token=1", "credentials do not belong"),
+        ("s3://key:secret@bucket", "must not contain credentials"),
+        ("s3://bucket?token=1", "must not contain credentials"),
         ("nothing://bucket", "--store nothing://bucket"),
     ],
 )

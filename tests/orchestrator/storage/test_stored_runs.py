@@ -103,7 +103,7 @@ def test_a_file_that_is_gone_is_an_error(store: Store, flown: Path, tmp_path: Pa
 def test_no_name_leads_out_of_the_folder_of_a_run(store: Store, tmp_path: Path, name: str) -> None:
     one = {"sha256": "0" * 64, "size": 0}
     store.write("c/1/sent.json", json.dumps({"files": {name: one}}).encode())
-    with pytest.raises(StoreError, match="outside of its run"):
+    with pytest.raises(StoreError, match="outside of the run's folder"):
         fetch_run(store, "c/1", tmp_path / "here", ignore)
     assert not (tmp_path / "outside").exists()
 

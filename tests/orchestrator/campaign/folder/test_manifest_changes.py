@@ -28,7 +28,10 @@ STUDY = {"campaigns": {"gate": "gate.yaml"}}
         (
             {},
             {"document": {"oracles": {"altitude": {"max_m": 9}}, "repetitions": 1}},
-            ["oracles.altitude.max_m was 2.3, and is 9", "oracles.landed was {}, and is null"],
+            [
+                "oracles.altitude.max_m was 2.3, now it is 9",
+                "oracles.landed was {}, now it is null",
+            ],
         ),
         ({}, {"files": {"gate.yaml": "z", "profiles/own.yaml": "b"}}, []),
         ({}, {"files": {"profiles/own.yaml": "z"}}, ["profiles/own.yaml changed"]),
@@ -43,7 +46,7 @@ STUDY = {"campaigns": {"gate": "gate.yaml"}}
             {"document": STUDY, "options": {"set": ["vehicles.twin.body={width_m: 1}"]}},
             ["--set vehicles.twin.body={width_m: 1} was not given"],
         ),
-        ({}, {"versions": {"wil-campaign": "2"}}, ["wil-campaign was 1, and is 2"]),
+        ({}, {"versions": {"wil-campaign": "2"}}, ["wil-campaign was 1, now it is 2"]),
         (
             {},
             {"runs": [{"run": "large/sim/1", "documents": "z"}]},

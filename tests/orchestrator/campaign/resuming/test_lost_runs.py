@@ -99,7 +99,8 @@ def test_a_damaged_result_of_a_real_run_is_kept_beside_the_error(
 
 
 @pytest.mark.parametrize(
-    ("verdict", "said"), [("PASS", "it is PASS, which stays"), ("FAIL", "it is FAIL, which stays")]
+    ("verdict", "said"),
+    [("PASS", "it is PASS, which counts"), ("FAIL", "it is FAIL, which counts")],
 )
 def test_what_proved_something_is_not_flown_again_by_name(
     campaign: Campaign, tmp_path: Path, verdict: Verdict, said: str

@@ -130,7 +130,7 @@ def test_what_is_finished_is_kept(campaign: Path, tmp_path: Path, verdict: Verdi
         (None, "it has no result"),
         ("", "is truncated, damaged or of another version"),
         ("half", "is truncated, damaged or of another version"),
-        ("other", "is of another run"),
+        ("other", "belongs to another run"),
     ],
 )
 def test_half_a_run_is_set_aside_and_reported(
@@ -248,7 +248,7 @@ def test_a_run_that_still_lands_is_waited_for(
     waited: list[float] = []
     with held(home):
         monkeypatch.setattr(time, "sleep", waited.append)
-        with pytest.raises(OutputError, match="is being flown still, after 120 s"):
+        with pytest.raises(OutputError, match="is still in flight after 120 s"):
             resume(tmp_path, loaded)
         assert len(waited) == 600
     assert resume(tmp_path, loaded)[1] == []
@@ -292,14 +292,14 @@ CHANGES: tuple[tuple[str | None, tuple[str, ...], str], ...] = (
     ("hover.yaml", (), "hover.yaml changed"),
     ("world.yaml", (), "world.yaml changed"),
     ("still.py", (), "still.py changed"),
-    (None, ("--repetitions", "3"), "repetitions was 2, and is 3"),
-    (None, ("--seed", "5"), "its seed was 0, and is 5"),
+    (None, ("--repetitions", "3"), "repetitions was 2, now it is 3"),
+    (None, ("--seed", "5"), "its seed was 0, now it is 5"),
     (
         None,
         ("--set", "world.origin.altitude_m=5"),
-        "--set was not given, and is world.origin.altitude_m=5",
+        "--set was not given, now it is world.origin.altitude_m=5",
     ),
-    (None, ("--clock", "wall"), "its clock was virtual, and is wall"),
+    (None, ("--clock", "wall"), "its clock was virtual, now it is wall"),
 )
 
 
@@ -319,7 +319,7 @@ def test_a_campaign_that_has_changed_is_not_resumed(
         path.write_text(original)
         told = capsys.readouterr().err
         assert said in told
-        assert "begin anew without --resume" in told
+        assert "start anew without --resume" in told
         assert sorted(folder.rglob("*")) == before
     assert run(campaign, "--resume") == 0
 
@@ -334,7 +334,7 @@ def test_other_versions_and_spoilt_manifests_are_not_resumed(
     document["versions"]["numpy"] = "1.0"
     path.write_text(json.dumps(document))
     assert run(campaign, "--resume") == 2
-    assert "numpy was 1.0, and is" in capsys.readouterr().err
+    assert "numpy was 1.0, now it is" in capsys.readouterr().err
     for text in ("{", "[]", '{"campaign": "hover"}'):
         path.write_text(text)
         assert run(campaign, "--resume") == 2

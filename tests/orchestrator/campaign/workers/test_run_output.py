@@ -35,7 +35,7 @@ def test_a_silent_run_has_no_file(tmp_path: Path) -> None:
 def test_a_run_that_prints_without_end_fills_no_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_output, "_MOST_BYTES", 1000)
+    monkeypatch.setattr(run_output, "_MAX_BYTES", 1000)
     with kept_output(tmp_path):
         for _ in range(100):
             os.write(1, b"x" * 99 + b"\n")

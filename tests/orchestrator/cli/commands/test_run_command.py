@@ -233,7 +233,7 @@ def test_what_armed_nothing_says_so_and_is_not_resumed(
     assert json.loads(path.read_text())["arm"] is False
     capsys.readouterr()
     assert main([*command(campaign)[3:], "--resume"]) == 2
-    assert "it armed nothing (--no-arm)" in capsys.readouterr().err
+    assert "it was flown without arming (--no-arm)" in capsys.readouterr().err
 
 
 def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(

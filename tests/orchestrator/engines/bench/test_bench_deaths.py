@@ -26,7 +26,8 @@ from orchestrator.campaign.resuming.resumed_campaign import ResumeRules, resume_
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.engines.bench.bench_engine import HiredBench, hire_bench
-from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE, ConsentAnswer, ConsentAsked
+from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
+from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.progress import Progress
 from orchestrator.model.results_reader import read_result
 from tests.orchestrator.campaign.test_attached_run import free_port

@@ -16,9 +16,8 @@ from orchestrator.cli import main
 from orchestrator.cli.bench_flight import is_for_bench
 from orchestrator.engines.bench.bench_engine import await_bench
 from orchestrator.engines.bench.bench_gate import BenchGate
-from orchestrator.engines.bench.bench_messages import ConsentAsked
 from orchestrator.engines.bench.bench_resources import announced_benches, resources_of
-from orchestrator.engines.node_messages import RunOrdered
+from orchestrator.engines.node_messages import ConsentAsked, RunOrdered
 from orchestrator.state.run_setup import RunOrder
 from tests.orchestrator.hover import write_hover
 from worlds.files.documents import BadInput, parse
@@ -97,7 +96,7 @@ def test_a_bench_is_waited_for_named_when_missing_and_refused_when_there_twice(
     assert shown == ["waiting up to 0.2 s for the bench; the cluster has none"]
     with pytest.raises(BadInput, match=r"no bench 'hall-a'; there is hall-b .*, after 0\.2 s"):
         await_bench(Nodes([node(other)]), *asked, shown.append)
-    with pytest.raises(BadInput, match="two benches of the name 'hall-a', on hall and shed"):
+    with pytest.raises(BadInput, match="two benches named 'hall-a', on hall and shed"):
         await_bench(Nodes([*there, node(facts, name="shed")]), *asked, shown.append)
 
 
@@ -113,9 +112,9 @@ def test_the_gate_of_a_bench_passes_what_was_consented_to_and_no_more(tmp_path: 
     assert "nobody at bench hall-a has consented" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=True, place=PLACE))
     assert [gate.refusal(order) for _ in range(2)] == ["", ""]
-    assert "asked for 2 runs, not more" in gate.refusal(order)
+    assert "has consent for 2 runs, not more" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=False, place=PLACE))
-    assert "arms nothing" in gate.refusal(order)
+    assert "has consent for a campaign that does not arm" in gate.refusal(order)
     assert gate.refusal(RunOrdered(replace(order.order, arm=False))) == ""
 
 

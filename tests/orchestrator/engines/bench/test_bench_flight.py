@@ -19,8 +19,9 @@ from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
 from orchestrator.cli.progress_display import SilentDisplay
 from orchestrator.engines.bench.bench_agent import BenchAgent
 from orchestrator.engines.bench.bench_engine import hire_bench
-from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE, ConsentAnswer, ConsentAsked
+from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
 from orchestrator.engines.bench.bench_server import BenchServer
+from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.progress import Progress
 from tests.orchestrator.campaign.test_attached_run import await_datagram, free_port
 from tests.orchestrator.engines.bench.test_bench_engine import PLACE, write_bench, write_campaign

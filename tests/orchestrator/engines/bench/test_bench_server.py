@@ -1,6 +1,5 @@
 """A damaged message of the cluster ends the server of a bench in plain words, when all is down."""
 
-import pickle
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
@@ -9,6 +8,7 @@ from multiprocessing.connection import Client
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from orchestrator.campaign.workers.run_engine import EngineError
@@ -17,20 +17,25 @@ from orchestrator.cli.commands import bench as commands
 from orchestrator.engines import ray_agents
 from orchestrator.engines.bench import bench_server
 from orchestrator.engines.bench.bench_engine import hire_bench
-from orchestrator.engines.node_messages import RunOrdered
+from orchestrator.engines.node_messages import (
+    CampaignAnswer,
+    ConsentAsked,
+    encode_to_campaign,
+    encode_to_node,
+)
 from tests.orchestrator.engines.bench.test_bench_engine import write_bench
 from tests.orchestrator.engines.fake_ray import FakeReference
 
-ORDER: Any = "no order"
-WHOLE = pickle.dumps(RunOrdered(ORDER))
+WHOLE = encode_to_node(ConsentAsked("hover", 2, arm=True, place="ann on desk"))
 DAMAGED = {
     "empty": b"",
     "garbage": b"\xff\x00garbage",
     "cut": WHOLE[:-9],
-    "unknown module": b"cno_such_module\nThing\n.",
-    "unknown name": b"corchestrator.engines.node_messages\nThing\n.",
-    "no message": pickle.dumps(3),
-    "no order": WHOLE,
+    "unknown message": msgspec.msgpack.encode(["NoSuchMessage", "hover"]),
+    "no message": msgspec.msgpack.encode(3),
+    "no order": msgspec.msgpack.encode(["RunOrdered", "no order"]),
+    "of the other direction": encode_to_campaign(CampaignAnswer()),
+    "a pickle": b"cos\nsystem\n(S'false'\ntR.",
 }
 
 
@@ -130,7 +135,7 @@ def test_a_node_that_says_nothing_readable_is_dismissed(kind: str) -> None:
         lambda: ray_agents.hire_agents(ray, 2, cores=1),
         lambda: hire_bench(ray, "hall-a", 1.0),
     ):
-        with pytest.raises(EngineError, match="does not say what it is") as raised:
+        with pytest.raises(EngineError, match=r"the facts of .* cannot be read") as raised:
             hire()
         assert raised.value.code == 3
     assert ray.killed == 3

@@ -338,7 +338,7 @@ def test_a_folder_that_somebody_removes_in_flight_lands_it_and_is_an_error(
     removing = at_stage("goal", 0.5, lambda _: shutil.rmtree(tmp_path / "run1"))
     result, folder = fly_run(mode="sim", sets=BRIEF, disturb=removing)
     assert result.verdict == "ERROR"
-    assert result.reason == f"the recording ended early: somebody removed {folder}"
+    assert result.reason == f"the recording ended early: {folder} was removed"
     assert (result.exceptions, result.artifacts) == ((), ())
     (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
     assert landed.verdict == "PASS"
