@@ -14,7 +14,7 @@ from campaigns.setup.autonomy_under_test import shipped_autonomies
 from orchestrator.cli.standard_streams import out
 from orchestrator.cli.text_table import table
 from recipes.language.step_docs import StepDoc
-from recipes.language.step_docs import describe_steps as described_step
+from recipes.language.step_docs import describe_step as described_step
 from recipes.model.registry import steps
 from safety.oracles import registry
 from safety.oracles.oracle_docs import ParameterDoc, common_parameters, describe_oracles
