@@ -1,4 +1,4 @@
-"""Whether the autonomy under test can be built: what it refuses is a fault of the file."""
+"""Check that the autonomy under test can be built; what it refuses is a problem of the file."""
 
 import multiprocessing as mp
 import sys
@@ -14,8 +14,8 @@ from vehicles.process_memory import limited_allocation
 from worlds.files.documents import Document, Path, Problem
 
 LONGEST_BUILD_S = 30.0
-"""How long an autonomy may take to be imported and built where it is tried in a child process; as
-long as a worker may take to load it."""
+"""How long a child process may take to import and build the autonomy; as long as a worker may take
+to load it."""
 _LONGEST_START_S = 120.0
 """A child process that has not begun by then never will, however busy the machine is."""
 _GRACE_S = 1.0
@@ -75,21 +75,21 @@ def _refusal(under_test: UnderTest) -> _Refusal | None:
     except MemoryError:
         return _memory_refusal(under_test)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
-        said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
-        return _Refusal("", said)
+        message = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
+        return _Refusal("", message)
     return None
 
 
 def _memory_refusal(under_test: UnderTest) -> _Refusal:
     """Return the refusal of an autonomy that asks for more memory than its limit."""
     limit = f"autonomy.limits.memory_mb, {under_test.limits.memory_mb:g}"
-    said = f"'{under_test.use}' cannot be built: it asks for more memory than {limit}"
-    return _Refusal("", f"{said}; let it load less, or raise the limit")
+    message = f"'{under_test.use}' cannot be built: it asks for more memory than {limit}"
+    return _Refusal("", f"{message}; let it load less, or raise the limit")
 
 
 def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     """Return why building the autonomy fails in a child process, hangs and crashes included."""
-    # A fork has all of ours imported already; beside other threads it could inherit their locks.
+    # A fork has our modules imported already, but next to other threads it could inherit a lock.
     alone = threading.active_count() == 1
     context = mp.get_context("fork") if alone else mp.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
@@ -97,22 +97,22 @@ def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     child.start()
     theirs.close()
     try:
-        # A child that is spawned imports all of ours first, which is not the autonomy's time.
+        # A spawned child imports our modules first, which does not count as the autonomy's time.
         if ours.poll(_LONGEST_START_S):
             ours.recv()
         if not ours.poll(LONGEST_BUILD_S):
-            said = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
-            return _Refusal("use", f"'{under_test.use}' {said}")
-        found: _Refusal | None = ours.recv()
+            message = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
+            return _Refusal("use", f"'{under_test.use}' {message}")
+        refusal: _Refusal | None = ours.recv()
     except EOFError:
         child.join(_GRACE_S)
-        said = f"ends its process (exit status {child.exitcode}) when it is imported or built"
-        return _Refusal("use", f"'{under_test.use}' {said}")
+        message = f"ends its process (exit status {child.exitcode}) when it is imported or built"
+        return _Refusal("use", f"'{under_test.use}' {message}")
     finally:
         child.kill()
         child.join()
         ours.close()
-    return found
+    return refusal
 
 
 def _report(connection: Connection, under_test: UnderTest) -> None:

@@ -1,4 +1,4 @@
-"""From the files of one case to its setup, with every problem found in any of them at once."""
+"""Read the setup of one case from its files, and report the problems of all of them at once."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -40,10 +40,10 @@ T = TypeVar("T")
 
 _GOAL_S = 600.0
 _GRACE_S = 1.0
-"""What a goal is given where no time-out is said: ten minutes, and longer than a `time_limit`."""
+"""The default time-out of a goal: ten minutes, or longer than the longest `time_limit`."""
 
 _NOWHERE = World("", LocalFrame(0.0, 0.0, 0.0), ())
-"""Stands for a world that is missing, so that the rest of a case can be checked."""
+"""Replaces a world that is missing, so that the rest of a case can be checked."""
 
 
 def read_setup(
@@ -65,7 +65,7 @@ def read_setup(
     world = _read_case(World.parse, files.world, problems)
     recipe = _read_case(partial(load_recipe, loads_code=loads_code), files.recipe, problems)
     if part is not None and loads_code:
-        # It is said also where the world is missing.
+        # Reported also where the world is missing.
         problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
     if part is None:
         raise BadInput(problems, document_warnings(files))
@@ -100,7 +100,7 @@ def read_setup(
         unsigned_commands=mqtt is not None and mqtt.commands == "unsigned",
     )
     if part.geofence is None or fences:
-        # Without the fence that it has, everything would be said to lack one.
+        # With a faulty fence left out, every check would report that the fence is missing.
         check_across = worldless_problems if world is None else cross_problems
         problems += check_across(files, setup, modes)
     if world is None:

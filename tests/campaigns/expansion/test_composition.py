@@ -93,7 +93,7 @@ def test_faults_stand_where_they_are(both: Any) -> None:
     )
     (both.folder / "other.yaml").write_text(TEXT)
     (fault,) = faults(both)
-    assert "'other.yaml' names campaigns itself" in fault
+    assert "'other.yaml' is itself made of campaigns" in fault
     (both.folder / "other.yaml").write_text(both.path.read_text() + "nothing: 1\n")
     (fault,) = faults(both)
     assert fault.startswith("other.yaml:")
