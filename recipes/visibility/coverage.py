@@ -89,7 +89,9 @@ class Coverage:
         faults = [self._take(one, frame.t_s) for one in frame.objects]
         if self._unexpected >= _IN_A_ROW:
             share = f"{frame.elsewhere * 100:.1f} % of the reading"
-            extra = f"something virtual in {share} at {frame.t_s:.3f} s, where geometry has nothing"
+            extra = (
+                f"something virtual in {share} at {frame.t_s:.3f} s, where geometry expects nothing"
+            )
             faults.append(VisibilityFault(frame.t_s, f"{self._shower} shows {extra}"))
         faults.append(self._lasting_blindness())
         return next((fault for fault in faults if fault is not None), None)
