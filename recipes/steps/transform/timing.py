@@ -134,7 +134,9 @@ class _Resample(_Remembering):
         found = self._find_reading(memory, t_s)
         gap_s = abs(found.t_s - t_s)
         if gap_s > self._max_gap_s:
-            raise CannotMixError("stale", f"resample: nothing within {gap_s * 1000:.0f} ms")
+            limit = f"more than max_gap_ms {self._max_gap_s * 1000:g}"
+            away = f"resample: the reading is {gap_s * 1000:.0f} ms away"
+            raise CannotMixError("stale", f"{away}, {limit}")
         return Masked(found, work.mask) if found is not work.reading else work
 
     def _find_reading(self, memory: _Memory, t_s: float) -> Reading:
