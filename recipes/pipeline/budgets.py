@@ -1,8 +1,8 @@
 """Budgets of mixing: limits of skew, latency, rate and registration error. Pure.
 
 The mixer itself leaves out, and counts, the overlay of a reading beyond its skew or latency. This
-module checks one reading, the rate over a window, and the figures of a whole run; the caller turns
-a breach into the verdict INVALID.
+module checks one reading, and the rate over a window; the caller turns a breach into the verdict
+INVALID.
 """
 
 from collections import deque
@@ -26,65 +26,26 @@ class Breach:
         return f"{self.what}: {self.actual:.4g}, the limit is {self.limit:g}"
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """The figures of a run that are compared with mixing budgets; None where there are none.
+def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
+    """Return the first mixing budget that one mixed reading exceeds; None when it exceeds none.
 
-    skew_ms, latency_ms, registration_error_px: the 99th percentiles. rate_hz: mean. Without a
-    reference the bound replaces the registration error.
+    A missing figure exceeds nothing: the registration error is None by definition where there is
+    neither a reference nor a bound.
     """
-
-    rate_hz: float | None
-    skew_ms: float | None
-    latency_ms: float | None
-    registration_error_px: float | None
-
-
-def breaches(budget: Budget, figures: Figures) -> tuple[Breach, ...]:
-    """Return each mixing budget that the figures of a run exceed.
-
-    A missing rate counts as 0. Another missing figure exceeds nothing: the registration error is
-    None by definition where there is neither a reference nor a bound.
-    """
+    error_px = provenance.registration_error_px
     limits = (
-        ("max_skew_ms", figures.skew_ms, budget.max_skew_s * 1000.0),
-        ("max_latency_ms", figures.latency_ms, _ms(budget.max_latency_s)),
+        ("max_skew_ms", provenance.skew_ms, budget.max_skew_s * 1000.0),
+        ("max_latency_ms", provenance.latency_ms, _ms(budget.max_latency_s)),
         (
             "max_registration_error_px",
-            figures.registration_error_px,
+            provenance.registration_bound_px if error_px is None else error_px,
             budget.max_registration_error_px,
         ),
     )
-    found = [
-        Breach(what, actual, limit)
-        for what, actual, limit in limits
-        if actual is not None and limit is not None and not actual <= limit + _SLACK
-    ]
-    if budget.min_rate_hz is not None:
-        rate_hz = figures.rate_hz or 0.0
-        if rate_hz < budget.min_rate_hz - _SLACK:
-            found.append(Breach("min_rate_hz", rate_hz, budget.min_rate_hz))
-    return tuple(found)
-
-
-def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
-    """Return the mixing budget that one mixed reading exceeds; None when it exceeds none."""
-    found = breaches(
-        Budget(
-            max_skew_s=budget.max_skew_s,
-            max_latency_s=budget.max_latency_s,
-            max_registration_error_px=budget.max_registration_error_px,
-        ),
-        Figures(
-            rate_hz=None,
-            skew_ms=provenance.skew_ms,
-            latency_ms=provenance.latency_ms,
-            registration_error_px=provenance.registration_bound_px
-            if provenance.registration_error_px is None
-            else provenance.registration_error_px,
-        ),
-    )
-    return found[0] if found else None
+    for what, actual, limit in limits:
+        if actual is not None and limit is not None and not actual <= limit + _SLACK:
+            return Breach(what, actual, limit)
+    return None
 
 
 class RateWatch:
