@@ -59,7 +59,7 @@ def read_setup(
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
-    part = gathered(problems, partial(check, files.campaign, CampaignPart))
+    part = collect_problems(problems, partial(check, files.campaign, CampaignPart))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)
@@ -110,8 +110,8 @@ def read_setup(
     return setup
 
 
-def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    """Return what a reader function returns; None, with its problems collected, on BadInput."""
+def collect_problems(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    """Return the result of a reader function; on BadInput collect its problems and return None."""
     try:
         return read()
     except BadInput as error:
@@ -122,7 +122,7 @@ def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
 def _read_case(
     read: Callable[[Document], T], document: Document | None, problems: list[Problem]
 ) -> T | None:
-    return None if document is None else gathered(problems, partial(read, document))
+    return None if document is None else collect_problems(problems, partial(read, document))
 
 
 def _links(part: LinksPart) -> dict[str, LinkSetup]:
@@ -144,7 +144,9 @@ def _fences(
     if part.geofence is None:
         return {}
     drawing = Drawing(files.campaign, files.fences, None if world is None else world.frame)
-    return gathered(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+    return (
+        collect_problems(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+    )
 
 
 def _guard_setup(part: CampaignPart) -> GuardingSetup:

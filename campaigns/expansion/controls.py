@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
-from campaigns.expansion.case_reader import gathered
+from campaigns.expansion.case_reader import collect_problems
 from campaigns.schema import CampaignPart, Mode
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.vehicles import VEHICLES
@@ -69,8 +69,10 @@ def files_of_controls(
     ordered = tuple(overrides)
     for name, control in ({} if part is None else part.controls).items():
         case = control.case or next(iter(part.cases if part is not None else ()))
-        of_case = gathered(problems, partial(overrides_of_case, base, case)) or ()
-        own = gathered(problems, partial(overrides_at, base, ("controls", name, "set"))) or ()
+        of_case = collect_problems(problems, partial(overrides_of_case, base, case)) or ()
+        own = (
+            collect_problems(problems, partial(overrides_at, base, ("controls", name, "set"))) or ()
+        )
         found[name], wrong = case_files(base, (*of_case, *ordered, *own), complete)
         problems += wrong
     return found

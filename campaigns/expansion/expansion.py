@@ -8,7 +8,7 @@ from pathlib import Path
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds
 from campaigns.checks.case_warnings import case_warnings, caveats_of
-from campaigns.expansion.case_reader import gathered, read_setup, unique
+from campaigns.expansion.case_reader import collect_problems, read_setup, unique
 from campaigns.expansion.composition import compose, is_composition
 from campaigns.expansion.controls import (
     control_problems,
@@ -221,7 +221,7 @@ def _read(original: Document, options: Options) -> _Read:
     document = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
-    part = gathered(problems, partial(check, document, CampaignPart))
+    part = collect_problems(problems, partial(check, document, CampaignPart))
     files = _files_of_cases(plain, overrides, problems, complete)
     of_controls = files_of_controls(plain, part, overrides, problems, complete)
     read = partial(
@@ -315,7 +315,8 @@ def _option_overrides(options: Options) -> tuple[Override, ...]:
     """Return --set, --repetitions and --seed as overrides of the campaign to be expanded."""
     problems: list[Problem] = []
     found = [
-        gathered(problems, partial(override_from_option, "--set", text)) for text in options.sets
+        collect_problems(problems, partial(override_from_option, "--set", text))
+        for text in options.sets
     ]
     for key, value in (("repetitions", options.repetitions), ("seed", options.seed)):
         if value is not None:
@@ -345,7 +346,7 @@ def _files_of_cases(
     names = list(given) if isinstance(given, dict) and given else [DEFAULT_CASE]
     found: dict[str, CaseFiles] = {}
     for name in names:
-        own = gathered(problems, partial(overrides_of_case, base, name)) or ()
+        own = collect_problems(problems, partial(overrides_of_case, base, name)) or ()
         found[name], wrong = case_files(base, (*own, *overrides), complete)
         problems += wrong
     return found

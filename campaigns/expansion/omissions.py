@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 
-from campaigns.expansion.case_reader import gathered
+from campaigns.expansion.case_reader import collect_problems
 from campaigns.expansion.controls import modes_of
 from campaigns.schema import CampaignPart
 from campaigns.values.acceptance import DECIDED, Share, parse_share
@@ -21,7 +21,7 @@ def left_out(
     original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
     the cases and controls, with their modes, to be flown. shares: the required share of each.
     """
-    was = gathered([], partial(check, original, CampaignPart)) or part
+    was = collect_problems([], partial(check, original, CampaignPart)) or part
     left = list(_runs(was, part, chosen, shares))
     fewer = was.most_repetitions - part.most_repetitions
     if fewer > 0:

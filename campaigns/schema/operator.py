@@ -33,7 +33,7 @@ def _is_broker(text: str) -> str:
 
 
 def _is_variable(text: str) -> str:
-    """Refuse an operator's secret given by what is no environment variable's name."""
+    """Refuse a name that no environment variable can have."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,127}", text):
         raise ValueError(f"'{text}' is not the name of an environment variable (like WIL_TOKEN)")
     return text

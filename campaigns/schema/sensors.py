@@ -383,4 +383,4 @@ SensorPart = Annotated[
     | MicrophonePart,
     Field(discriminator="type"),
 ]
-"""Any sensor, told apart by `type`."""
+"""Any sensor; `type` selects the model."""

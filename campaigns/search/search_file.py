@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path as FilePath
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds
-from campaigns.expansion.case_reader import gathered, read_setup
+from campaigns.expansion.case_reader import collect_problems, read_setup
 from campaigns.expansion.composition import is_composition
 from campaigns.expansion.expansion import (
     Campaign,
@@ -221,7 +221,7 @@ class _Reader:
                     builds=self._builds,
                     loads_code=self._options.loads_code,
                 )
-                gathered(wrong, read)
+                collect_problems(wrong, read)
             own = [one for one in wrong if _is_at(one, place)]
             if not own:
                 return []

@@ -65,8 +65,8 @@ class ActorSetup(FlownSetup):
         return not self.embedded and (self.pose_source == "simulator" or self.launch is not None)
 
     @property
-    def stands(self) -> Pose:
-        """Return where the vehicle stands in W before it takes off."""
+    def standing_pose(self) -> Pose:
+        """Return the vehicle's pose in W before it takes off."""
         return self.start if self.place is None else self.place
 
     def flown_as(self, *, physical: bool) -> Self | None:

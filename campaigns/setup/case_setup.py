@@ -150,7 +150,7 @@ class Setup:
         yield from self.shared_by_runs()
 
     def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
-        """Yield a case's external resources that exist once however many runs fly at once."""
+        """Yield a case's external resources of which there is one, shared by all runs."""
         for name, vehicle in self.vehicles.items():
             if vehicle.mocap is not None:
                 yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"

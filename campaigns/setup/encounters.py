@@ -13,7 +13,6 @@ from campaigns.setup.case_setup import Setup
 from campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from safety.fence.geofence import Fence
 from safety.fence.separation import moved, separation_m
-from worlds.frames import Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +52,8 @@ class Encounter:
     @property
     def stated_m(self) -> float:
         """Return the horizontal distance of their start places before takeoff, as in the files."""
-        ours, theirs = self.actor.stands.position_ned_m, _stands(self.other).position_ned_m
-        return math.dist(ours[:2], theirs[:2])
+        ours, theirs = self.actor.standing_pose, self.other.standing_pose
+        return math.dist(ours.position_ned_m[:2], theirs.position_ned_m[:2])
 
 
 def encounters(setup: Setup, mode: Mode) -> Iterator[Encounter]:
@@ -81,11 +80,6 @@ def _fence(setup: Setup, vehicle: FlownSetup) -> Fence | None:
     if fence is None or not isinstance(vehicle, ActorSetup) or vehicle.place is None:
         return fence
     return moved(fence, start=vehicle.start, to=vehicle.place)
-
-
-def _stands(vehicle: FlownSetup) -> Pose:
-    """Return where a vehicle stands in W before it takes off."""
-    return vehicle.stands if isinstance(vehicle, ActorSetup) else vehicle.start
 
 
 def _reach_m(vehicle: FlownSetup) -> float:

@@ -19,7 +19,7 @@ class MqttSetup:
     user: empty for none. signed: whether commands have to be. password_env, token_env: names of
     environment variables; empty for none. ca_file: CA certificates that verify the broker; None
     for the system's. cert_file, key_file: our own certificate; None for none. root: of all topics.
-    on_loss: what is done when the broker was unreachable for lost_after_s.
+    on_loss: the action when the broker was unreachable for lost_after_s.
     """
 
     broker: BrokerAddress

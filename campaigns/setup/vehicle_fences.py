@@ -28,7 +28,7 @@ class Drawing:
 def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[str, Fence]:
     """Return the fence of each vehicle that has one: its own, else that for both.
 
-    path: where the part stands in the document. Raises BadInput with every problem.
+    path: of the part in the document. Raises BadInput with every problem.
     """
     problems: list[Problem] = []
     common = _fence(part, drawing, path, problems) if part.is_drawn else None

@@ -96,6 +96,11 @@ class FlownSetup:
         return "vehicles", self.name
 
     @property
+    def standing_pose(self) -> Pose:
+        """Return the vehicle's pose in W before it takes off."""
+        return self.start
+
+    @property
     def embedded(self) -> bool:
         """Return whether the vehicle is our embedded simulation."""
         return self.link == "embedded"

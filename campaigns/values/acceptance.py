@@ -82,7 +82,7 @@ class Standing:
 
 
 def parse_share(text: str) -> Share:
-    """Return the acceptance share in a text. Raises ValueError with what is wrong with it."""
+    """Return the acceptance share in a text. Raises ValueError with the reason."""
     match = _OF.fullmatch(text)
     if match is None:
         raise ValueError(f"must be passes/runs like 4/5, is '{text}'")

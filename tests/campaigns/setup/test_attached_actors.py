@@ -54,7 +54,7 @@ def test_elsewhere_it_starts_in_the_world_where_its_object_does() -> None:
     (actor,) = setup.actors_in("wil")
     assert actor.kind == "attached"
     assert actor.start.position_ned_m == pytest.approx((2.5, 0.0, -0.05))
-    assert actor.stands.position_ned_m == (30.0, 2.0, 0.0)
+    assert actor.standing_pose.position_ned_m == (30.0, 2.0, 0.0)
     (one,) = encounters(setup, "wil")
     assert one.stated_m == pytest.approx(math.hypot(30.0, 2.0))
     # It heads east where its object heads south: its fence is turned by that, and moved with it.
