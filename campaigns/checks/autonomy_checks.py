@@ -98,8 +98,10 @@ def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     theirs.close()
     try:
         # A spawned child imports our modules first, which does not count as the autonomy's time.
-        if ours.poll(_LONGEST_START_S):
-            ours.recv()
+        if not ours.poll(_LONGEST_START_S):
+            message = f"could not be checked: no child process started in {_LONGEST_START_S:g} s"
+            return _Refusal("use", f"'{under_test.use}' {message}; try again")
+        ours.recv()
         if not ours.poll(LONGEST_BUILD_S):
             message = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
             return _Refusal("use", f"'{under_test.use}' {message}")
