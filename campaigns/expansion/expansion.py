@@ -65,8 +65,7 @@ class Options:
 class RunPlan:
     """One planned run of the expansion; picklable. repetition from 1; required: for `accept`.
 
-    control: how it must end, where it is a control; its name then is the case. loads_code: see
-    `Options`.
+    control: how it must end, if it is one; its name then is the case. loads_code: see `Options`.
     """
 
     campaign: str
@@ -94,15 +93,14 @@ class Campaign:
     """A checked campaign expanded into runs, ordered by case, mode and repetition; then controls.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
-    read from. modes, cases: those selected. repetitions: at most; test: the sequential test that
-    may decide sooner, None for a fixed number. setups: of these cases and of the controls.
-    retries: how often a run with the verdict INVALID is flown again. requirements: of the selected
-    cases and modes. left_out: what the file requires and the options leave out, in words. mqtt:
-    the operators' broker; None without one. between: how an attached vehicle returns to its start;
-    None where the file does not say. controls: the runs that must not pass. warnings: what is
-    valid in its files and probably not meant. caveats: those of them that qualify a verdict, in
-    words. options: what the command line selected and overrode. benches: those on which it is
-    flown, one for each composed campaign that asks for one.
+    read from. modes, cases: those selected. repetitions: at most; test: that may end them sooner,
+    None for a fixed number. setups: of these cases and of the controls. retries: how often a run
+    with the verdict ERROR or INVALID is flown again. requirements: of the selected cases and modes.
+    left_out: what the file requires and the options leave out, in words. mqtt: the operators'
+    broker, if any. between: how an attached vehicle returns to its start, if given. controls: the
+    runs that must not pass. warnings: what is valid in its files and probably not meant. caveats:
+    those of them that qualify a verdict, in words. options: of the command line. benches: on which
+    it is flown, one for each composed campaign that asks for one.
     """
 
     name: str
@@ -275,10 +273,9 @@ def _select(read: _Read, options: Options) -> _Selected:
 
 
 def requested_bench(path: Path, options: Options) -> tuple[Document, BenchRequestPart] | None:
-    """Return the document of a campaign that asks for a bench, with its request. Raises BadInput.
+    """Return a campaign's document and its request for a bench. Raises BadInput.
 
-    None for one that asks for none, and for a composition, whose parts ask for benches of this
-    machine.
+    None without a request, and for a composition, whose parts ask for benches of this machine.
     """
     original = load(path)
     if is_composition(original):
