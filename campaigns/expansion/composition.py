@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     Load = Callable[[Path, Options], Campaign]
 
 
+_ONCE = {"between_runs": "between", "operator.mqtt": "mqtt", "repetitions (until decided)": "test"}
+"""What a campaign has once for all runs: by the key in its file, the attribute."""
+
+
 def is_composition(document: Document) -> bool:
     """Return whether a campaign file names other campaigns as its parts."""
     return document.get(("campaigns",)) is not None
@@ -48,6 +52,7 @@ def compose(document: Document, options: "Options", load_part: "Load") -> "Campa
     if problems:
         raise BadInput(unique(problems), unique(warnings))
     _require_known(document, part, whole)
+    _require_same(document, whole)
     chosen = _choose(whole, options.cases)
     parts, left_out = {}, []
     for name, campaign in whole.items():
@@ -117,6 +122,23 @@ def _require_known(
         )
         for case in (part.published.passed if part.published is not None else ())
         if case not in known
+    ]
+    if problems:
+        raise BadInput(problems)
+
+
+def _require_same(document: Document, parts: Mapping[str, "Campaign"]) -> None:
+    """Raise BadInput where a part differs from the first in what a composition has only once."""
+    first = next(iter(parts))
+    problems = [
+        document.problem(
+            ("campaigns", name),
+            f"'{name}' differs from '{first}' in {key}, of which a composition has one; "
+            "make them the same, or run it alone",
+        )
+        for name, campaign in parts.items()
+        for key, attribute in _ONCE.items()
+        if getattr(campaign, attribute) != getattr(parts[first], attribute)
     ]
     if problems:
         raise BadInput(problems)
