@@ -184,7 +184,7 @@ def _newest(out: Path, name: str) -> Path | None:
 
 
 def _has_begun(out: Path, run: int) -> bool:
-    """Return whether a run of the bench has been told to take off."""
+    """Return whether a run of the bench has received the command to take off."""
     folder = _newest(out, "hall")
     log = None if folder is None else folder / f"default/wil/{run}/log.jsonl"
     return log is not None and log.is_file() and '"takeoff"' in log.read_text()

@@ -220,7 +220,7 @@ class _Trial:
         return again
 
     def _count_left_on_nodes(self) -> int:
-        """Return how many results nodes have kept where the campaign was told."""
+        """Return how many results nodes have kept at the places that the campaign reported."""
         places = re.findall(r"kept in (\w+):(\S+?):", self._text("default/sim/*/result.json"))
         hosts = {host.name: host for host in self.hosts}
         there = [hosts[host].run("test", "-f", f"{path}/result.json") for host, path in places]

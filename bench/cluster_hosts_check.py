@@ -75,7 +75,7 @@ class _Check:
         here = self.folder / "local"
         if not here.exists():
             self.fly(campaign, str(here))
-        code, said = self.fly(campaign, out, "--engine", self.engine, *more)
+        code, output = self.fly(campaign, out, "--engine", self.engine, *more)
         copy = self.folder / "copy"
         shutil.rmtree(copy, ignore_errors=True)
         self.first.run("cp", "-r", out, str(copy))
@@ -85,7 +85,7 @@ class _Check:
         same = contents(flown) == contents(local)
         fine = code == 0 and nodes == ["first", "second"] and same
         seen = f"exit code {code}, ended on {nodes}, results {'' if same else 'NOT '}equal to local"
-        self.say(what, fine, seen if fine else f"{seen}; {said}")
+        self.say(what, fine, seen if fine else f"{seen}; {output}")
 
     def refused(self, what: str, wanted: str, *more: str) -> None:
         """Fly what must be refused with exit code 2 and a remedy."""
@@ -94,8 +94,8 @@ class _Check:
 
     def refused_file(self, what: str, wanted: str, campaign: Path, *more: str) -> None:
         """Fly a campaign that must be refused with exit code 2, a place or a remedy."""
-        code, said = self.fly(campaign, "/tmp/refused", "--engine", self.engine, *more)  # noqa: S108
-        self.say(what, code == 2 and wanted in said, f"exit code {code}: {said}")
+        code, output = self.fly(campaign, "/tmp/refused", "--engine", self.engine, *more)  # noqa: S108
+        self.say(what, code == 2 and wanted in output, f"exit code {code}: {output}")
 
     @contextmanager
     def second_node(self, **environment: str) -> Iterator[None]:
@@ -239,9 +239,9 @@ def _abort_node(check: _Check, _: str) -> None:
     ):
         ended = first.run(*first.program(*what, "--who", "anna"))
         wanted = 3 if "third" in what else 0
-        said = f"exit code {ended.returncode}: {ended.stdout} {ended.stderr}"
+        output = f"exit code {ended.returncode}: {ended.stdout} {ended.stderr}"
         both = what[0] == "abort" or ("on first" in ended.stdout and "on second" in ended.stdout)
-        check.say(" ".join(what), ended.returncode == wanted and both, said)
+        check.say(" ".join(what), ended.returncode == wanted and both, output)
     wait_for(lambda: _is_left(first, ["first"]), 60, "the landing of one")
     check.say("after that", fine=True, seen=str(_status(first)["finished"]))
     began_s = time.monotonic()
@@ -258,8 +258,8 @@ def _abort_hung(check: _Check, _: str) -> None:
         run.suspend()
     began_s = time.monotonic()
     ended = first.run(*first.program("abort", "--who", "anna"))
-    said = f"exit code {ended.returncode}: {ended.stdout} {ended.stderr}"
-    check.say("abort with a run that hangs on second", ended.returncode == 3, said)
+    output = f"exit code {ended.returncode}: {ended.stdout} {ended.stderr}"
+    check.say("abort with a run that hangs on second", ended.returncode == 3, output)
     wait_for(lambda: _latched(check), 30, "the guard")
     print(f"     its guard had it after {time.monotonic() - began_s:.1f} s: {_latched(check)}")
     for run in runs:

@@ -19,10 +19,10 @@ _SETTLED_S = 0.3
 
 
 def main() -> None:
-    """Connect until nobody listens any more."""
+    """Connect until the guard has ended."""
     path, rate_hz = sys.argv[1], float(sys.argv[2])
     kept: deque[socket.socket] = deque()
-    began_s, made, said = time.monotonic(), 0, False
+    began_s, made, is_reported = time.monotonic(), 0, False
     with contextlib.suppress(OSError):  # the guard has ended
         while (after_s := time.monotonic() - began_s) < 60.0:
             while made < after_s * rate_hz:
@@ -32,8 +32,8 @@ def main() -> None:
                 made += 1
                 if len(kept) > _KEPT:
                     kept.popleft().close()
-            if after_s > _SETTLED_S and not said:
-                said = True
+            if after_s > _SETTLED_S and not is_reported:
+                is_reported = True
                 print(f"{made / after_s:.0f}", flush=True)
             time.sleep(0.001)
 

@@ -1,14 +1,14 @@
-"""How old the console's page is, how fast it stops a flight, and what it costs: beside their marks.
+"""Age of the console's page, delay of an abort from it, and its cost, compared with the targets.
 
     python -m bench.console [--seconds 60] [--trials 50] [--minutes 3]
 
-Chromium shows the page without WebGL, on this machine; three more viewers look on, one of them
-stopped (SIGSTOP) from the beginning to the end. Three images of 640x480 at 15 Hz are handed over
-as a flight does it, each with the time of its exposure in black and white squares along its top;
-the page reads them back from its canvas, and takes the time a frame of the screen later. An abort
-is the Escape key, until the first frame that the guard's process sends a vehicle. Then as much as
-the page takes, with the memory of page and server read at equal intervals: how many minutes of
-flight it was is said beside it. A busy machine shows: its load is said first.
+Chromium shows the page without WebGL, on this machine; three more viewers are connected, one of
+them stopped (SIGSTOP) all the time. Three images of 640x480 at 15 Hz are published as in a flight,
+each with the time of its exposure in black and white squares along its top; the page reads them
+back from its canvas, and takes the time a frame of the screen later. An abort is measured from the
+Escape key to the first frame that the guard's process sends to a vehicle. Then the page receives as
+much as it can, and the memory of page and server is read at equal intervals; the minutes of flight
+are printed with it. The load of the machine is printed first.
 """
 
 import argparse

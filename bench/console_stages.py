@@ -1,4 +1,4 @@
-"""Where an image's time goes on its way to the console's page, and how much of it is the browser's.
+"""Duration of each stage of an image's way to the console's page, and the browser's share of it.
 
     python -m bench.console_stages [--seconds 8] [--rounds 3] [--webgl]
 

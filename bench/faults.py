@@ -1,9 +1,10 @@
 """Seeded faults: injected, survived, lost. In virtual time, and of real processes.
 
 `python bench/faults.py [--virtual 216] [--troubles 60] [--real 16] [--real-troubles 11]
-[--first 0] [--jobs 1] [--keep DIR]`; ends with 1 when anything was lost. Virtual: who is killed
-or stopped; troubles: blackouts, hostile frames, disks, clocks. With --keep each result is a line of
-a file in DIR as soon as it is there, and what is there already is not injected again. One again:
+[--first 0] [--jobs 1] [--keep DIR]`; exits with 1 when anything was lost. Virtual: processes are
+killed or stopped; troubles: link outages, hostile frames, disks, clocks. With --keep each result is
+written as a line of a file in DIR, and faults with a result there are not injected again. One
+again:
 `python -m tests.faults.virtual SEED 1 FOLDER [troubles]`, or
 `python -m tests.faults.processes SEED 1 FOLDER [troubles]`.
 """
@@ -72,11 +73,11 @@ def inject(kind: tuple[str, ...], first: int, count: int, folder: Path, kept: Ke
             for line in process.stdout or ():
                 kept.take(json.loads(line))
         err.seek(0)
-        said = err.read().strip()[-500:]
+        errors = err.read().strip()[-500:]
     for seed in range(first, first + count):
         if seed not in kept.found:
             fault = {"seed": seed, "victim": "?"}
-            lost = [f"the injector ended: {said}"]
+            lost = [f"the injector ended: {errors}"]
             # In no file: an injector that was interrupted is to begin it again.
             kept.found[seed] = {"fault": fault, "verdict": None, "reason": "", "lost": lost}
 
@@ -118,13 +119,13 @@ def tell(title: str, found: list[dict[str, Any]], wall_s: float) -> int:
     for victim in victims:
         own = [one for one in found if _what(one) == victim]
         verdicts = Counter(one["verdict"] or "no verdict" for one in own)
-        said = ", ".join(f"{number} {verdict}" for verdict, number in sorted(verdicts.items()))
+        counts = ", ".join(f"{number} {verdict}" for verdict, number in sorted(verdicts.items()))
         acted_s = [one["acted_s"] for one in own if one.get("acted_s") is not None]
         when = ""
         if acted_s:
             middle = statistics.median(acted_s)
             when = f"; the guard acted after {middle:.2f} s (median), {max(acted_s):.2f} s (worst)"
-        print(f"  {victim}: {len(own)} ({said}){when}")
+        print(f"  {victim}: {len(own)} ({counts}){when}")
     for one in lost:
         print(
             f"  LOST {one['fault']}: {'; '.join(one['lost'])} [{one['verdict']}: {one['reason']}]"

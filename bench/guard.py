@@ -1,7 +1,7 @@
 """How fast the guard acts, and what it costs: figures beside their marks.
 
 `python -m bench.guard [--trials 100] [--idle] [--sockets]`; p99 of the trials. Unless --idle, two
-more processes mix pictures as fast as they can meanwhile, as many as this needs cores for.
+more processes mix images as fast as they can meanwhile, as many as this needs cores for.
 --sockets: of the aborts by socket alone, with and without a storm of connections. On a machine with
 other work to do, `chrt -f 20` before it keeps that work out of the figures.
 """
@@ -52,7 +52,7 @@ from worlds.frames import Pose
 
 _STEP_S = 0.02
 _GUARD_SYSTEM = 255
-_STEERING = frozenset({11, 76, 84})
+_COMMAND_IDS = frozenset({11, 76, 84})
 """SET_MODE, COMMAND_LONG, SET_POSITION_TARGET_LOCAL_NED."""
 _TICKS_S = os.sysconf("SC_CLK_TCK")
 
@@ -71,7 +71,7 @@ class Wire:
     def _take(self, data: bytes, t_s: float) -> None:
         now_s = time.monotonic()
         for frame in self._frames.feed(data):
-            steers = frame.system == _GUARD_SYSTEM and frame.message_id in _STEERING
+            steers = frame.system == _GUARD_SYSTEM and frame.message_id in _COMMAND_IDS
             if steers and not self.commanded.is_set():
                 self.at_s = now_s
                 self.commanded.set()
@@ -89,18 +89,18 @@ class Wire:
 async def guarded(folder: Path) -> AsyncIterator[tuple[RemoteGuard, Wire]]:
     """A guard's process over two vehicles in the air; gives the one that is timed."""
     guard = RemoteGuard(guard_config=guard_config(folder, settings=PATIENT))
-    heard = asyncio.Event()
+    is_received = asyncio.Event()
     async with contextlib.AsyncExitStack() as stack:
         for name in SYSTEMS:
             link = guard.link(name)
-            link.receive(lambda *_: heard.set())
+            link.receive(lambda *_: is_received.set())
             await stack.enter_async_context(link)
         await stack.enter_async_context(guard)
         wires = [Wire(name, system, guard.port(name)) for name, system in SYSTEMS.items()]
         for wire in wires:
             await stack.enter_async_context(wire.link)
             stack.push_async_callback(stop, start(wire.fly(), name="wire"))
-        await heard.wait()
+        await is_received.wait()
         await asyncio.sleep(0.3)
         yield guard, wires[0]
         guard.bring_down("measured")
@@ -160,9 +160,9 @@ async def by_mqtt(folder: Path, port: int) -> float:
 
         async def act(_: RemoteGuard) -> float:
             topic = "wil/gate/operator/abort"
-            said = {"session": controller.session, "id": "1", "at": time.time()}
+            command = {"session": controller.session, "id": "1", "at": time.time()}
             began_s = time.monotonic()
-            await client.publish(topic, signed_command(topic, said, token), qos=1)
+            await client.publish(topic, signed_command(topic, command, token), qos=1)
             return began_s
 
         return await act_s(folder, act)
@@ -281,7 +281,7 @@ def _rss_mb(pid: int) -> float:
 
 @contextmanager
 def load(*, idle: bool) -> Iterator[None]:
-    """Have both cores mix pictures meanwhile."""
+    """Have both cores mix images meanwhile."""
     if idle:
         yield
         return

@@ -4,11 +4,11 @@
 
 On a machine with other work to do, `chrt -f 20` before it keeps that work out of the figures.
 
-A thread stands for a live camera: at the end of each exposure it hands over a picture of a pool.
+A thread stands for a live camera: at the end of each exposure it hands over an image of a pool.
 Another stands for motion capture at 200 Hz. In between lies what a flight has: the wait for a pose
-of the moment, the twin's picture drawn from it in a thread, the gate recipe, delivery in the
-process (and as RTP, when asked). The pool's pictures are ready: what a camera needs to hand over
-its picture is the camera's own.
+of the moment, the twin's image drawn from it in a thread, the gate recipe, delivery in the
+process (and as RTP, if requested). The pool's images are ready: what a camera needs to hand over
+its image is the camera's own.
 """
 
 import argparse
@@ -95,15 +95,15 @@ class Rig:
         self._delivery = delivery
         self._poses = PoseHistory(2.0)
         lens = Intrinsics.from_fov(*size, math.radians(69.0))
-        self._pictures = [wall(seed, *size) for seed in range(POOL)]
+        self._images = [wall(seed, *size) for seed in range(POOL)]
         self._lens = lens
         (mixer,) = compile_recipe(load_recipe(load(RECIPE)), object_ids={})
-        pictures = WorldImages(scene=scene, events={"goal": 0.0})
+        images = WorldImages(scene=scene, events={"goal": 0.0})
         self.mixing = MixingLoop(
             name="camera",
             mixer=mixer,
             twin=OnDemandCamera(
-                source=ThroughLens(pictures),
+                source=ThroughLens(images),
                 intrinsics=lens,
                 mount=CameraMount(),
                 compute=in_thread,
@@ -122,10 +122,10 @@ class Rig:
         self._poses.add(t_s, body(t_s), (0.0, 0.0, 0.0))
 
     def exposed(self, k: int, t_s: float) -> None:
-        """Take a picture of the camera."""
+        """Take an image of the camera."""
         self.offered += 1
         now_s = asyncio.get_running_loop().time()
-        image = self._pictures[k % POOL]
+        image = self._images[k % POOL]
         self.mixing.real_reading(CameraReading(t_s, now_s, k, "real", image, self._lens))
 
     def forget(self) -> None:

@@ -103,7 +103,7 @@ async def wrong_port() -> None:
         async with Driver(name="real", link=link) as driver:
             await driver.identify(5.0)
     except VehicleError:
-        tell("wrong port is told after", f"{time.monotonic() - began_s:.2f} s", "6 s")
+        tell("wrong port is reported after", f"{time.monotonic() - began_s:.2f} s", "6 s")
 
 
 async def identify_time() -> None:

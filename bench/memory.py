@@ -36,7 +36,7 @@ from worlds.frames import Pose
 
 WANTED_PERCENT = 2.0
 CAMERA = Intrinsics.from_fov(320, 240, np.radians(69.0))
-PICTURES = 8
+IMAGES = 8
 RECIPE = """\
 schema: wil/recipe/1
 sensors:
@@ -71,7 +71,7 @@ class Readings:
 
     def __init__(self) -> None:
         self._rng = np.random.default_rng(1)
-        self._images = [self._image() for _ in range(PICTURES)]
+        self._images = [self._image() for _ in range(IMAGES)]
 
     def _image(self) -> np.ndarray:
         image = self._rng.integers(90, 160, (240, 320, 3), dtype=np.uint8)
@@ -84,7 +84,7 @@ class Readings:
         rng, head = self._rng, (t_s, t_s + 0.01, seq, source)
         match sensor:
             case "camera":
-                return CameraReading(*head, self._images[seq % PICTURES].copy(), CAMERA)
+                return CameraReading(*head, self._images[seq % IMAGES].copy(), CAMERA)
             case "scan":
                 ranges = rng.uniform(1.0, 9.0, 360).astype(np.float32)
                 return LidarScanReading(

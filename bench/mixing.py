@@ -2,8 +2,8 @@
 
     python bench/mixing.py [--frames N]
 
-Frames are ready and both pictures are of one size. The bare calls work on buffers made before:
-a copy of the real picture, cvtColor to HSV, inRange, copyTo.
+Frames are ready and both images are of one size. The bare calls work on buffers made before:
+a copy of the real image, cvtColor to HSV, inRange, copyTo.
 """
 
 import argparse
@@ -25,7 +25,7 @@ SIZES = ((640, 480), (1280, 720), (1920, 1080))
 WANTED_PER_S = {(1280, 720): 400, (1920, 1080): 150}
 WANTED_P99_MS = {(1280, 720): 5.0}
 POOL = 4
-"""Several pairs in turn, so that no picture is mixed out of the cache by courtesy."""
+"""Several pairs in turn, so that no image is mixed out of the cache by courtesy."""
 
 
 def wall(seed: int, width_px: int, height_px: int) -> BgrImage:
@@ -37,7 +37,7 @@ def wall(seed: int, width_px: int, height_px: int) -> BgrImage:
 
 
 def with_gate(image: BgrImage) -> BgrImage:
-    """Return the picture with an orange frame, as large as a 1 m gate 2 m ahead."""
+    """Return the image with an orange frame, as large as a 1 m gate 2 m ahead."""
     height_px, width_px = image.shape[:2]
     half, bar = int(0.36 * height_px), int(0.075 * height_px)
     x, y = width_px // 2, height_px // 2
@@ -88,7 +88,7 @@ def ours(
 
 
 def reading(image: BgrImage, source: Source) -> CameraReading:
-    """Return the picture as a reading of a 69 degree camera."""
+    """Return the image as a reading of a 69 degree camera."""
     camera = Intrinsics.from_fov(image.shape[1], image.shape[0], np.radians(69.0))
     return CameraReading(1.0, 1.05, 0, source, image, camera)
 

@@ -85,9 +85,9 @@ def tables(flights: list[dict[str, Any]]) -> Iterator[str]:
         if not own:
             continue
         verdicts = Counter(one["verdict"] for one in own)
-        said = ", ".join(f"{verdicts[one]} {one}" for one in VERDICTS if verdicts[one])
+        counts = ", ".join(f"{verdicts[one]} {one}" for one in VERDICTS if verdicts[one])
         exempt = [one for one in own if one["exempt"] and one["verdict"] == "PASS"]
-        yield f"{len(own)} flights {title}: {said}; {len(exempt)} of the PASS exempt"
+        yield f"{len(own)} flights {title}: {counts}; {len(exempt)} of the PASS exempt"
         yield ""
         yield from _table(own, "cause", lambda one: one["fault"]["cause"])
         yield ""

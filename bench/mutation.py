@@ -9,8 +9,7 @@ comparison, a condition, an exception) is drawn three times as often as what doe
 on it until the first one fails: those of the module's own test file, then of the folder that
 mirrors its package, then `--tests`. What failed on a mutant has to pass without it. A mutant that
 no test finds is a survivor, printed with its line before and after; the last line is the share that
-was found. `--list` prints the mutants and runs nothing; with `--log` a run that was ended goes on
-where it was.
+was found. `--list` prints the mutants and runs nothing; with `--log` an interrupted run is resumed.
 """
 
 import argparse

@@ -2,12 +2,12 @@
 
     python bench/registration.py [--seconds S]
 
-1 m/s sideways, a gate 3 m ahead, pictures of 640x480 at 69 degrees and 30 Hz that arrive 100 ms
+1 m/s sideways, a gate 3 m ahead, images of 640x480 at 69 degrees and 30 Hz that arrive 100 ms
 after their exposure, motion capture at 100 Hz with 1 mm of noise on each axis that arrives after
 5 ms. The mixing loop of a flight runs in virtual time; a recipe that interpolates the pose stands
 beside one that takes the latest. Error: RMS over the corners of the box round the gate, in pixels,
 as in a flight's results; and, as a check of that figure, how far the gate's orange has moved
-between the picture as drawn and as drawn from where the camera truly was.
+between the image as drawn and as drawn from where the camera truly was.
 """
 
 import argparse
@@ -37,7 +37,7 @@ CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
 SPEED_M_S = 1.0
 AHEAD_M = 3.0
 UP_M = 1.2
-PICTURES_HZ, PICTURE_LATENCY_S = 30.0, 0.1
+IMAGES_HZ, IMAGE_LATENCY_S = 30.0, 0.1
 CAPTURE_HZ, CAPTURE_LATENCY_S, CAPTURE_NOISE_M = 100.0, 0.005, 0.001
 WAIT_S = 0.05
 WANTED_PX = 1.0
@@ -62,16 +62,16 @@ def truth(t_s: float) -> Pose:
 
 @dataclass(slots=True)
 class Twin:
-    """A simulator that is asked for pictures and answers at once."""
+    """A simulator that is asked for images and answers at once."""
 
-    pictures: WorldImages
+    images: WorldImages
 
     async def ask(
         self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
     ) -> Reading:
-        """Return the picture from a pose."""
+        """Return the image from a pose."""
         del want_depth, want_ids
-        image = self.pictures.picture(body, CAMERA, t_s).image_bgr
+        image = self.images.picture(body, CAMERA, t_s).image_bgr
         return CameraReading(t_s, t_s, 0, "twin", image, CAMERA, camera_pose=body)
 
 
@@ -95,7 +95,7 @@ def fly(align: str, seconds: float) -> Seen:
     """Return what comes of a flight past the gate."""
     shape = shapes.gate("square", 1.0, 0.1)
     gate = SceneObject(1, "gate", shape, pose=Pose.of(AHEAD_M, 0.0, UP_M))
-    pictures = WorldImages(scene=Scene((gate,)), events={})
+    images = WorldImages(scene=Scene((gate,)), events={})
     corners = [gate.pose.to_parent(corner) for corner in box_corners(gate)]
     seen = Seen()
 
@@ -116,7 +116,7 @@ def fly(align: str, seconds: float) -> Seen:
             seen.dropped += 1
             return
         seen.errors_px.append(error_px)
-        right = pictures.picture(truth(frame.real.t_s), CAMERA, frame.real.t_s).image_bgr
+        right = images.picture(truth(frame.real.t_s), CAMERA, frame.real.t_s).image_bgr
         a, b = orange_at(frame.twin.image_bgr), orange_at(right)
         if a is not None and b is not None:
             seen.moved_px.append(math.hypot(a[0] - b[0], a[1] - b[1]))
@@ -127,10 +127,10 @@ def fly(align: str, seconds: float) -> Seen:
     loop = MixingLoop(
         name="camera",
         mixer=mixer,
-        twin=Twin(pictures),
+        twin=Twin(images),
         poses=poses,
         wait_s=WAIT_S,
-        period_s=1.0 / PICTURES_HZ,
+        period_s=1.0 / IMAGES_HZ,
         rate_hz=None,
         registration=registration,
         tell=tell,
@@ -170,10 +170,10 @@ async def _camera(loop: MixingLoop) -> None:
     empty = np.full((CAMERA.height_px, CAMERA.width_px, 3), 128, np.uint8)
     tick = 0
     while True:
-        # Between two samples of motion capture, at a place that differs from picture to picture.
-        t_s = 0.2337 + tick / PICTURES_HZ
-        await sleep_until(t_s + PICTURE_LATENCY_S)
-        loop.real_reading(CameraReading(t_s, t_s + PICTURE_LATENCY_S, tick, "real", empty, CAMERA))
+        # Between two samples of motion capture, at a place that differs from image to image.
+        t_s = 0.2337 + tick / IMAGES_HZ
+        await sleep_until(t_s + IMAGE_LATENCY_S)
+        loop.real_reading(CameraReading(t_s, t_s + IMAGE_LATENCY_S, tick, "real", empty, CAMERA))
         tick += 1
 
 
@@ -187,7 +187,7 @@ def main() -> None:
         p50, p99 = np.percentile(seen.errors_px, (50, 99))
         print(
             f"{align}: median {p50:.2f} px, p99 {p99:.2f} px in {len(seen.errors_px)} mixtures"
-            f" ({seen.dropped} without); measured in the pictures: median"
+            f" ({seen.dropped} without); measured in the images: median"
             f" {np.median(seen.moved_px):.2f} px"
         )
         if align == "interpolate":

@@ -1,8 +1,8 @@
-"""Pictures and distances of one scene, beside an Embree ray cast of it, on one core.
+"""Images and distances of one scene, compared with an Embree ray cast of it, on one core.
 
     python bench/render.py [--frames N] [--pictures FOLDER]
 
-A picture is 1280x720 with colour, depth and object ids, of about 20,000 triangles. The ray cast
+An image is 1280x720 with colour, depth and object ids, of about 20,000 triangles. The ray cast
 gives the same depth and ids (no colour) by one ray per pixel; its rays are ready beforehand.
 Clearance is that of a vehicle of 0.3 m that is flown through the scene in steps of 20 ms.
 """
@@ -131,10 +131,10 @@ def compare_images(scene: Scene, frames: int) -> list[RenderOutput]:
     """Print the times of rendering and of casting, frame by frame in turns."""
     renderer, cast = Renderer(scene), embree(scene)
     way = flight(frames)
-    pictures = [renderer.render(way[0], CAMERA, 0.0)]
+    images = [renderer.render(way[0], CAMERA, 0.0)]
     rendered, casts = [], []
     for k, pose in enumerate(way):
-        rendered.append(timed_ms(lambda at=pose: pictures.append(renderer.render(at, CAMERA, 0.0))))
+        rendered.append(timed_ms(lambda at=pose: images.append(renderer.render(at, CAMERA, 0.0))))
         if k % 5 == 0:
             directions = rays(pose).astype(np.float32)
             casts.append(timed_ms(lambda at=pose, to=directions: cast(at, to)))
@@ -149,7 +149,7 @@ def compare_images(scene: Scene, frames: int) -> list[RenderOutput]:
     clock, busy = np.median(ours, axis=0) / WANTED_MS
     print(f"  ratio to the wanted {WANTED_MS:.0f} ms: {clock:.2f}, {busy:.2f}  (at most 1)")
     check(scene, way[len(way) // 2], renderer)
-    return pictures
+    return images
 
 
 def check(scene: Scene, pose: Pose, renderer: Renderer) -> None:
@@ -194,7 +194,7 @@ def compare_clearance(scene: Scene, seconds: float) -> None:
 
 
 def main() -> None:
-    """Compare, and keep some of the pictures when asked to."""
+    """Compare, and write some of the images to a folder if one is given."""
     parser = argparse.ArgumentParser(description="rendering beside ray casting, on one core")
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--pictures", type=Path)
@@ -203,12 +203,12 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     cv2.setNumThreads(1)
     scene = cage()
-    pictures = compare_images(scene, arguments.frames)
+    images = compare_images(scene, arguments.frames)
     compare_clearance(scene, 20.0)
     if arguments.pictures:
         arguments.pictures.mkdir(parents=True, exist_ok=True)
-        for k in range(0, len(pictures), max(1, len(pictures) // 5)):
-            cv2.imwrite(str(arguments.pictures / f"frame{k:03d}.png"), pictures[k].image_bgr)
+        for k in range(0, len(images), max(1, len(images) // 5)):
+            cv2.imwrite(str(arguments.pictures / f"frame{k:03d}.png"), images[k].image_bgr)
 
 
 if __name__ == "__main__":

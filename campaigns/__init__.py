@@ -1,1 +1,1 @@
-"""Campaign files: what they may say, their expansion into runs, and statistics over runs."""
+"""Campaign files: their schema, their checks, their expansion into runs, and statistics of runs."""

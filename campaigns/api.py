@@ -1,9 +1,8 @@
-"""What files of users import: autonomies, steps of recipes, detectors.
+"""The stable API for users' files: autonomies, steps of recipes, detectors.
 
-The one module that keeps its promises: names are added, and none leaves or changes its meaning
-without a line in the changelog. Everything else may move. Coordinates are north-east-down metres
-of the world's frame, angles radians, times seconds of the run clock, quaternions wxyz from body
-to NED, images BGR.
+Names may be added; none is removed or changes its meaning without an entry in the changelog. Other
+modules are internal and may change. Coordinates are north-east-down metres of the world's frame,
+angles radians, times seconds of the run clock, quaternions wxyz from body to NED, images BGR.
 """
 
 from recipes.working import CannotMixError, Masked

@@ -1,4 +1,4 @@
-"""What steps work on: a reading with the part of it that is kept, and what may stop a mixture."""
+"""Types that recipe steps work on: masked readings, pose requests, and the errors of mixing."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -35,18 +35,18 @@ DropReason = Literal[
     "no_history",
 ]
 """stale: the two exposures are too far apart. late: older than `max_latency_ms` at delivery.
-bad_*: the reading itself is at fault. no_history: nothing of the time asked for is known."""
+bad_*: the reading itself is faulty. no_history: no reading of the requested time is known."""
 
 R = TypeVar("R", bound=Reading)
 
 
 @dataclass(frozen=True, slots=True)
 class Masked(Generic[R]):
-    """A reading in work between two recipe steps, and the mask of its kept elements.
+    """A reading between two recipe steps, and the mask of its kept elements.
 
-    mask: one value per element, never per channel: (height, width) uint8 for a picture, (beams,)
+    mask: one value per element, never per channel: (height, width) uint8 for an image, (beams,)
     for a scan, (points,) for points, (1,) for a reading of one value; 255 kept and 0 not; None
-    keeps all. A mask may be the buffer of the step that made it: it holds until that step's next
+    keeps all. A mask may be the buffer of the step that made it: it is valid until that step's next
     frame and never leaves the mixer.
     """
 
@@ -55,11 +55,11 @@ class Masked(Generic[R]):
 
 
 AnyMasked = Masked[Any]
-"""A side whatever its sensor; which one it is, the recipe's check has settled."""
+"""A side of any sensor type; the check of the recipe ensures the type that each step needs."""
 
 
 def element_shape(reading: Reading) -> tuple[int, ...]:
-    """Return the shape of a mask for a reading: how its elements are laid out."""
+    """Return the shape of a mask for a reading."""
     if isinstance(reading, CameraReading):
         return reading.image_bgr.shape[:2]
     if isinstance(reading, DepthReading):
@@ -77,10 +77,10 @@ def element_shape(reading: Reading) -> tuple[int, ...]:
 class PoseRequest:
     """The request of `register` for a reading from this pose at the real exposure.
 
-    pose: whose pose it is taken from. align: `interpolate` between the samples around the middle
-    of the exposure; `latest` takes the newest sample there is; `hold` the last one at or before
-    the exposure. max_gap_s: no reading when the samples used are farther apart, or the one used
-    is farther from the exposure.
+    pose: the vehicle whose pose is used. align: `interpolate` between the samples around the middle
+    of the exposure; `latest` uses the newest sample; `hold` the last one at or before the exposure.
+    max_gap_s: no reading when the samples used are farther apart, or the one used is farther from
+    the exposure.
     """
 
     pose: Side
@@ -90,7 +90,7 @@ class PoseRequest:
 
 @dataclass(frozen=True, slots=True)
 class AlignedPose:
-    """The pose found for a PoseRequest. t_s: its time, so the image's exposure.
+    """The pose for a PoseRequest. t_s: its time, so the image's exposure.
 
     how: "interpolated", "predicted", "latest" or "hold", for the record. gap_s: between the
     samples used, or from the one used to the exposure.
@@ -111,10 +111,10 @@ class CannotMixError(Exception):
 
 
 class StepError(Exception):
-    """A recipe step failed by a fault of its own: the run's verdict is ERROR.
+    """A recipe step raised an unexpected error: the run's verdict is ERROR.
 
     file, line: of the step in the recipe. step: its name, or the user's file and function.
-    frame: how many readings were mixed before. detail: what was raised, and where.
+    frame: number of readings mixed before. detail: the exception, and where it was raised.
     """
 
     def __init__(self, *, file: str, line: int, step: str, frame: int, detail: str) -> None:
@@ -127,23 +127,23 @@ class StepError(Exception):
 
 
 Sides = Mapping[Side, AnyMasked]
-"""The sides that are there, after transform and filter."""
+"""The available sides, after transform and filter."""
 
 Operator = Callable[[AnyMasked, AnyMasked | None], AnyMasked]
-"""Transform or filter: this side, and the other where there is one, to this side made anew."""
+"""Transform or filter: takes this side, and the other or None; returns this side changed."""
 
 Merge = Callable[[Sides], Reading]
-"""Combines the sides; the mixer sets times and source of what it returns."""
+"""Combines the sides; the mixer sets times and source of the result."""
 
 
 class TimedOperator(ABC):
-    """A step's operator that selects readings by time, so it is offered all of them."""
+    """A step's operator that selects readings by time, so that it is offered all of them."""
 
     @abstractmethod
     def offer(self, reading: Reading) -> Reading | None:
-        """Take a reading of this side; a repeated one changes nothing.
+        """Store a reading of this side; a repeated one changes nothing.
 
-        Returns what stands for it in the step after this one; None when there is nothing yet.
+        Returns the reading that the next step receives instead; None when there is none yet.
         """
 
     @abstractmethod

@@ -3,9 +3,9 @@
     results = wil_campaign.run("campaigns/gate.yaml")
     assert results.accepted
 
-What stands in `__all__` keeps its promises: names are added, and none leaves or changes its
-meaning without a line in the changelog. docs/python.md has examples. An autonomy, which is flown
-by a campaign, imports `campaigns.api` instead.
+The names in `__all__` are stable: none is removed or changes its meaning without an entry in the
+changelog. docs/python.md has examples. An autonomy, which a campaign flies, imports
+`campaigns.api` instead.
 """
 
 from campaigns.expansion.expansion import Campaign, RunPlan

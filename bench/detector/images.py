@@ -76,7 +76,7 @@ class _Studio:
         self._names = [thing.name for thing in things]
 
     def image(self, rng: np.random.Generator) -> LabelledImage | None:
-        """Return one image; None where it cannot be said what it shows."""
+        """Return one image; None where its content is ambiguous."""
         t_s = float(rng.uniform(0.0, 40.0))
         shown = {name for name in self._names if name not in {"person", "drone"}}
         draw = rng.uniform()

@@ -1,9 +1,9 @@
-"""Evade what flies at the vehicle: the autonomy of the paper's third scenario.
+"""Evade an object that flies at the vehicle: the autonomy of the paper's third scenario.
 
 "Measured the bounding boxes of objects to judge whether an item was moving towards the quadrotor.
-If that is the case, the quadrotor will attempt to avoid it by moving upwards" (section IV). How
-fast the logarithm of a box's area grows is twice the speed of approach by the distance, whatever
-the object's size.
+If that is the case, the quadrotor will attempt to avoid it by moving upwards" (section IV). The
+logarithm of a box's area grows at twice the ratio of approach speed to distance, whatever the
+object's size.
 """
 
 import math
@@ -13,17 +13,17 @@ from dataclasses import dataclass
 
 from campaigns.api import CameraReading, Command, Reading, Telemetry
 from campaigns.autonomies.box_flight import BoxFlight, BoxFlightParameters
-from campaigns.autonomies.hover_frame import PositionController
+from campaigns.autonomies.flight_frame import PositionController
 
 
 @dataclass(frozen=True, slots=True)
 class AvoidParameters(BoxFlightParameters):
-    """The parameters of obstacle avoidance: what may stand under `with`, beside the common ones.
+    """The parameters of obstacle avoidance, in addition to the common ones: the keys of `with`.
 
-    growth_per_s: of the logarithm of the box's area, from which on the object comes nearer; it has
-    to grow so fast by standard_errors of the growth at least, in how many images in a row
-    (confirmations). window_s: of the boxes that tell the growth, of which there must be
-    least_boxes. climb_m, climb_speed_m_s: the evasion. object: class of the detector.
+    growth_per_s: growth of the logarithm of the box's area from which the object counts as
+    approaching. The measured growth has to exceed it by so many standard_errors, in so many images
+    in a row (confirmations). window_s: time over which the growth is measured, from at least
+    least_boxes boxes. climb_m, climb_speed_m_s: of the evasion. object: class of the detector.
     """
 
     growth_per_s: float = 0.6
@@ -52,57 +52,59 @@ class AvoidAutonomy:
         self._flight = BoxFlight(
             AvoidParameters, goal=goal, parameters=parameters, owner="avoid autonomy"
         )
-        chosen = self._set = self._flight.chosen
-        self._finder = chosen.finder(chosen.object)
-        level, height = chosen.gains(0.5), chosen.gains(chosen.climb_speed_m_s, times=2.0)
+        own = self._parameters = self._flight.parameters
+        self._finder = own.finder(own.object)
+        level, height = own.gains(0.5), own.gains(own.climb_speed_m_s, times=2.0)
         self._controller = PositionController((level, level, height))
-        self._boxes: deque[tuple[float, float]] = deque()
-        self._in_a_row = 0
-        self._evades = False
+        self._log_areas: deque[tuple[float, float]] = deque()
+        self._growing_in_a_row = 0
+        self._is_evading = False
 
     def perceive(self, reading: Reading) -> None:
         """Look for the object in an image, and judge whether it grows."""
-        is_awaited = self._flight.frame is not None and not self._evades
-        if not isinstance(reading, CameraReading) or not is_awaited:
+        is_watching = self._flight.frame is not None and not self._is_evading
+        if not isinstance(reading, CameraReading) or not is_watching:
             return
-        found = self._finder.find(reading)
-        if found is None:
+        box = self._finder.find(reading)
+        if box is None:
             return
-        area_px2 = (found.right_px - found.left_px) * (found.bottom_px - found.top_px)
+        area_px2 = (box.right_px - box.left_px) * (box.bottom_px - box.top_px)
         if area_px2 <= 0.0:
             return
-        self._boxes.append((reading.t_s, math.log(area_px2)))
-        while self._boxes[0][0] < reading.t_s - self._set.window_s:
-            self._boxes.popleft()
-        growth, error = line_slope(tuple(self._boxes))
-        grows = len(self._boxes) >= self._set.least_boxes
-        grows = grows and growth - self._set.standard_errors * error >= self._set.growth_per_s
-        self._in_a_row = self._in_a_row + 1 if grows else 0
-        self._evades = self._in_a_row >= self._set.confirmations
+        own = self._parameters
+        self._log_areas.append((reading.t_s, math.log(area_px2)))
+        while self._log_areas[0][0] < reading.t_s - own.window_s:
+            self._log_areas.popleft()
+        growth, error = line_slope(tuple(self._log_areas))
+        is_growing = len(self._log_areas) >= own.least_boxes
+        is_growing = is_growing and growth - own.standard_errors * error >= own.growth_per_s
+        self._growing_in_a_row = self._growing_in_a_row + 1 if is_growing else 0
+        self._is_evading = self._growing_in_a_row >= own.confirmations
 
     def act(self, telemetry: Telemetry) -> Command:
-        """Return the velocity setpoint that holds the place, or the one above it."""
-        frame = self._flight.begun(telemetry)
-        down_m = self._flight.down_m(frame, climb_m=self._set.climb_m if self._evades else 0.0)
-        velocity = self._controller.velocity((0.0, 0.0, down_m), telemetry, frame)
-        note = "evade" if self._evades else "watch"
+        """Return the velocity setpoint that holds the position, or the one above it."""
+        frame = self._flight.ensure_begun(telemetry)
+        climb_m = self._parameters.climb_m if self._is_evading else 0.0
+        wanted_m = (0.0, 0.0, self._flight.down_m(frame, climb_m=climb_m))
+        velocity = self._controller.velocity(wanted_m, telemetry, frame)
+        note = "evade" if self._is_evading else "watch"
         return Command(frame.setpoint(velocity), self._flight.is_over(telemetry), note)
 
 
 def line_slope(points: tuple[tuple[float, float], ...]) -> tuple[float, float]:
     """Return the slope of the straight line nearest to points (x, y), and its standard error.
 
-    By least squares; 0 where all x are one. The error is that of independent deviations in y, 0
-    for fewer than three points: a box that jumps has a steep line, and a doubtful one.
+    By least squares; 0 where all x are equal. The error is that of independent deviations in y, 0
+    for fewer than three points. A box that jumps once gives a steep slope with a large error.
     """
     count = len(points)
-    middle_x = sum(x for x, _ in points) / count
-    middle_y = sum(y for _, y in points) / count
-    spread = sum((x - middle_x) ** 2 for x, _ in points)
+    mean_x = sum(x for x, _ in points) / count
+    mean_y = sum(y for _, y in points) / count
+    spread = sum((x - mean_x) ** 2 for x, _ in points)
     if spread <= 0.0:
         return 0.0, 0.0
-    slope = sum((x - middle_x) * (y - middle_y) for x, y in points) / spread
+    slope = sum((x - mean_x) * (y - mean_y) for x, y in points) / spread
     if count < 3:
         return slope, 0.0
-    left = sum((y - middle_y - slope * (x - middle_x)) ** 2 for x, y in points)
-    return slope, math.sqrt(left / (count - 2) / spread)
+    residual = sum((y - mean_y - slope * (x - mean_x)) ** 2 for x, y in points)
+    return slope, math.sqrt(residual / (count - 2) / spread)

@@ -1,4 +1,4 @@
-"""What a detector's box tells of an object: its direction and its size, in a level frame ahead."""
+"""Direction and size of an object from a detector's box, in a level frame ahead."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from campaigns.autonomies.gate_sight import View
 
 @dataclass(frozen=True, slots=True)
 class BoxSight:
-    """A box in a level frame: slopes of its centre (metres per metre ahead), and its sides alike.
+    """A box in a level frame: its centre, width and height as slopes (metres per metre ahead).
 
-    area: width times height, as slopes: of an object of area A at a distance d it is A / d^2.
+    area: width times height; for an object of area A at a distance d it is A / d^2.
     """
 
     right: float
@@ -27,7 +27,7 @@ class BoxSight:
 
 
 class BoxFinder:
-    """Finds the surest box of one class in images.
+    """Finds the box of one class with the highest score in images.
 
     model: an ONNX file of the YOLO family beside this file, with the names of its classes and the
     side of its input; "" is the shipped detector. Raises ValueError, DetectorError.
@@ -46,16 +46,16 @@ class BoxFinder:
         self._detector = OnnxDetector(path, names=names, input_px=(input_px, input_px))
 
     def find(self, reading: CameraReading) -> Detection | None:
-        """Return the surest detection of the class in an image; None without any."""
-        found = self._detector.detect(reading.image_bgr)
-        return next((one for one in found if one.name == self._wanted), None)
+        """Return the detection of the class with the highest score; None without any."""
+        detections = self._detector.detect(reading.image_bgr)
+        return next((one for one in detections if one.name == self._wanted), None)
 
 
-def box_sight(found: Detection, view: View) -> BoxSight | None:
-    """Return what a box tells from a view; None for one behind the camera's level plane."""
-    u_px, v_px = (found.left_px + found.right_px) / 2, (found.top_px + found.bottom_px) / 2
-    left, right = view.slopes(found.left_px, v_px), view.slopes(found.right_px, v_px)
-    top, bottom = view.slopes(u_px, found.top_px), view.slopes(u_px, found.bottom_px)
+def box_sight(box: Detection, view: View) -> BoxSight | None:
+    """Return the sight of a box in a view; None where a side is not in front of the camera."""
+    u_px, v_px = (box.left_px + box.right_px) / 2, (box.top_px + box.bottom_px) / 2
+    left, right = view.slopes(box.left_px, v_px), view.slopes(box.right_px, v_px)
+    top, bottom = view.slopes(u_px, box.top_px), view.slopes(u_px, box.bottom_px)
     if left is None or right is None or top is None or bottom is None:
         return None
     width, height = right[0] - left[0], bottom[1] - top[1]

@@ -1,14 +1,14 @@
-"""How far a gate of unknown size is, from how it grows as one flies towards it."""
+"""Range and size of a gate, from how its image grows while the vehicle flies towards it."""
 
 from dataclasses import dataclass
 
 ASSUMED_WIDTH_M = 0.75
-"""Between the gates of the paper (0.5 and 1.0 m): a gain, until growth has told the size."""
+"""Between the gates of the paper (0.5 and 1.0 m); used until the growth gives the size."""
 
 MIN_TRAVEL_M = 0.5
 MIN_SAMPLES = 5
 WIDTHS_M = (0.2, 4.0)
-"""Sizes that are believed."""
+"""Least and greatest plausible width."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +22,8 @@ class GateRange:
 class Looming:
     """The gate's range from its growth: a line fit of 1 / width = (gate - vehicle) / size.
 
-    Least squares over (way along the course, inverse of the width as a slope); the nearer the
-    gate, the finer a pixel, so a sample weighs with the fourth power of the width.
+    Least squares over (way ahead, inverse of the width as a slope). The nearer the gate, the finer
+    a pixel: the weight of a sample is the fourth power of the width.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Looming:
         self._count += 1
 
     def fit(self) -> GateRange | None:
-        """Return range and width of the gate; None with too few sights or an implausible fit."""
+        """Return range and width of the gate; None with too few samples or an implausible fit."""
         if self._count < MIN_SAMPLES or self._last_m - self._first_m < MIN_TRAVEL_M:
             return None
         one, s, ss, y, sy = self._sums

@@ -1,4 +1,4 @@
-"""What the gate autonomy makes of a picture: where the gate is, as slopes in a level frame."""
+"""The sight of a gate in an image: its direction and width, as slopes in a level frame."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from campaigns.api import Blob, Intrinsics, Opening, Quat, rotate
 class Bearing:
     """The slope of the line of sight to the gate's centre on one axis: metres per metre ahead.
 
-    only_side: the gate is cut off there, so that the slope tells the side but not how far.
+    only_side: the image cuts the gate off, so that the slope gives the side, not the distance.
     """
 
     slope: float
@@ -21,7 +21,7 @@ class Bearing:
 class Sight:
     """A sight of the gate from one pose, in a level frame ahead of the vehicle.
 
-    right, down: None where the picture does not tell. width: of the opening, as a slope; None
+    right, down: None where the image does not show it. width: of the opening, as a slope; None
     likewise.
     """
 
@@ -40,11 +40,11 @@ NOTHING = Sight(None, None)
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """The camera view of a gate sight: camera attitude (FRD to NED), heading, pinhole."""
+    """The view of a camera: pinhole, attitude (FRD to NED), and the heading of the level frame."""
 
     intrinsics: Intrinsics
     q_wxyz: Quat
-    course_rad: float
+    heading_rad: float
 
     def slopes(self, u_px: float, v_px: float) -> tuple[float, float] | None:
         """Return a pixel's slopes right and down per metre ahead; None behind the camera."""
@@ -55,7 +55,7 @@ class View:
             (v_px - pinhole.cy_px) / pinhole.fy_px,
         )
         north, east, down = rotate(self.q_wxyz, ray)
-        cos, sin = math.cos(self.course_rad), math.sin(self.course_rad)
+        cos, sin = math.cos(self.heading_rad), math.sin(self.heading_rad)
         ahead = north * cos + east * sin
         return ((east * cos - north * sin) / ahead, down / ahead) if ahead > 0.1 else None
 
@@ -63,9 +63,9 @@ class View:
 def sight_of(blob: Blob, view: View) -> Sight:
     """Return the sight of the gate in an image; None where the image shows no gate.
 
-    The opening tells the centre along each axis on which both its ends are in view. Otherwise the
-    centre of mass does, but of a frame that one edge of the picture cuts off it tells the side
-    only, and of one that two opposite edges cut off nothing.
+    The opening gives the centre along each axis on which both its ends are in view. Otherwise the
+    centre of mass does. If one edge of the image cuts the gate's frame off, that gives the side
+    only, and nothing if two opposite edges do.
     """
     opening, borders = blob.opening, blob.borders
     mass = view.slopes(*blob.centroid_px)
@@ -94,7 +94,7 @@ def _of_mass(slope: float, cut_before: bool, cut_behind: bool) -> Bearing | None
 
 
 def _centre(opening: Opening) -> tuple[float, float]:
-    """Return the pixel centre of the gate's opening; the middle of what is whole when cut off."""
+    """Return the pixel centre of the gate's opening, along each axis by the ends in view."""
     across, down = opening.across_px, opening.down_px
     u_px, v_px = opening.centre_px
     if across and not down:

@@ -1,19 +1,19 @@
-"""What is known of the gate so far: a filter over sights, in the frame of the course."""
+"""The gate's estimated place: a filter over sights, in the flight frame."""
 
 from campaigns.api import Vec3
 from campaigns.autonomies.gate_range import ASSUMED_WIDTH_M, Looming
 from campaigns.autonomies.gate_sight import Bearing, Sight
 
 ASSUMED_RANGE_M = 3.0
-"""Before the gate's opening was seen; the gate stands 3 m ahead in the paper."""
+"""Used until the gate's opening is seen; in the paper the gate is 3 m ahead."""
 
 BLEND = 0.5
-"""Weight of a new sight of the centre; the old ones are from farther away."""
+"""Weight of a new sight of the centre; old ones are from farther away."""
 
 NEAREST_M = 0.2
 
 BLIND_WIDTHS = 0.95
-"""At so many widths from the gate its frame fills the picture of a camera of 69 degrees."""
+"""At so many widths from the gate its frame fills the image of a camera of 69 degrees."""
 
 BLIND_M = 0.45
 
@@ -43,21 +43,21 @@ class GateTrack:
     def update(self, sight: Sight, at_m: Vec3, t_s: float) -> None:
         """Update the gate's estimated place by a sight at a time (metres ahead, right, down).
 
-        Near the gate only a sight that tells the centre counts: bars that leave the picture
-        would pull the aim to the side on which they are still seen.
+        Near the gate only a sight that gives the centre counts: bars that leave the image would
+        pull the aim to the side on which they are still seen.
         """
         if sight.right is None and sight.down is None:
             return
         if self.near(at_m[0]) and (sight.only_side or sight.width is None):
             return
-        self._range(sight, at_m[0])
+        self._update_range(sight, at_m[0])
         self.seen_s, self.only_side = t_s, sight.only_side
         range_m = max(NEAREST_M, self.along_m - at_m[0])
         self.right_m = self._aim(0, sight.right, self.right_m, at_m[1], range_m)
         self.down_m = self._aim(1, sight.down, self.down_m, at_m[2], range_m)
 
-    def _range(self, sight: Sight, at_m: float) -> None:
-        """Return the range to the tracked gate: by its growth, else by an assumed size."""
+    def _update_range(self, sight: Sight, at_m: float) -> None:
+        """Update the range and width of the gate: by its growth, else by an assumed size."""
         if sight.width is None or sight.width <= 0.0:
             self.along_m = max(self.along_m, at_m + ASSUMED_WIDTH_M)
             return

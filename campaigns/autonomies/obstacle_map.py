@@ -1,8 +1,8 @@
-"""Where a depth camera saw something, and how free the ways between are; pure.
+"""A map of obstacles from depth images, and how free each heading is; pure.
 
-A map of occupied cells at the vehicle's height, and how near each heading leads past them: the
-vector field histogram (Borenstein and Koren, IEEE Trans. Robotics and Automation 7, 1991) with the
-distance itself in place of a count.
+Occupied cells at the vehicle's height, and how near each heading leads past them: the vector field
+histogram (Borenstein and Koren, IEEE Trans. Robotics and Automation 7, 1991) with the distance
+itself in place of a count.
 """
 
 import math
@@ -15,10 +15,10 @@ from campaigns.api import DepthReading, Pose, Quat, rotate
 
 CELL_M = 0.2
 HEADINGS = 72
-"""Directions that are looked at: 5 degrees apart."""
+"""Number of evaluated directions: 5 degrees apart."""
 _STRIDE_PX = 3
 _LEAST_POINTS = 3
-"""Points of one image that make a cell occupied: one alone is noise."""
+"""Least number of points of one image in an occupied cell: a single one is noise."""
 Floats = NDArray[np.float64]
 
 
@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 class FreeWays:
     """How free each heading is. headings_rad: (headings,), from north to the east.
 
-    beside_m: how near the way leads past what is seen, inf where nothing is. ahead_m: how far one
-    gets until something is nearer than the least distance.
+    beside_m: distance of the nearest obstacle beside the way, inf without one. ahead_m: length of
+    the way until an obstacle is nearer than the least distance.
     """
 
     headings_rad: Floats
@@ -37,30 +37,35 @@ class FreeWays:
 
 @dataclass(slots=True)
 class ObstacleMap:
-    """Cells in which something was seen, north and east, and when last. Forgets after memory_s."""
+    """Occupied cells, north and east, with the time of their last sight; forgets after memory_s.
+
+    look_m: range. half_height_m: obstacles up to so far above and below the vehicle count.
+    """
 
     look_m: float
     half_height_m: float
     memory_s: float
-    _seen: dict[tuple[int, int], float] = field(default_factory=dict)
+    _last_seen_s: dict[tuple[int, int], float] = field(default_factory=dict)
 
-    def look(self, reading: DepthReading, pose: Pose, q_wxyz: Quat) -> None:
-        """Note what a depth image shows at the vehicle's height. q_wxyz: camera to NED."""
+    def add(self, reading: DepthReading, pose: Pose, q_wxyz: Quat) -> None:
+        """Add the points of a depth image at the vehicle's height. q_wxyz: camera to NED."""
         points = _points_ned(reading, q_wxyz, self.look_m)
         if len(points):
             points = points[np.abs(points[:, 2]) <= self.half_height_m]
         north, east, _ = pose.position_ned_m
         cells = np.floor((points[:, :2] + np.array([north, east])) / CELL_M).astype(int)
-        found, counts = np.unique(cells, axis=0, return_counts=True)
-        for row, column in found[counts >= _LEAST_POINTS].tolist():
-            self._seen[row, column] = reading.t_s
+        occupied, counts = np.unique(cells, axis=0, return_counts=True)
+        for row, column in occupied[counts >= _LEAST_POINTS].tolist():
+            self._last_seen_s[row, column] = reading.t_s
 
     def offsets(self, pose: Pose, now_s: float) -> Floats:
-        """Return the cells that are near and not forgotten, (cells, 2) from the vehicle."""
-        self._seen = {c: t_s for c, t_s in self._seen.items() if now_s - t_s <= self.memory_s}
-        if not self._seen:
+        """Return the occupied cells in range, (cells, 2): north and east of the vehicle."""
+        self._last_seen_s = {
+            cell: t_s for cell, t_s in self._last_seen_s.items() if now_s - t_s <= self.memory_s
+        }
+        if not self._last_seen_s:
             return np.empty((0, 2))
-        middles = (np.array(list(self._seen), dtype=float) + 0.5) * CELL_M
+        middles = (np.array(list(self._last_seen_s), dtype=float) + 0.5) * CELL_M
         offsets: Floats = middles - np.array(pose.position_ned_m[:2])
         return offsets[np.hypot(offsets[:, 0], offsets[:, 1]) <= self.look_m]
 
@@ -68,7 +73,7 @@ class ObstacleMap:
 def free_ways(offsets: Floats, *, least_m: float, within_m: float) -> FreeWays:
     """Return how free each heading is. offsets: (cells, 2), north and east.
 
-    least_m: what is nearer than this to a way closes it. within_m: how far ways are looked at.
+    least_m: an obstacle nearer than this to a way closes it. within_m: length of evaluated ways.
     """
     headings: Floats = np.arange(HEADINGS, dtype=float) * (2.0 * math.pi / HEADINGS)
     beside: Floats = np.full(HEADINGS, np.inf)
@@ -83,7 +88,7 @@ def free_ways(offsets: Floats, *, least_m: float, within_m: float) -> FreeWays:
         before = (along > 0.0) & (along <= within_m)
         side = np.where(before, np.abs(across), np.inf)
         beside = side.min(axis=1)
-        # The circle of the least distance round a cell begins so much before the cell.
+        # The circle of the least distance round a cell begins half a chord before the cell.
         chord = np.sqrt(np.maximum(least_m**2 - across**2, 0.0))
         closes = before & (np.abs(across) < least_m)
         reached = np.where(closes, np.maximum(along - chord, 0.0), within_m)
@@ -92,7 +97,7 @@ def free_ways(offsets: Floats, *, least_m: float, within_m: float) -> FreeWays:
 
 
 def _points_ned(reading: DepthReading, q_wxyz: Quat, look_m: float) -> Floats:
-    """Return what a depth image shows, (points, 3) NED metres from the camera."""
+    """Return the points of a depth image, (points, 3) NED metres from the camera."""
     depth = reading.depth_m[::_STRIDE_PX, ::_STRIDE_PX].astype(float)
     rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0) & (depth <= look_m))
     lens, z = reading.intrinsics, depth[rows, columns]

@@ -1,7 +1,7 @@
-"""Parameters of an autonomy as a dataclass of numbers, switches and texts, read and checked."""
+"""Read the parameters of an autonomy into a dataclass of numbers, switches and texts, checked."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeVar, cast
 
@@ -9,18 +9,26 @@ Kind = TypeVar("Kind")
 
 
 def read_parameters(
-    kind: type[Kind], given: Mapping[str, object], owner: str, *, may_be_zero: frozenset[str]
+    kind: type[Kind],
+    given: Mapping[str, object],
+    owner: str,
+    *,
+    may_be_zero: frozenset[str] = frozenset(),
+    choices: Mapping[str, Sequence[str]] | None = None,
 ) -> Kind:
     """Return parameters of a dataclass whose fields have defaults.
 
-    owner: whose, for messages. may_be_zero: numbers that need not be positive. Raises ValueError
-    listing unknown and wrong ones.
+    owner: the autonomy's name in messages. may_be_zero: numbers that need not be positive. choices:
+    allowed texts by parameter. Raises ValueError listing unknown and wrong parameters.
     """
     known = {field.name: field.default for field in fields(cast("Any", kind))}
+    allowed = choices or {}
     faults: list[str] = []
     for name, value in given.items():
         if name not in known:
             faults.append(f"unknown parameter '{name}' (known: {', '.join(known)})")
+        elif name in allowed and value not in allowed[name]:
+            faults.append(f"{name} must be one of {', '.join(allowed[name])}, is {value!r}")
         elif fault := _fault(value, known[name], is_zero_allowed=name in may_be_zero):
             faults.append(f"{name} must be {fault}, is {value!r}")
     if faults:
@@ -38,7 +46,7 @@ def goal_altitude_m(goal: Mapping[str, object], owner: str) -> float:
 
 
 def _fault(value: object, default: object, *, is_zero_allowed: bool) -> str:
-    """Return what a parameter must be, where its value is not; "" where it is."""
+    """Return what a parameter's value must be; "" where it is valid."""
     if isinstance(default, bool):
         return "" if isinstance(value, bool) else "true or false"
     if isinstance(default, str):

@@ -1,4 +1,4 @@
-"""A PID controller on an error in metres that answers with a speed."""
+"""A PID controller from an error in metres to a speed command."""
 
 from dataclasses import dataclass
 
@@ -20,18 +20,14 @@ class Pid:
         self._gains = gains
         self._integral_m_s = 0.0
 
-    def reset(self) -> None:
-        """Reset the PID's integral."""
-        self._integral_m_s = 0.0
-
     def step(self, error_m: float, speed_m_s: float, dt_s: float) -> float:
         """Return the PID's speed command; speed_m_s: the rate at which the error shrinks now.
 
-        The sum stands still while the answer is at its limit (conditional integration).
+        The integral is frozen while the command is at its limit (conditional integration).
         """
         gains = self._gains
-        wanted = gains.kp * error_m - gains.kd * speed_m_s + self._integral_m_s
-        answer = max(-gains.limit_m_s, min(gains.limit_m_s, wanted))
-        if answer == wanted:
+        wanted_m_s = gains.kp * error_m - gains.kd * speed_m_s + self._integral_m_s
+        command_m_s = max(-gains.limit_m_s, min(gains.limit_m_s, wanted_m_s))
+        if command_m_s == wanted_m_s:
             self._integral_m_s += gains.ki * error_m * dt_s
-        return answer
+        return command_m_s

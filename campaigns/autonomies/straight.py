@@ -1,4 +1,4 @@
-"""Fly straight ahead for a while: what stops the vehicle then is its autopilot, or nothing."""
+"""Fly straight ahead for a time, without perception: a test of fences, guards and failsafes."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ class StraightAutonomy:
         del goal, seed
         for name, value in parameters.items():
             if name not in _KNOWN:
-                raise ValueError(f"unknown parameter '{name}' (there are {', '.join(_KNOWN)})")
+                raise ValueError(f"unknown parameter '{name}' (known: {', '.join(_KNOWN)})")
             if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
                 raise ValueError(f"{name} must be a positive number, is {value!r}")
         chosen = _KNOWN | {name: float(str(value)) for name, value in parameters.items()}
@@ -33,7 +33,7 @@ class StraightAutonomy:
         """Ignore the reading: straight flight needs no perception."""
 
     def act(self, telemetry: Telemetry) -> Command:
-        """Return the velocity setpoint straight ahead; zero when the time is over."""
+        """Return the velocity setpoint straight ahead; zero after the time."""
         if self._began_s is None:
             self._began_s = telemetry.t_s
             self._yaw_rad = telemetry.pose.yaw_rad

@@ -1,4 +1,4 @@
-"""Whether the vehicles that fly as objects of the world may: where, and beside whom; pure."""
+"""Checks of actors, vehicles that fly as objects of the world: fences, places, separation; pure."""
 
 from collections.abc import Iterator
 
@@ -27,39 +27,39 @@ def actor_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
 
 
 def _foreign_cameras(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
-    """Yield cameras of a simulator that moves a flown object by its world file."""
+    """Yield cameras whose images a simulator renders: it moves an actor's object by itself."""
     if not setup.actors:
         return
     actor = next(iter(setup.actors))
     for vehicle in setup.vehicles.values():
         for camera in vehicle.cameras:
-            if camera.source is not None and camera.source.asked:
-                said = (
-                    f"a simulator is not told where the actor '{actor}' flies; leave out `source`, "
-                    "or the actor"
+            if camera.source is not None and camera.source.renders_on_request:
+                message = (
+                    f"the simulator of this camera does not receive the position of the actor "
+                    f"'{actor}'; remove `source`, or the actor"
                 )
                 path = ("vehicles", vehicle.name, "sensors", camera.name, "source")
-                yield files.campaign.problem(path, said)
+                yield files.campaign.problem(path, message)
 
 
 def _unplaced(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield attached actors of a mode in which nothing is to be where their object is."""
+    """Yield attached actors of a mode in which their object is virtual and nothing may fly it."""
     flown = {one.name for one in setup.actors_in(mode)}
     virtual = set(setup.world.scene(mode, "Wv").names)
     for name, actor in setup.actors.items():
         if name in virtual and name not in flown:
-            said = (
-                f"in mode {mode} '{name}' is virtual, and an attached vehicle is physical; say by "
-                "`virtual: embedded` that an embedded one flies it then, or by "
-                "`virtual: {place: {north_m: ..., east_m: ...}}` where this one flies instead"
+            message = (
+                f"in mode {mode} '{name}' is virtual, but an attached vehicle is physical; write "
+                "`virtual: embedded` to fly an embedded vehicle instead, or "
+                "`virtual: {place: {north_m: ..., east_m: ...}}` to fly this one at another place"
             )
-            yield files.campaign.problem((*actor.path, "link"), said)
+            yield files.campaign.problem((*actor.path, "link"), message)
 
 
 def _way_outside_fence(
     files: CaseFiles, setup: Setup, actor: ActorSetup, fence: Fence
 ) -> Iterator[Problem]:
-    """Yield where the way of an actor leaves its own fence."""
+    """Yield the start and the waypoints of an actor that are outside its own fence, or too near."""
     path: KeyPath = (*actor.path, "geofence")
     places: list[tuple[str, Vec3, Fence | None]] = [
         ("starts", actor.start.position_ned_m, fence.without_floor()),
@@ -74,25 +74,25 @@ def _way_outside_fence(
         margin_m, keep_m = keeping.margin_m(place), setup.guarding.keep_m
         side = keeping.boundary(place)
         if margin_m < 0.0:
-            said = f"'{actor.name}' {what} {-margin_m:.2f} m outside of its geofence's {side}"
+            message = f"'{actor.name}' {what} {-margin_m:.2f} m outside of its geofence's {side}"
         elif margin_m < keep_m:
-            said = (
+            message = (
                 f"'{actor.name}' {what} {margin_m:.2f} m from its geofence's {side}, nearer than "
                 f"keep_m {keep_m:g}"
             )
         else:
             continue
-        yield files.campaign.problem(path, said, key=True)
+        yield files.campaign.problem(path, message, key=True)
 
 
 def _unfit_return(files: CaseFiles, actor: ActorSetup) -> Iterator[Problem]:
-    """Yield a flight back to the start beside an actor that nobody brings back."""
+    """Yield `fly_back` between runs where an attached actor has to be returned by a person."""
     if files.campaign.get(("between_runs", "do")) == "fly_back":
-        said = (
-            f"flies 'real' back, and the attached actor '{actor.name}' has to be put back by a "
-            "person; write ask"
+        message = (
+            f"flies only 'real' back; a person has to return the attached actor '{actor.name}' to "
+            "its start: write ask"
         )
-        yield files.campaign.problem(("between_runs", "do"), said)
+        yield files.campaign.problem(("between_runs", "do"), message)
 
 
 def _near_misses(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -101,14 +101,14 @@ def _near_misses(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem
         if one.is_far or (one.may_be_allowed and "separation" in setup.preflight.override):
             continue
         if one.other_fence is None:
-            said = (
-                f"in mode {mode} '{one.actor.name}' flies beside '{one.other.name}', which is "
-                "attached, too, and has no geofence: nothing keeps them apart; give it one"
+            message = (
+                f"in mode {mode} '{one.actor.name}' flies beside '{one.other.name}', which is also "
+                "attached and has no geofence: nothing keeps the two apart; give it a geofence"
             )
         else:
-            said = (
-                f"in mode {mode} its area is {one.apart_m:.2f} m from that of '{one.other.name}', "
-                f"which is attached, too: they can touch; leave {one.needed_m:.2f} m between them, "
-                f"seen from above, {one.remedy}"
+            message = (
+                f"in mode {mode} this fence is {one.apart_m:.2f} m from that of "
+                f"'{one.other.name}', also attached: the two can touch; leave {one.needed_m:.2f} m "
+                f"between the fences, seen from above, {one.remedy}"
             )
-        yield files.campaign.problem((*one.actor.path, "geofence"), said, key=True)
+        yield files.campaign.problem((*one.actor.path, "geofence"), message, key=True)

@@ -1,4 +1,4 @@
-"""What is legal of actors, and has to be known by who reads a result; pure."""
+"""Warnings of actors that are valid, but limit what a result proves; pure."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from worlds.files.documents import Document, Problem
 def estimated_actors(
     campaign: Document, setup: Setup, modes: tuple[Mode, ...]
 ) -> Iterator[Problem]:
-    """Yield a warning for an actor whose object is where its own estimate has it."""
+    """Yield a warning for an actor whose object is placed by the actor's own position estimate."""
     estimated = dict.fromkeys(
         actor.name
         for mode in modes
@@ -18,17 +18,17 @@ def estimated_actors(
         if actor.pose_source == "mavlink"
     )
     for name in estimated:
-        said = (
-            f"'{name}' is drawn and judged where it is by its own estimate: no ground truth says "
-            "by how much that is off"
+        message = (
+            f"'{name}' is drawn and judged at its own position estimate: without ground truth the "
+            "error of the estimate is unknown"
         )
-        yield campaign.problem(("actors", name), said, key=True)
+        yield campaign.problem(("actors", name), message, key=True)
 
 
 def simulated_actors(
     campaign: Document, setup: Setup, modes: tuple[Mode, ...]
 ) -> Iterator[Problem]:
-    """Yield a warning for a simulated actor that is to be physical for an attached vehicle."""
+    """Yield a warning for a simulated actor in the real world of an attached vehicle."""
     real = setup.vehicles.get("real")
     if real is None or real.attached is None:
         return
@@ -36,9 +36,9 @@ def simulated_actors(
         physical = setup.world.scene(mode, "W")
         for actor in setup.actors_in(mode):
             if actor.name in physical and actor.attached is None:
-                said = (
-                    f"in mode {mode} '{actor.name}' is in the real world, where 'real' is attached "
-                    f"and it is {actor.kind}: nothing of it is there; attach it, or say by "
-                    "exists_in that it is virtual"
+                message = (
+                    f"in mode {mode} '{actor.name}' exists in the real world, where 'real' is "
+                    f"attached, but its vehicle is {actor.kind}: nothing is physically there; "
+                    "attach it, or make it virtual by exists_in"
                 )
-                yield campaign.problem((*actor.path, "link"), said)
+                yield campaign.problem((*actor.path, "link"), message)

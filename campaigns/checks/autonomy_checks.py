@@ -1,4 +1,4 @@
-"""Whether the autonomy under test can be built: what it refuses is a fault of the file."""
+"""Check that the autonomy under test can be built; what it refuses is a problem of the file."""
 
 import contextlib
 import gc
@@ -20,8 +20,8 @@ from vehicles.processes.linux import processor_wait_s
 from worlds.files.documents import Document, Path, Problem
 
 LONGEST_BUILD_S = 30.0
-"""How long an autonomy may take to be imported and built where it is tried in a child process; as
-long as a worker may take to load it."""
+"""How long an autonomy may take to be imported and built where it is tried in a child process; as long as a worker may take
+to load it. Time for which the child has no processor does not count."""
 _LONGEST_SPAWN_S, _LONGEST_FORK_S = 120.0, 5.0
 """A child process that has not begun by then never will."""
 _GRACE_S = 1.0
@@ -81,32 +81,31 @@ def _refusal(under_test: UnderTest) -> _Refusal | None:
     except MemoryError:
         return _memory_refusal(under_test)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
-        said = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
-        return _Refusal("", said)
+        message = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
+        return _Refusal("", message)
     return None
 
 
 def _memory_refusal(under_test: UnderTest) -> _Refusal:
     """Return the refusal of an autonomy that asks for more memory than its limit."""
     limit = f"autonomy.limits.memory_mb, {under_test.limits.memory_mb:g}"
-    said = f"'{under_test.use}' cannot be built: it asks for more memory than {limit}"
-    return _Refusal("", f"{said}; let it load less, or raise the limit")
+    message = f"'{under_test.use}' cannot be built: it asks for more memory than {limit}"
+    return _Refusal("", f"{message}; let it load less, or raise the limit")
 
 
 def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
     """Return why building the autonomy fails in a child process, hangs and crashes included."""
     if threading.active_count() == 1:
-        # A fork has all of ours imported already. It may wait for ever for a thread that Python
-        # does not count: that it does not answer says nothing of the autonomy.
+        # A fork has our modules imported already. It may wait for ever for a thread that Python
+        # does not count, so its silence is no evidence against the autonomy.
         with contextlib.suppress(TimeoutError):
             fork = mp.get_context("fork")
             return _answer_of_child(fork, under_test, _LONGEST_FORK_S, LONGEST_BUILD_S / 3)
     try:
         spawn = mp.get_context("spawn")
         return _answer_of_child(spawn, under_test, _LONGEST_SPAWN_S, LONGEST_BUILD_S)
-    except TimeoutError:
-        message = f"is not imported and built within {LONGEST_BUILD_S:g} s: it blocks"
-        return _Refusal("use", f"'{under_test.use}' {message}")
+    except TimeoutError as error:
+        return _Refusal("use", f"'{under_test.use}' {error}")
 
 
 def _answer_of_child(
@@ -122,10 +121,13 @@ def _answer_of_child(
         child.start()
     theirs.close()
     try:
-        # A child that is spawned imports all of ours first, which is not the autonomy's time.
-        _await_answer(ours, child.pid or 0, start_s)
+        # A spawned child imports our modules first, which does not count as the autonomy's time.
+        if not _is_answered(ours, child.pid or 0, start_s):
+            message = f"could not be checked: no child process started in {start_s:g} s; try again"
+            raise TimeoutError(message)
         ours.recv()
-        _await_answer(ours, child.pid or 0, build_s)
+        if not _is_answered(ours, child.pid or 0, build_s):
+            raise TimeoutError(f"is not imported and built within {build_s:g} s: it blocks")
         refusal: _Refusal | None = ours.recv()
     except EOFError:
         child.join(_GRACE_S)
@@ -140,10 +142,10 @@ def _answer_of_child(
 
 @contextlib.contextmanager
 def _garbage_kept() -> Iterator[None]:
-    """Have no garbage collected, in a child that is forked meanwhile either.
+    """Suspend garbage collection, also in a child that is forked meanwhile.
 
-    What this process left there may end threads of its own (FFmpeg's scaler does), and wait for
-    them for ever in a fork, which has none of them.
+    An object of this process may end its own threads when it is freed (FFmpeg's scaler does). A
+    fork does not have these threads, and would wait for them for ever.
     """
     collects = gc.isenabled()
     gc.disable()
@@ -154,8 +156,8 @@ def _garbage_kept() -> Iterator[None]:
             gc.enable()
 
 
-def _await_answer(connection: Connection, pid: int, limit_s: float) -> None:
-    """Wait for a child's answer, `limit_s` of its own time. Raises TimeoutError.
+def _is_answered(connection: Connection, pid: int, limit_s: float) -> bool:
+    """Wait for a child's answer, `limit_s` of its own time; return whether it came.
 
     On a busy machine a child may wait for a processor many times longer than it runs: a file is
     refused for what it does, not for what else the machine does.
@@ -163,8 +165,8 @@ def _await_answer(connection: Connection, pid: int, limit_s: float) -> None:
     end_s = time.monotonic() + limit_s - processor_wait_s(pid)
     while (left_s := end_s + processor_wait_s(pid) - time.monotonic()) > 0.0:
         if connection.poll(left_s):
-            return
-    raise TimeoutError
+            return True
+    return False
 
 
 def _report(connection: Connection, under_test: UnderTest) -> None:

@@ -1,10 +1,10 @@
-"""What is legal in the files of a case, and probably not meant: said by `validate`, pure."""
+"""Warnings of `validate`: what is valid in the files of a case, but probably not meant; pure."""
 
 import math
 from collections.abc import Iterator
 
 from campaigns.checks.actor_warnings import estimated_actors, simulated_actors
-from campaigns.checks.limit_warnings import limit_warnings, room_warnings
+from campaigns.checks.limit_warnings import exceeds_room, limit_warnings, room_warnings, rooms
 from campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
 from campaigns.checks.place_checks import judged_world
 from campaigns.schema import Mode, VehicleName
@@ -27,16 +27,13 @@ _AS_TYPED = 2e-3
 """Angles that people type in radians are parts of a turn, to three digits: 1.571, 0.785, 3.142."""
 _NARROW_DEG = 5.0
 """No camera of a drone sees less than this across."""
-_FENCE_PER_ROOM = 10.0
-_FENCE_M = 100.0
-"""A fence that is so many times as wide as the room, and so wide, was typed in another unit."""
 
 _LONG_GAP_S = 1.0
-"""In a longer gap of positions a vehicle that brakes at 3 m/s^2 leaves the straight way by more
-than 0.4 m: a dt^2 / 8."""
+"""In a longer gap between positions, a vehicle that brakes at 3 m/s^2 deviates from the straight
+line by more than 0.4 m: a dt^2 / 8."""
 
 _SHOWN_WITHIN = (ReachedParameters, ReachedPositionParameters, TimeLimitParameters)
-"""What these ask for has to happen within their window: in an empty one they fail."""
+"""Oracles that need an event within their window: with an empty window they fail."""
 
 
 def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
@@ -67,25 +64,29 @@ def document_warnings(files: CaseFiles) -> Iterator[Problem]:
             yield from _radians(document, document.data)
 
 
-def _unasked_goals(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def _unchecked_goals(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     """Yield a warning for a position and gates of the goal that no required oracle checks."""
-    asked: set[str] = set()
+    checked: set[str] = set()
     for use in setup.oracles:
         if isinstance(use.parameters, ReachedParameters) and use.parameters.required:
-            asked.update(setup.goal.gates if use.parameters.gates is None else use.parameters.gates)
+            checked.update(
+                setup.goal.gates if use.parameters.gates is None else use.parameters.gates
+            )
     for index, gate in enumerate(setup.goal.gates):
-        if gate not in asked:
-            said = f"no required oracle asks whether gate '{gate}' of the goal is flown through"
-            yield files.campaign.problem(("goal", "gates", index), said)
+        if gate not in checked:
+            message = f"no required oracle checks that gate '{gate}' of the goal is flown through"
+            yield files.campaign.problem(("goal", "gates", index), message)
     required = {type(use.parameters) for use in setup.oracles if use.parameters.required}
     if setup.goal.position_ned_m is not None and ReachedPositionParameters not in required:
-        said = "no required oracle asks whether the goal's position is reached: `reached_position`"
-        yield files.campaign.problem(("goal", "position"), said)
+        message = (
+            "no required oracle checks that the goal's position is reached: `reached_position`"
+        )
+        yield files.campaign.problem(("goal", "position"), message)
 
 
 def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
-    """Yield warnings of a case that each verdict has to be read with as well."""
-    yield from _unasked_goals(files, setup)
+    """Yield the warnings of a case that are also caveats of each of its verdicts."""
+    yield from _unchecked_goals(files, setup)
     yield from _unperceived_mixture(files, setup, modes)
     if "wil" in modes:
         yield from wide_registration_limits(files, setup)
@@ -97,13 +98,15 @@ def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Itera
 def _unperceived_mixture(
     files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]
 ) -> Iterator[Problem]:
-    """Yield a warning for a recipe none of whose mixtures reaches the vehicle that is judged."""
+    """Yield a warning for a recipe that publishes no mixture to the vehicle that is judged."""
     if "wil" not in modes or setup.recipe is None or files.recipe is None:
         return
     reached = any("real" in one.publish for one in setup.recipe.combinations)
     if not reached and not setup.outside.injections:
-        said = "nothing is published to 'real': what is judged in mode wil perceives no mixture"
-        yield files.recipe.problem(("combine",), said, key=True)
+        message = (
+            "nothing is published to 'real': the vehicle judged in mode wil perceives no mixture"
+        )
+        yield files.recipe.problem(("combine",), message, key=True)
 
 
 def _long_gaps(campaign: Document, setup: Setup, name: VehicleName) -> Iterator[Problem]:
@@ -117,8 +120,8 @@ def _long_gaps(campaign: Document, setup: Setup, name: VehicleName) -> Iterator[
         path = ("vehicles", name, "mocap", "stall_s")
         gap_s = None if vehicle.mocap is None else vehicle.mocap.stall_s
     if gap_s is not None and gap_s > _LONG_GAP_S:
-        said = f"positions of '{name}' may be missing for {gap_s:g} s"
-        yield campaign.problem(path, f"{said}: what it does meanwhile is not judged")
+        message = f"positions of '{name}' may be missing for {gap_s:g} s"
+        yield campaign.problem(path, f"{message}: its flight meanwhile is not judged")
 
 
 def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Problem]:
@@ -132,8 +135,10 @@ def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Probl
     elif isinstance(value, float | int) and not isinstance(value, bool):
         key = next((one for one in reversed(path) if isinstance(one, str)), "")
         if key.endswith("_deg") and _looks_like_radians(key, float(value)):
-            said = f"{value:g} degrees? in radians that would be {math.degrees(value):.4g} degrees"
-            yield document.problem(path, said)
+            message = (
+                f"{value:g} degrees? in radians that would be {math.degrees(value):.4g} degrees"
+            )
+            yield document.problem(path, message)
 
 
 def _looks_like_radians(key: str, value: float) -> bool:
@@ -146,19 +151,17 @@ def _looks_like_radians(key: str, value: float) -> bool:
 
 
 def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
-    """Yield warnings for fences so much wider than the room that they limit nothing."""
+    """Yield warnings for fences so much wider than the room that they do not limit the flight."""
     room_m = _room_size_m(scene)
     if room_m is None:
         return
     for name in FLIES[mode]:
         fence = setup.fences.get(name)
-        if fence is not None and (wide_m := _width_m(fence)) > max(
-            _FENCE_M, _FENCE_PER_ROOM * max(room_m)
-        ):
-            said = (
-                f"the fence is {wide_m:g} m wide, and the room {max(room_m):g} m: it keeps nothing"
+        if fence is not None and exceeds_room(wide_m := _width_m(fence), max(room_m)):
+            message = (
+                f"the fence is {wide_m:g} m wide, and the room {max(room_m):g} m: it limits nothing"
             )
-            yield campaign.problem(("geofence",), said, key=True)
+            yield campaign.problem(("geofence",), message, key=True)
 
 
 def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
@@ -177,8 +180,8 @@ def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> I
         path: Path = ("oracles", use.name, "tolerance_m")
         within = f"within {given.tolerance_m:g} m counts as reached"
         if given.tolerance_m >= away_m:
-            said = f"{within}, and the goal is {away_m:.3g} m from the hover: it cannot fail"
-            yield campaign.problem(path, said)
+            message = f"{within}, and the goal is {away_m:.3g} m from the hover: it cannot fail"
+            yield campaign.problem(path, message)
         elif room_m is not None and given.tolerance_m >= min(room_m) / 2.0:
             yield campaign.problem(path, f"{within}, in a room of {min(room_m):g} m")
 
@@ -189,16 +192,16 @@ def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator
         given = use.parameters
         left = set(scene.names) - set(getattr(given, "exclude", ()))
         if isinstance(given, ContactParameters) and scene.names and given.exclude and not left:
-            said = f"oracle '{use.name}' leaves out all that stands there: it cannot fail"
-            yield campaign.problem(("oracles", use.name, "exclude"), said)
+            message = f"oracle '{use.name}' excludes every object of the world: it cannot fail"
+            yield campaign.problem(("oracles", use.name, "exclude"), message)
 
 
 def _empty_worlds(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
-    """Yield a warning for a mode in whose judged world none of the world's objects stands."""
+    """Yield a warning for a mode in whose judged world none of the world's objects exists."""
     if setup.world.objects and not scene.names:
         which = judged_world(mode)
-        said = f"in mode {mode} no object of the world stands in {which}: nothing can be touched"
-        yield campaign.problem(("world",), f"{said} (see exists_in)")
+        message = f"in mode {mode} no object of the world exists in {which}: no contact is possible"
+        yield campaign.problem(("world",), f"{message} (see exists_in)")
 
 
 def _momentary_windows(campaign: Document, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -207,8 +210,10 @@ def _momentary_windows(campaign: Document, setup: Setup, mode: Mode) -> Iterator
         if isinstance(use.parameters, _SHOWN_WITHIN):
             continue
         if len(FLIES[mode]) == 1 and _window_of(use) == Window("done", "land"):
-            said = f"in mode {mode} the window of '{use.name}' closes when it opens: it cannot fail"
-            yield campaign.problem(("oracles", use.name), said, key=True)
+            message = (
+                f"in mode {mode} the window of '{use.name}' closes when it opens: it cannot fail"
+            )
+            yield campaign.problem(("oracles", use.name), message, key=True)
 
 
 def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
@@ -219,12 +224,12 @@ def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
             continue
         longest_s, key = _longest_s(setup, _window_of(use))
         if given.limit_s >= longest_s:
-            said = f"{key} ends the stage after {longest_s:g} s: it cannot fail"
-            yield campaign.problem(("oracles", use.name, "limit_s"), said)
+            message = f"{key} ends the stage after {longest_s:g} s: it cannot fail"
+            yield campaign.problem(("oracles", use.name, "limit_s"), message)
 
 
 def _window_of(use: OracleUse) -> Window | None:
-    """Return from when to when an oracle judges; None where that is no window."""
+    """Return the window in which an oracle judges; None where its parameters are no window."""
     usual = registry[use.kind].window
     try:
         return use.parameters.window(usual) if isinstance(use.parameters, Windowed) else usual
@@ -233,7 +238,7 @@ def _window_of(use: OracleUse) -> Window | None:
 
 
 def _longest_s(setup: Setup, window: Window | None) -> tuple[float, str]:
-    """Return how long a run is between two stages at most, and what ends it then."""
+    """Return the longest time between two stages of a run, and the key of the time-out."""
     sync = setup.sync
     bounded: dict[Window | None, tuple[float, str]] = {
         Window("takeoff", "at_height"): (sync.takeoff_timeout_s, "sync.takeoff_timeout_s"),
@@ -245,13 +250,7 @@ def _longest_s(setup: Setup, window: Window | None) -> tuple[float, str]:
 
 def _room_size_m(scene: Scene) -> tuple[float, float] | None:
     """Return length and width of the largest room, to warn of wide fences; None without one."""
-    sizes: list[tuple[float, float]] = []
-    for thing in scene.objects:
-        if thing.is_room:
-            low = thing.shape.mesh.vertices_m.min(axis=0)
-            high = thing.shape.mesh.vertices_m.max(axis=0)
-            sizes.append((float(high[0] - low[0]), float(high[1] - low[1])))
-    return max(sizes, default=None, key=max)
+    return max((size_m for size_m, _ in rooms(scene)), default=None, key=max)
 
 
 def _corners_m(area: Area) -> tuple[tuple[float, float], ...]:

@@ -1,4 +1,4 @@
-"""What is wrong between the parts of a campaign, its world and its recipe; pure."""
+"""Checks across the files of a case: campaign, world and recipe; pure."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sized
@@ -23,15 +23,15 @@ Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
 def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
     """Return the problems across a case's files (campaign, recipe, world) for the flown modes.
 
-    What needs a vehicle that is missing is not checked: that it is missing is said.
+    A mode whose vehicle is missing has that problem alone; nothing else of it is checked.
     """
     return _problems(_CHECKS, files, setup, modes)
 
 
 def worldless_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
-    """Return the problems across a case's files that do not depend on what its world holds.
+    """Return the problems across a case's files that do not depend on its world's objects.
 
-    For a case whose world is missing or faulty; the setup has an empty one in its place.
+    For a case whose world is missing or faulty; the setup has an empty world in its place.
     """
     return _problems(_WORLDLESS_CHECKS, files, setup, modes)
 
@@ -65,12 +65,12 @@ def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
         if gate not in setup.world.objects:
             yield _no_object(files.campaign, path, gate, setup.world)
         elif gate not in scene:
-            said = f"'{gate}' is not in {which} in mode {mode} (see its exists_in)"
-            yield files.campaign.problem(path, said)
+            message = f"'{gate}' is not in {which} in mode {mode} (see its exists_in)"
+            yield files.campaign.problem(path, message)
         elif not scene[gate].shape.openings:
-            said = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
+            message = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
             open_ones = [thing.name for thing in scene.objects if thing.shape.openings]
-            yield files.campaign.problem(path, said, closest(gate, open_ones))
+            yield files.campaign.problem(path, message, closest(gate, open_ones))
 
 
 def _no_object(document: Document, path: Path, name: str, world: World) -> Problem:
@@ -81,7 +81,7 @@ def _no_object(document: Document, path: Path, name: str, world: World) -> Probl
 def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """Check a case's oracles across its files by building each against an empty world.
 
-    A gate of the goal that is not there counts as there: it is said once, at the goal.
+    A gate that the world lacks counts as present here: `_gates` reports it, once, at the goal.
     """
     scene = setup.world.scene(mode, judged_world(mode))
     openings = [thing.name for thing in scene.objects if thing.shape.openings]
@@ -93,12 +93,12 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
             built.append((use, build_oracles([use], contexts)))
         except OracleError as error:
             yield _oracle_problem(files.campaign, use.name, error)
-    if len(built) == len(_unrequested_objects(files.campaign)):
-        yield from _unjudged_gates(files.campaign, setup, mode, built)
+    if len(built) == len(_oracles_in_file(files.campaign)):
+        yield from _unjudged_goals(files.campaign, setup, mode, built)
 
 
 def _formulas(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Check a case's formulas without its world: whatever thing one names counts as there."""
+    """Check a case's formulas without its world: every object that one names counts as present."""
     formulas = [use for use in setup.oracles if isinstance(use.parameters, StlParameters)]
     for use in formulas:
         named = re.findall(r"\bdistance_(\w+)_m\b", getattr(use.parameters, "stl", ""))
@@ -140,21 +140,21 @@ def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Proble
     return campaign.problem(path, str(error), error.suggestion, key=not error.key)
 
 
-def _unrequested_objects(campaign: Document) -> Sized:
-    """Return the names of the campaign's oracles, those with errors of their own included."""
-    found = campaign.get(("oracles",))
-    return found if isinstance(found, dict) else ()
+def _oracles_in_file(campaign: Document) -> Sized:
+    """Return the campaign's oracles as the file has them, those with errors of their own too."""
+    oracles = campaign.get(("oracles",))
+    return oracles if isinstance(oracles, dict) else ()
 
 
-def _unjudged_gates(
+def _unjudged_goals(
     campaign: Document,
     setup: Setup,
     mode: Mode,
     built: Iterable[tuple[OracleUse, tuple[Oracle, ...]]],
 ) -> Iterator[Problem]:
-    """Yield what no oracle checks in a mode: the flight as a whole, or reaching the goal."""
+    """Yield what no oracle judges in a mode: the flight as a whole, or reaching the goal."""
     subject = FLIES[mode][0]
-    told = [
+    judging = [
         (use.kind, oracle.required)
         for use, oracles in built
         for oracle in oracles
@@ -162,9 +162,11 @@ def _unjudged_gates(
         and subject in oracle.watches
         and oracle.required == use.parameters.required
     ]
-    if not any(required for _, required in told):
-        said = f"in mode {mode} no required oracle judges '{subject}': nearly any flight would pass"
-        yield campaign.problem(("oracles",), said, key=True)
+    if not any(required for _, required in judging):
+        message = (
+            f"in mode {mode} no required oracle judges '{subject}': nearly any flight would pass"
+        )
+        yield campaign.problem(("oracles",), message, key=True)
     wanted = (
         ("gates", "reached", "{}", bool(setup.goal.gates)),
         (
@@ -175,10 +177,10 @@ def _unjudged_gates(
         ),
     )
     for key, kind, parameters, given in wanted:
-        if given and all(kind != one for one, _ in told):
-            said = f"in mode {mode} no oracle judges whether '{subject}' gets there; ask for"
-            hint = f"'{kind}: {parameters}', with 'required: false' to have it reported only"
-            yield campaign.problem(("goal", key), f"{said} {hint}", key=True)
+        if given and all(kind != one for one, _ in judging):
+            message = f"in mode {mode} no oracle judges whether '{subject}' reaches it; add"
+            hint = f"'{kind}: {parameters}', with 'required: false' to report it only"
+            yield campaign.problem(("goal", key), f"{message} {hint}", key=True)
 
 
 def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:
@@ -196,8 +198,8 @@ def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     for name in FLIES[mode]:
         if name not in setup.fences:
             whose = "the campaign" if not setup.fences else f"'{name}'"
-            said = f"needs a geofence; {whose} has none"
-            yield files.campaign.problem(("limits", "inside_geofence"), said)
+            message = f"needs a geofence; {whose} has none"
+            yield files.campaign.problem(("limits", "inside_geofence"), message)
 
 
 class _NothingNear:
@@ -209,7 +211,7 @@ class _NothingNear:
 
 
 class _AnyGate:
-    """A gate that nobody flies through, to check that oracles can be built."""
+    """A gate that no vehicle flies through, to check that oracles can be built."""
 
     limit_m = 1.0
 

@@ -1,4 +1,4 @@
-"""Limits of oracles that no flight of a case can exceed: reported by `validate`, pure."""
+"""Warnings of `validate`: limits of oracles that no flight of a case can exceed; pure."""
 
 from collections.abc import Iterator
 from typing import get_args
@@ -21,7 +21,8 @@ _STEEPEST_DEG = {"max_tilt_deg": 180.0, "max_roll_deg": 180.0, "max_pitch_deg": 
 """No attitude has a larger angle."""
 _PER_ROOM = 10.0
 _WIDE_M = 100.0
-"""An area that is so many times as wide as the room, and so wide, limits nothing."""
+"""An area that exceeds both, the room's width so many times and this width, limits nothing; it was
+probably typed in another unit."""
 
 
 def limit_warnings(campaign: Document, setup: Setup) -> Iterator[Problem]:
@@ -32,8 +33,8 @@ def limit_warnings(campaign: Document, setup: Setup) -> Iterator[Problem]:
         path: Path = ("oracles", use.name)
         given = use.parameters
         if isinstance(given, BatteryParameters) and given.min_percent == 0.0:
-            said = "no battery is charged less than that: it cannot fail"
-            yield campaign.problem((*path, "min_percent"), said)
+            message = "no battery is charged to less than 0 %: it cannot fail"
+            yield campaign.problem((*path, "min_percent"), message)
         elif isinstance(given, ModesParameters):
             if given.max_changes is None and set(given.allowed) >= set(get_args(ModeName)):
                 yield campaign.problem((*path, "allowed"), "names every mode: it cannot fail")
@@ -43,8 +44,8 @@ def limit_warnings(campaign: Document, setup: Setup) -> Iterator[Problem]:
             key = "max_gap_s" if isinstance(given, LinkParameters) else "max_unsound_s"
             limit_s: float = getattr(given, key)
             if limit_s >= longest_s:
-                said = f"the time-outs of `sync` end each flight after {longest_s:g} s"
-                yield campaign.problem((*path, key), f"{said}: it cannot fail")
+                message = f"the time-outs of `sync` end each flight after {longest_s:g} s"
+                yield campaign.problem((*path, key), f"{message}: it cannot fail")
 
 
 def room_warnings(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Problem]:
@@ -54,41 +55,46 @@ def room_warnings(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Pr
         if isinstance(given, AltitudeParameters) and given.max_m is not None:
             ceiling_m = _ceiling_m(scene)
             if ceiling_m is not None and given.max_m >= ceiling_m:
-                said = f"the ceiling is {ceiling_m:g} m up: it cannot fail below that"
-                yield campaign.problem(("oracles", use.name, "max_m"), said)
+                message = f"the ceiling is {ceiling_m:g} m up: it cannot fail below that"
+                yield campaign.problem(("oracles", use.name, "max_m"), message)
         elif isinstance(given, AreaParameters):
             yield from _wide_area(campaign, ("oracles", use.name, "keep"), given.keep, scene)
 
 
 def _any_attitude(campaign: Document, path: Path, given: AttitudeParameters) -> Iterator[Problem]:
-    """Yield a warning for each limit of attitude that every attitude keeps."""
+    """Yield a warning for each limit of attitude that no attitude can exceed."""
     for key, steepest_deg in _STEEPEST_DEG.items():
         limit_deg = getattr(given, key)
         if limit_deg is not None and limit_deg >= steepest_deg:
-            said = f"no attitude is beyond {steepest_deg:g} degrees: it cannot fail"
-            yield campaign.problem((*path, key), said)
+            message = f"no attitude is beyond {steepest_deg:g} degrees: it cannot fail"
+            yield campaign.problem((*path, key), message)
 
 
 def _wide_area(campaign: Document, path: Path, keep: FencePart, scene: Scene) -> Iterator[Problem]:
     """Yield a warning for an area's box in metres that is far wider than the room."""
-    room_m = max((max(size) for size, _ in _rooms(scene)), default=None)
+    room_m = max((max(size) for size, _ in rooms(scene)), default=None)
     if room_m is None or keep.box is None or keep.box.north_m is None or keep.box.east_m is None:
         return
     wide_m = max(high - low for low, high in (keep.box.north_m, keep.box.east_m))
-    if wide_m > max(_WIDE_M, _PER_ROOM * room_m):
-        said = f"the area is {wide_m:g} m wide, and the room {room_m:g} m: it cannot fail"
-        yield campaign.problem((*path, "box"), said, key=True)
+    if exceeds_room(wide_m, room_m):
+        message = f"the area is {wide_m:g} m wide, and the room {room_m:g} m: it cannot fail"
+        yield campaign.problem((*path, "box"), message, key=True)
+
+
+def exceeds_room(wide_m: float, room_m: float) -> bool:
+    """Return whether an area is so much wider than the room that it limits nothing."""
+    return wide_m > max(_WIDE_M, _PER_ROOM * room_m)
 
 
 def _ceiling_m(scene: Scene) -> float | None:
     """Return how high the highest room's ceiling limits flight; None where one has no ceiling."""
-    heights = [height_m for _, height_m in _rooms(scene)]
+    heights = [height_m for _, height_m in rooms(scene)]
     if not heights or any(height_m is None for height_m in heights):
         return None
     return max(height_m for height_m in heights if height_m is not None)
 
 
-def _rooms(scene: Scene) -> Iterator[tuple[tuple[float, float], float | None]]:
+def rooms(scene: Scene) -> Iterator[tuple[tuple[float, float], float | None]]:
     """Yield north and east size of each room, and how far up its ceiling limits flight, if any."""
     for thing in scene.objects:
         if thing.is_room:

@@ -1,4 +1,4 @@
-"""Whether a recipe can mix what the sensors of a campaign deliver: names, rates, sizes; pure."""
+"""Check that a recipe can mix the readings of a campaign's sensors: names, rates, sizes; pure."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,11 +15,11 @@ from vehicles.readings import CameraReading, DepthReading, LidarScanReading, Rea
 from worlds.files.documents import Document, Path, Problem, closest
 
 _SLACK = 1.001
-"""A rate that is typed with few digits is the same rate."""
+"""Tolerance for rates that are typed with few digits."""
 
 
 def mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield what a mixture lacks: a recipe, its sensors on a vehicle, its objects in the world."""
+    """Yield missing parts of a mixture: the recipe, sensors on a vehicle, objects in the world."""
     if mode != "wil":
         return
     recipe = setup.recipe
@@ -34,23 +34,23 @@ def mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Prob
         for sensor in recipe.sensors:
             kind = sensor.kind_of(name)
             if carried.get(sensor.name) != kind:
-                said = f"vehicle '{name}' has no {kind} '{sensor.name}'"
+                message = f"vehicle '{name}' has no {kind} '{sensor.name}'"
                 meant = closest(sensor.name, carried)
-                yield files.recipe.problem(("sensors", sensor.name), said, meant, key=True)
+                yield files.recipe.problem(("sensors", sensor.name), message, meant, key=True)
     yield from _rate_problems(files.recipe, recipe, setup)
     yield from _shape_problems(files.recipe, recipe, setup)
     yield from recipe.unknown_objects(frozenset(setup.world.objects))
 
 
 def _rate_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
-    """Yield mixtures that are to come more often than the readings that they are made of."""
+    """Yield mixtures whose rate is above that of the readings that they are made of."""
     carried = _rates_hz(setup.vehicles["real"])
     for sensor in recipe.sensors:
         real_hz = carried.get(sensor.name)
         if sensor.rate_hz is not None and real_hz is not None and sensor.rate_hz > real_hz * _SLACK:
-            said = f"the real vehicle's '{sensor.name}' comes {real_hz:g} times a second"
-            asked = f"the recipe asks for {sensor.rate_hz:g}"
-            yield document.problem(("sensors", sensor.name, "rate_hz"), f"{said}, {asked}")
+            message = f"the real vehicle's '{sensor.name}' has a rate of {real_hz:g} Hz"
+            wanted = f"the recipe asks for {sensor.rate_hz:g} Hz"
+            yield document.problem(("sensors", sensor.name, "rate_hz"), f"{message}, {wanted}")
     for index, combination in enumerate(recipe.combinations):
         path: Path = ("combine", index)
         yield from _least_rate_problems(document, path, combination, carried)
@@ -64,23 +64,22 @@ def _least_rate_problems(
     if least_hz is None:
         return
     at, real_hz = (*path, "min_rate_hz"), carried.get(sensor.name)
-    asked = f"the recipe asks for at least {least_hz:g}"
+    wanted = f"the recipe asks for at least {least_hz:g} Hz"
     if real_hz is not None and least_hz > real_hz * _SLACK:
-        said = f"the real vehicle's '{sensor.name}' comes {real_hz:g} times a second"
-        yield document.problem(at, f"{said}, {asked}")
+        message = f"the real vehicle's '{sensor.name}' has a rate of {real_hz:g} Hz"
+        yield document.problem(at, f"{message}, {wanted}")
     elif sensor.rate_hz is not None and least_hz > sensor.rate_hz * _SLACK:
-        said = f"'{sensor.name}' is mixed at most {sensor.rate_hz:g} times a second (its rate_hz)"
-        yield document.problem(at, f"{said}, {asked}")
+        message = f"'{sensor.name}' is mixed at {sensor.rate_hz:g} Hz at most (its rate_hz)"
+        yield document.problem(at, f"{message}, {wanted}")
 
 
 def _skew_problems(
     document: Document, path: Path, combination: Combination, setup: Setup
 ) -> Iterator[Problem]:
-    """Yield twins that deliver so seldom that real readings find none within the skew.
+    """Yield sensors of the twin so slow that some real readings have no partner within the skew.
 
-    Where the twin is not asked for a moment (`register`), its readings come by themselves: of the
-    real ones between two of them some is (T - P) / 2 away from both, with T and P the periods,
-    however the two lie to each other.
+    Without `register` the twin's readings are streamed. Whatever the phase, some real reading is
+    (T - P) / 2 away from both of its neighbours, with T the twin's period and P the mixture's.
     """
     timed = any(step.parameters.timed for step in combination.steps)
     if timed or any(step.kind.name == "register" for step in combination.steps):
@@ -93,16 +92,16 @@ def _skew_problems(
     mixed_hz = min(real_hz, combination.sensor.rate_hz or real_hz)
     skew_s = (1.0 / twin_hz - 1.0 / mixed_hz) / 2.0
     if skew_s > combination.max_skew_s * _SLACK:
-        said = (
-            f"the twin's '{name}' comes {twin_hz:g} times a second, so that readings of the real "
-            f"vehicle are up to {skew_s * 1e3:.0f} ms from it; the recipe asks for at most "
+        message = (
+            f"the twin's '{name}' has a rate of {twin_hz:g} Hz, so that readings of the real "
+            f"vehicle are up to {skew_s * 1e3:.0f} ms from its nearest reading; the recipe allows "
             f"{combination.max_skew_s * 1e3:g} ms (max_skew_ms)"
         )
-        yield document.problem((*path, "sensor"), said)
+        yield document.problem((*path, "sensor"), message)
 
 
 def _shape_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
-    """Yield steps and merges that do not take pictures or scans of the sizes that come."""
+    """Yield steps and merges that do not accept images or scans of the sensors' sizes."""
     for combination in recipe.combinations:
         blank: dict[Side, Reading] = {}
         for side in SIDES:
@@ -113,11 +112,11 @@ def _shape_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterato
                 blank[side] = reading
         if len(blank) < len(SIDES):
             continue
-        found = shape_mismatch(combination, blank, recipe.document.path.parent)
-        if found is not None:
+        mismatch = shape_mismatch(combination, blank, recipe.document.path.parent)
+        if mismatch is not None:
             sizes = " and ".join(f"{side} {_shape_text(one)}" for side, one in blank.items())
-            said = f"{found.message} ('{combination.sensor.name}' of {sizes})"
-            yield document.problem(found.path, said, key=True)
+            message = f"{mismatch.message} ('{combination.sensor.name}' of {sizes})"
+            yield document.problem(mismatch.path, message, key=True)
 
 
 def _rates_hz(vehicle: VehicleSetup) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-"""What a recipe leaves unchecked or out of the mixture, and is probably not meant to; pure."""
+"""Warnings of objects that a recipe leaves unchecked or unmixed, probably unintended; pure."""
 
 from collections.abc import Iterator
 
@@ -12,8 +12,8 @@ from worlds.files.documents import Document, Problem
 from worlds.scene.scene import virtual_only
 
 _WIDE_SHARE = 0.05
-"""Of the picture's width: the default limit of an object that takes half of it. Beyond that what is
-beside its place counts as in its place, whatever it is."""
+"""Of the image's width: the default limit of an object that takes half of it. With a larger limit
+an object beside its place counts as in its place."""
 
 
 def wide_registration_limits(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
@@ -30,19 +30,20 @@ def wide_registration_limits(files: CaseFiles, setup: Setup) -> Iterator[Problem
         width_px = widths_px.get(one.sensor.name)
         if limit_px is None or width_px is None or limit_px <= _WIDE_SHARE * width_px:
             continue
-        said = (
-            f"virtual objects {limit_px:g} px beside their place count as in their place, of "
-            f"{width_px} px that '{one.sensor.name}' is wide: give at most "
-            f"{_WIDE_SHARE * width_px:g}, or none for the default"
+        message = (
+            f"accepts virtual objects {limit_px:g} px beside their place, in images of "
+            f"'{one.sensor.name}' that are {width_px} px wide: set at most "
+            f"{_WIDE_SHARE * width_px:g}, or remove the key for the default"
         )
-        yield files.recipe.problem((*one.path, "max_registration_error_px"), said)
+        yield files.recipe.problem((*one.path, "max_registration_error_px"), message)
 
 
 def unmixed_objects(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no combination of the recipe mixes in.
 
-    Only where each one isolates others by name: what a colour or a region keeps is seen in flight.
-    `shows` says that it is meant, but for what the goal or a required oracle names.
+    Only where every combination isolates other objects by name: which objects a colour or a region
+    keeps is known in flight only. A combination with `shows` states its intent and gets a warning
+    for objects alone that the goal or a required oracle names.
     """
     if setup.recipe is None or files.recipe is None:
         return
@@ -58,9 +59,13 @@ def unmixed_objects(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     for name in things.values():
         if name not in mixed:
             why = ", and the goal or a required oracle names it" if name in named else ""
-            said = f"no combination mixes in '{name}', which stands in the virtual world only{why}"
+            message = (
+                f"no combination mixes in '{name}', which exists in the virtual world only{why}"
+            )
             path = (*isolating[0].path, "filter")
-            yield files.recipe.problem(path, f"{said} (`shows` says what is meant)", key=True)
+            yield files.recipe.problem(
+                path, f"{message} (list the intended objects in `shows`)", key=True
+            )
 
 
 def _named_and_not_shown(
@@ -71,9 +76,9 @@ def _named_and_not_shown(
         return
     shown = {name for one in combinations for name in one.shows or ()}
     for name in sorted(named - shown):
-        said = f"`shows` leaves out '{name}', which the goal or a required oracle names"
+        message = f"`shows` leaves out '{name}', which the goal or a required oracle names"
         yield recipe.problem(
-            (*combinations[0].path, "shows"), f"{said}: nothing checks its pictures"
+            (*combinations[0].path, "shows"), f"{message}: its images are not checked"
         )
 
 

@@ -1,4 +1,4 @@
-"""Whether a case can be flown where it stands: starts and goals against fence and things; pure."""
+"""Check starts, goals and gates of a case against its fences, rooms and objects; pure."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,26 +21,26 @@ SEES: dict[tuple[Mode, VehicleName], tuple[Which, ...]] = {
     ("wil", "twin"): ("Wv",),
     ("real", "real"): ("W",),
 }
-"""In which worlds a vehicle stands, by mode: the real one in W, and where it is judged, in Wv."""
+"""In which worlds a vehicle is, by mode: the real one in W and, in mode wil, also in Wv."""
 
 _ON_FLOOR_M = 0.05
-"""How far below the floor of a room a vehicle may stand before it is said to be outside."""
+"""How far below the floor of a room a vehicle may stand before it counts as outside."""
 
 
 _STANDS_M = Airframe().leg_height_m
-"""How far the middle of a body is above what it stands on, at least."""
+"""How far the middle of a body is above the ground when it stands, at least."""
 _NEAR_M = 0.1
 
 
 def judged_world(mode: Mode) -> Which:
-    """Return the world (real or virtual) whose places judge the runs of a mode."""
+    """Return the world, real (W) or virtual (Wv), against which the runs of a mode are judged."""
     return "W" if mode == "real" else "Wv"
 
 
 def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
     """Yield impossible places of one mode: starts, goals and gates against fences and rooms.
 
-    A start outside of the fence is said and looked at no further.
+    Of a vehicle whose start is outside of the fence, only that and its takeoff are reported.
     """
     for (flown, name), worlds in SEES.items():
         if flown != mode:
@@ -63,9 +63,9 @@ def _start_outside_fence(
     files: CaseFiles, setup: Setup, vehicle: VehicleSetup
 ) -> Iterator[Problem]:
     """Yield a problem when a vehicle's start place lies outside its fence."""
-    if said := _outside(setup, vehicle, vehicle.start.position_ned_m):
+    if deviation := _deviation(setup, vehicle, vehicle.start.position_ned_m):
         path = ("vehicles", vehicle.name, "start")
-        yield files.campaign.problem(path, f"'{vehicle.name}' starts {said}", key=True)
+        yield files.campaign.problem(path, f"'{vehicle.name}' starts {deviation}", key=True)
 
 
 def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
@@ -77,8 +77,8 @@ def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -
         (("goal", "position"), setup.goal.position_ned_m),
     ]
     for path, place in wanted:
-        if place is not None and (said := _outside(setup, vehicle, place)):
-            yield files.campaign.problem(path, f"is {said}")
+        if place is not None and (deviation := _deviation(setup, vehicle, place)):
+            yield files.campaign.problem(path, f"is {deviation}")
 
 
 def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
@@ -86,12 +86,12 @@ def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterat
     up_m = -vehicle.start.position_ned_m[2]
     climb_m = setup.goal.altitude_m - up_m
     if climb_m <= 0.0:
-        said = f"is not above the start of '{vehicle.name}', {up_m:g} m up"
-        yield files.campaign.problem(("goal", "altitude_m"), said)
+        message = f"is not above the start of '{vehicle.name}', {up_m:g} m up"
+        yield files.campaign.problem(("goal", "altitude_m"), message)
     elif climb_m <= setup.sync.takeoff_tolerance_m:
-        near = f"within {setup.sync.takeoff_tolerance_m:g} m of that it is on the ground, too"
-        said = f"'{vehicle.name}' climbs by {climb_m:g} m: {near}"
-        yield files.campaign.problem(("sync", "takeoff_tolerance_m"), said)
+        reason = f"the tolerance of {setup.sync.takeoff_tolerance_m:g} m is met on the ground"
+        message = f"'{vehicle.name}' climbs by {climb_m:g} m: {reason}"
+        yield files.campaign.problem(("sync", "takeoff_tolerance_m"), message)
 
 
 def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -102,12 +102,12 @@ def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
             continue
         middle = scene[name].pose.position_ned_m
         for flown, vehicle in SEES:
-            if flown == mode and (said := _outside(setup, setup.vehicles[vehicle], middle)):
-                yield files.campaign.problem(("goal", "gates", index), f"'{name}' stands {said}")
+            if flown == mode and (deviation := _deviation(setup, setup.vehicles[vehicle], middle)):
+                yield files.campaign.problem(("goal", "gates", index), f"'{name}' is {deviation}")
 
 
-def _outside(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
-    """Return how far a place is outside a vehicle's fence, or too near to it; "" when inside."""
+def _deviation(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
+    """Return how far a place is outside a vehicle's fence, or too near to it; "" for a good one."""
     fence = setup.fences.get(vehicle.name)
     if fence is None:
         return ""
@@ -126,8 +126,8 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
     rooms = [thing for thing in scene.objects if thing.is_room]
     if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
         names = " and ".join(f"'{room.name}'" for room in rooms)
-        said = f"'{vehicle.name}' starts outside room {names}"
-        yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+        message = f"'{vehicle.name}' starts outside room {names}"
+        yield files.campaign.problem(("vehicles", vehicle.name, "start"), message, key=True)
 
 
 def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> Iterator[Problem]:
@@ -138,8 +138,8 @@ def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> I
     standing = replace(vehicle.start, position_ned_m=(north_m, east_m, down_m - stands_m))
     for clearance in probe.sweep(standing, 0.0, standing, 0.0):
         if clearance.clearance_m <= 0.0:
-            said = f"'{vehicle.name}' starts inside '{clearance.object_name}'"
-            yield files.campaign.problem(("vehicles", vehicle.name, "start"), said, key=True)
+            message = f"'{vehicle.name}' starts inside '{clearance.object_name}'"
+            yield files.campaign.problem(("vehicles", vehicle.name, "start"), message, key=True)
 
 
 def _goal_above_room(
@@ -152,12 +152,14 @@ def _goal_above_room(
         ceiled = any(part.name == "ceiling" for part in room.shape.parts)
         floor_up_m = -room.pose.position_ned_m[2]
         if height_m is not None and ceiled and setup.goal.altitude_m - floor_up_m >= height_m:
-            said = f"is not below the ceiling of room '{room.name}', {floor_up_m + height_m:g} m up"
-            yield files.campaign.problem(("goal", "altitude_m"), said)
+            message = (
+                f"is not below the ceiling of room '{room.name}', {floor_up_m + height_m:g} m up"
+            )
+            yield files.campaign.problem(("goal", "altitude_m"), message)
 
 
 def _room_height_m(room: SceneObject, point_m: Vec3) -> float | None:
-    """Return the height of the room that contains a place; None when it is outside."""
+    """Return the height of a room that contains a place; None when the place is outside."""
     low, high = room.shape.mesh.vertices_m.min(axis=0), room.shape.mesh.vertices_m.max(axis=0)
     forward_m, right_m, down_m = room.pose.to_local(point_m)
     inside = (

@@ -1,4 +1,4 @@
-"""Whether the vehicles of a campaign can fly, and those of a pair be told apart; pure."""
+"""Checks of a campaign's vehicles: simulation speeds, system ids, links, sensors of twins; pure."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -10,8 +10,8 @@ from vehicles.launch.px4 import Px4Launch
 from vehicles.mavsdk.ids import OWN_SYSTEM
 from worlds.files.documents import Problem
 
-_FELT = frozenset({"imu", "microphone", "pose"})
-"""Types of sensors that tell of a vehicle's own motion, not of a place."""
+_NEEDS_FLIGHT = frozenset({"imu", "microphone", "pose"})
+"""Types of sensors that measure a vehicle's own motion, not its surroundings."""
 
 
 def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -24,11 +24,11 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
     for vehicle in setup.vehicles.values():
         yield from _spare_problems(files, vehicle)
         if vehicle.driver == "mavsdk" and vehicle.system_id == OWN_SYSTEM:
-            said = (
+            message = (
                 f"the driver mavsdk uses system id {OWN_SYSTEM} itself; give the vehicle "
                 "another one"
             )
-            yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), said)
+            yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), message)
     if mode == "wil":
         yield from _pair_problems(files, setup)
 
@@ -40,24 +40,23 @@ def _pace_problems(
     paces = {one.name: pace for one in flown if (pace := one.launch_pace) is not None}
     if not paces:
         return
-    asked = next(iter(paces.values()))
-    if setup.speed not in {None, asked}:
-        said = f"a launched simulation flies at {asked:g}, as its link says; leave it out"
-        yield files.campaign.problem(("clock", "speed"), said)
+    first = next(iter(paces.values()))
+    if setup.speed not in {None, first}:
+        message = f"the link of a launched simulation sets the speed to {first:g}; remove this key"
+        yield files.campaign.problem(("clock", "speed"), message)
     for one in flown:
         path = (*one.path, "link", _pace_key(one))
-        if one.name in paces and paces[one.name] != asked:
-            said = f"the other vehicle flies at {asked:g} times real time; both need the same"
-            yield files.campaign.problem(path, said)
+        if one.name in paces and paces[one.name] != first:
+            message = f"the other vehicle flies at {first:g} times real time; both need the same"
+            yield files.campaign.problem(path, message)
     attached = next((one.name for one in flown if one.attached is not None), None)
-    if attached is not None and asked != 1.0:
+    if attached is not None and first != 1.0:
         launched = next(one for one in flown if one.launch is not None)
         path = (*launched.path, "link", _pace_key(launched))
-        said = (
-            f"{attached} is attached and runs in real time: it cannot follow; remove "
-            f"'{_pace_key(launched)}'"
+        message = (
+            f"{attached} is attached and runs in real time only; remove '{_pace_key(launched)}'"
         )
-        yield files.campaign.problem(path, said)
+        yield files.campaign.problem(path, message)
 
 
 def _pace_key(vehicle: FlownSetup) -> str:
@@ -72,36 +71,38 @@ def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
         yield from _placed_problems(files, twin)
         return
     if twin.coupling == "shadow" and setup.under_test.program is not None:
-        said = (
+        message = (
             "shadow needs an autonomy of `use`: the setpoints of a program are in the real "
             "vehicle's own frame; write follow or free"
         )
-        yield files.campaign.problem(("vehicles", "twin", "coupling"), said)
+        yield files.campaign.problem(("vehicles", "twin", "coupling"), message)
     if real.system_id == twin.system_id:
-        said = f"both vehicles have system id {real.system_id}; give them different ones"
+        message = f"both vehicles have system id {real.system_id}; give them different ones"
         path = ("vehicles", "twin", "system_id")
-        yield files.campaign.problem(path, said)
+        yield files.campaign.problem(path, message)
     yield from _shared_links(files, twin, (real,))
 
 
 def _shared_links(
     files: CaseFiles, vehicle: FlownSetup, others: Iterable[FlownSetup]
 ) -> Iterator[Problem]:
-    """Yield an address of a vehicle that another vehicle has."""
+    """Yield an address of a vehicle that another vehicle has as well."""
     for other in others:
         shared = next((one for one in vehicle.addresses if one in other.addresses), None)
         if shared is not None:
-            said = f"{other.name} and {vehicle.name} are both on {shared}; each needs its own link"
+            message = (
+                f"{other.name} and {vehicle.name} are both on {shared}; each needs its own link"
+            )
             key = "link" if shared == vehicle.attached else "spare_links"
-            yield files.campaign.problem((*vehicle.path, key), said)
+            yield files.campaign.problem((*vehicle.path, key), message)
 
 
 def _placed_problems(files: CaseFiles, twin: VehicleSetup) -> Iterator[Problem]:
-    """Yield sensors that feel a flight, of a twin that nothing flies."""
+    """Yield sensors of a placed twin that measure a flight, which such a twin does not have."""
     for sensor in twin.sensors:
-        if sensor.kind in _FELT:
-            said = f"nothing flies a placed twin, and {sensor.kind} is of a flight; write follow"
-            yield files.campaign.problem(("vehicles", "twin", "sensors", sensor.name), said)
+        if sensor.kind in _NEEDS_FLIGHT:
+            message = f"a placed twin does not fly: it has no {sensor.kind}; write coupling: follow"
+            yield files.campaign.problem(("vehicles", "twin", "sensors", sensor.name), message)
 
 
 def _spare_problems(files: CaseFiles, vehicle: VehicleSetup) -> Iterator[Problem]:

@@ -1,4 +1,4 @@
-"""From the files of one case to its setup, with every problem found in any of them at once."""
+"""Read the setup of one case from its files, and report the problems of all of them at once."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -40,10 +40,10 @@ T = TypeVar("T")
 
 _GOAL_S = 600.0
 _GRACE_S = 1.0
-"""What a goal is given where no time-out is said: ten minutes, and longer than a `time_limit`."""
+"""The default time-out of a goal: ten minutes, or longer than the longest `time_limit`."""
 
 _NOWHERE = World("", LocalFrame(0.0, 0.0, 0.0), ())
-"""Stands for a world that is missing, so that the rest of a case can be checked."""
+"""Replaces a world that is missing, so that the rest of a case can be checked."""
 
 
 def read_setup(
@@ -59,13 +59,13 @@ def read_setup(
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
-    part = gathered(problems, partial(check, files.campaign, CampaignPart))
+    part = collect_problems(problems, partial(check, files.campaign, CampaignPart))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)
     recipe = _read_case(partial(load_recipe, loads_code=loads_code), files.recipe, problems)
     if part is not None and loads_code:
-        # It is said also where the world is missing.
+        # Reported also where the world is missing.
         problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
     if part is None:
         raise BadInput(problems, document_warnings(files))
@@ -100,7 +100,7 @@ def read_setup(
         unsigned_commands=mqtt is not None and mqtt.commands == "unsigned",
     )
     if part.geofence is None or fences:
-        # Without the fence that it has, everything would be said to lack one.
+        # With a faulty fence left out, every check would report that the fence is missing.
         check_across = worldless_problems if world is None else cross_problems
         problems += check_across(files, setup, modes)
     if world is None:
@@ -110,8 +110,8 @@ def read_setup(
     return setup
 
 
-def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    """Return what a reader function returns; None, with its problems collected, on BadInput."""
+def collect_problems(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    """Return the result of a reader function; on BadInput collect its problems and return None."""
     try:
         return read()
     except BadInput as error:
@@ -122,7 +122,7 @@ def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
 def _read_case(
     read: Callable[[Document], T], document: Document | None, problems: list[Problem]
 ) -> T | None:
-    return None if document is None else gathered(problems, partial(read, document))
+    return None if document is None else collect_problems(problems, partial(read, document))
 
 
 def _links(part: LinksPart) -> dict[str, LinkSetup]:
@@ -144,7 +144,9 @@ def _fences(
     if part.geofence is None:
         return {}
     drawing = Drawing(files.campaign, files.fences, None if world is None else world.frame)
-    return gathered(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+    return (
+        collect_problems(problems, partial(fences_of, part.geofence, drawing, ("geofence",))) or {}
+    )
 
 
 def _guard_setup(part: CampaignPart) -> GuardingSetup:

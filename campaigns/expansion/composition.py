@@ -1,7 +1,7 @@
-"""Several campaigns as one: their runs in one folder, each case named by its campaign.
+"""Composition of several campaigns into one: their runs in one folder, cases named `part.case`.
 
-A run of a part has the seed, the files and the requirement that it has in the file of the part, and
-so flies as it does there.
+A run of a part has the seed, the files and the requirement of the part's own file, and so flies
+as it does there.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     Load = Callable[[Path, Options], Campaign]
 
 
+_ONCE = {"between_runs": "between", "operator.mqtt": "mqtt", "repetitions (until decided)": "test"}
+"""What a campaign has once for all runs: by the key in its file, the attribute."""
+
+
 def is_composition(document: Document) -> bool:
     """Return whether a campaign file names other campaigns as its parts."""
     return document.get(("campaigns",)) is not None
@@ -29,8 +33,8 @@ def is_composition(document: Document) -> bool:
 def compose(document: Document, options: "Options", load_part: "Load") -> "Campaign":
     """Return the campaign of a file that names others, expanded. Raises BadInput.
 
-    load_part: what expands one campaign file. Cases and controls are named `part.case`; options
-    select them by these names, and else hold for every part.
+    load_part: expands one campaign file. Cases and controls are named `part.case`; options select
+    them by these names, and otherwise apply to every part.
     """
     part = check(document, CompositionPart)
     problems: list[Problem] = []
@@ -48,6 +52,7 @@ def compose(document: Document, options: "Options", load_part: "Load") -> "Campa
     if problems:
         raise BadInput(unique(problems), unique(warnings))
     _require_known(document, part, whole)
+    _require_same(document, whole)
     chosen = _choose(whole, options.cases)
     parts, left_out = {}, []
     for name, campaign in whole.items():
@@ -68,19 +73,19 @@ def _part_document(document: Document, name: str, file: str) -> Document:
     at = ("campaigns", name)
     if not is_file(path):
         others = [one.name for one in path.parent.glob("*.yaml")] if is_folder(path.parent) else []
-        said = f"campaign file '{file}' does not exist"
-        raise BadInput([document.problem(at, said, closest(file, others))])
+        message = f"campaign file '{file}' does not exist"
+        raise BadInput([document.problem(at, message, closest(file, others))])
     own = load(path)
     if is_composition(own):
-        said = f"'{file}' names campaigns itself; name those here"
-        raise BadInput([document.problem(at, said)])
+        message = f"'{file}' is itself made of campaigns; list those here"
+        raise BadInput([document.problem(at, message)])
     return own
 
 
 def _part_options(own: Document, part: CompositionPart, options: "Options") -> "Options":
-    """Return the options with which a part of a composition is loaded, all its cases.
+    """Return the options with which a part of a composition is loaded, with all its cases.
 
-    The composition's modes are added to those of the part's own file, and selected of them.
+    The composition's modes are added to those of the part's own file, and alone selected.
     """
     sets: tuple[str, ...] = ()
     given = own.get(("modes",))
@@ -117,6 +122,23 @@ def _require_known(
         )
         for case in (part.published.passed if part.published is not None else ())
         if case not in known
+    ]
+    if problems:
+        raise BadInput(problems)
+
+
+def _require_same(document: Document, parts: Mapping[str, "Campaign"]) -> None:
+    """Raise BadInput where a part differs from the first in what a composition has only once."""
+    first = next(iter(parts))
+    problems = [
+        document.problem(
+            ("campaigns", name),
+            f"'{name}' differs from '{first}' in {key}, of which a composition has one; "
+            "make them the same, or run it alone",
+        )
+        for name, campaign in parts.items()
+        for key, attribute in _ONCE.items()
+        if getattr(campaign, attribute) != getattr(parts[first], attribute)
     ]
     if problems:
         raise BadInput(problems)
@@ -164,7 +186,7 @@ def _merge(
     first = next(iter(parts.values()))
     each = list(parts.items())
     controls = [plan for name, one in each for plan in _named(name, one.controls)]
-    left = left_out + [f"{name}: {said}" for name, one in each for said in one.left_out]
+    left = left_out + [f"{name}: {item}" for name, one in each for item in one.left_out]
     if not part.fly_controls:
         left += [f"the controls of {name} (fly_controls: false)" for name, one in each]
     return replace(
@@ -189,9 +211,9 @@ def _merge(
         left_out=tuple(left),
         retries=max(one.retries for one in parts.values()),
         controls=tuple(controls) if part.fly_controls else (),
-        warnings=unique([said for one in parts.values() for said in one.warnings]),
+        warnings=unique([warning for one in parts.values() for warning in one.warnings]),
         caveats=tuple(
-            dict.fromkeys(f"{name}: {said}" for name, one in each for said in one.caveats)
+            dict.fromkeys(f"{name}: {caveat}" for name, one in each for caveat in one.caveats)
         ),
         options=options,
         benches=tuple({one.name: one for part in parts.values() for one in part.benches}.values()),

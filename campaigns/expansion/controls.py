@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
-from campaigns.expansion.case_reader import gathered
+from campaigns.expansion.case_reader import collect_problems
 from campaigns.schema import CampaignPart, Mode
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.vehicles import VEHICLES
@@ -24,10 +24,10 @@ _IN_ANY_REASON = frozenset(
     {"all", "and", "are", "for", "from", "has", "its", "more", "not", "than", "that", "the"}
     | {"was", "with", "real", "twin"}
 )
-"""Words that stand in the reasons of most runs, whatever happened."""
+"""Words that occur in the reasons of most runs, whatever happened."""
 _WORD = re.compile(r"[^\W\d_]+")
 _SHORTEST = 3
-"""Letters of a word that a cause is recognised by."""
+"""Least number of letters of a word by which a cause is recognised."""
 
 
 def expectation(part: CampaignPart, control: ControlPart) -> Expectation:
@@ -62,15 +62,17 @@ def files_of_controls(
 ) -> dict[str, CaseFiles]:
     """Return the case files of every control, with what it changes.
 
-    What a control sets wins over --set: else a control would no longer be one. complete: as of
+    What a control sets wins over --set, which could otherwise undo the control. complete: see
     `case_files`.
     """
     found: dict[str, CaseFiles] = {}
     ordered = tuple(overrides)
     for name, control in ({} if part is None else part.controls).items():
         case = control.case or next(iter(part.cases if part is not None else ()))
-        of_case = gathered(problems, partial(overrides_of_case, base, case)) or ()
-        own = gathered(problems, partial(overrides_at, base, ("controls", name, "set"))) or ()
+        of_case = collect_problems(problems, partial(overrides_of_case, base, case)) or ()
+        own = (
+            collect_problems(problems, partial(overrides_at, base, ("controls", name, "set"))) or ()
+        )
         found[name], wrong = case_files(base, (*of_case, *ordered, *own), complete)
         problems += wrong
     return found
@@ -83,15 +85,15 @@ def control_problems(
     for name, control in part.controls.items():
         path = ("controls", name)
         if name in part.cases:
-            said = f"'{name}' is also a case; their results would share one folder"
-            yield base.problem(path, said, key=True)
+            message = f"'{name}' is also a case; their results would share one folder"
+            yield base.problem(path, message, key=True)
         if control.case is not None and control.case not in part.cases:
-            said = f"there is no case '{control.case}'"
-            yield base.problem((*path, "case"), said, closest(control.case, part.cases))
+            message = f"there is no case '{control.case}'"
+            yield base.problem((*path, "case"), message, closest(control.case, part.cases))
         for index, mode in enumerate(control.modes or ()):
             if mode not in part.modes:
-                said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
-                yield base.problem((*path, "modes", index), said)
+                message = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
+                yield base.problem((*path, "modes", index), message)
         oracle = control.expect.oracle
         if oracle is not None and name in setups:
             yield from _oracle_problems(base, name, oracle, setups[name])
@@ -102,30 +104,32 @@ def _oracle_problems(base: Document, name: str, oracle: str, setup: Setup) -> It
     path = ("controls", name, "expect", "oracle")
     required = {use.name: use.parameters.required for use in setup.oracles}
     if oracle in required and not required[oracle]:
-        said = f"'{oracle}' is not required (required: false), so it cannot fail a run"
-        yield base.problem(path, said)
+        message = f"'{oracle}' is not required (required: false), so it cannot fail a run"
+        yield base.problem(path, message)
     elif oracle not in required and oracle not in ALWAYS_JUDGED:
         known = (*required, *ALWAYS_JUDGED)
-        said = f"no oracle '{oracle}' judges this control (there are {', '.join(known)})"
-        yield base.problem(path, said, closest(oracle, known))
+        message = f"no oracle '{oracle}' judges this control (there are {', '.join(known)})"
+        yield base.problem(path, message, closest(oracle, known))
 
 
 def control_warnings(base: Document, part: CampaignPart) -> Iterator[Problem]:
-    """Yield warnings for controls that end as expected whatever their campaign can find."""
+    """Yield warnings for controls that end as expected even if the campaign finds no failure."""
     for name, control in part.controls.items():
         oracle, cause = control.expect.oracle, control.expect.cause
         for key in control.set_:
             if oracle is not None and _changes_oracle(key, oracle):
-                said = f"changes '{oracle}', which then fails by another limit than the campaign's"
+                message = f"changes '{oracle}', which then fails by a limit of the control's own"
                 path = ("controls", name, "set", key)
-                yield base.problem(path, f"{said}: the control proves nothing of it", key=True)
+                yield base.problem(
+                    path, f"{message}: the control proves nothing about it", key=True
+                )
         if cause is not None and not _names_something(cause):
-            said = f"'{cause}' is in the reason of nearly any run: say what the reason has to name"
-            yield base.problem(("controls", name, "expect", "cause"), said)
+            message = f"'{cause}' is in the reason of nearly any run: give a more specific text"
+            yield base.problem(("controls", name, "expect", "cause"), message)
 
 
 def _changes_oracle(key: str, oracle: str) -> bool:
-    """Return whether a dotted key of a control's `set` changes by what an oracle judges."""
+    """Return whether a dotted key of a control's `set` changes an oracle's parameters."""
     parts = key.split(".")
     if parts[0] == "oracles":
         return len(parts) == 1 or parts[1] == oracle

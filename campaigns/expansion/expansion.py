@@ -1,4 +1,4 @@
-"""A campaign file into runs: cases x modes x repetitions, each with its seed and its files."""
+"""Expand a campaign file into runs: cases x modes x repetitions, each with its seed and files."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds
 from campaigns.checks.case_warnings import case_warnings, caveats_of
-from campaigns.expansion.case_reader import gathered, read_setup, unique
+from campaigns.expansion.case_reader import collect_problems, read_setup, unique
 from campaigns.expansion.composition import compose, is_composition
 from campaigns.expansion.controls import (
     control_problems,
@@ -45,10 +45,10 @@ from worlds.files.paths import is_file
 class Options:
     """The command line's selections and overrides before expansion; None keeps the file's.
 
-    cases: globs. sets: KEY=VALUE as given to --set, stronger than what a case overrides.
+    cases: globs. sets: KEY=VALUE as given to --set, which win over the overrides of a case.
     is_autonomy_isolated: whether the autonomy is tried in a child process, for a limited time.
-    loads_code: False: neither the autonomy nor a step of the user's is loaded, nor can be flown.
-    benches: those on which the campaign may be flown, where it asks for one.
+    loads_code: False: neither the autonomy nor the user's own steps are loaded; such a campaign
+    cannot be flown. benches: those on which the campaign may be flown, where it asks for one.
     """
 
     cases: tuple[str, ...] = ()
@@ -65,8 +65,7 @@ class Options:
 class RunPlan:
     """One planned run of the expansion; picklable. repetition from 1; required: for `accept`.
 
-    control: how it must end, where it is a control; its name then is the case. loads_code: as of
-    the options.
+    control: how it must end, if it is one; its name then is the case. loads_code: see `Options`.
     """
 
     campaign: str
@@ -94,15 +93,14 @@ class Campaign:
     """A checked campaign expanded into runs, ordered by case, mode and repetition; then controls.
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
-    read from. modes, cases: those selected. repetitions: at most; test: what may
-    decide sooner, None for a fixed number. setups: of these cases and of the controls. retries:
-    how often a run that proves nothing is flown again. requirements: of the selected cases and
-    modes. left_out: what the file requires and the options do not have flown, in words. mqtt: how
-    operators reach it by a broker; None for not at all. between: how an attached vehicle comes back
-    to its start; None where nothing is said. controls: the runs that must not pass. warnings: what
-    is legal in its files and probably not meant. caveats: those of them that a verdict has to be
-    read with, in words. options: what the command line selected and overrode. benches: those on
-    which it is flown, one for each campaign that it is made of and that asks for one.
+    read from. modes, cases: those selected. repetitions: at most; test: that may end them sooner,
+    None for a fixed number. setups: of these cases and of the controls. retries: how often a run
+    with the verdict ERROR or INVALID is flown again. requirements: of the selected cases and modes.
+    left_out: what the file requires and the options leave out, in words. mqtt: the operators'
+    broker, if any. between: how an attached vehicle returns to its start, if given. controls: the
+    runs that must not pass. warnings: what is valid in its files and probably not meant. caveats:
+    those of them that qualify a verdict, in words. options: of the command line. benches: on which
+    it is flown, one for each composed campaign that asks for one.
     """
 
     name: str
@@ -135,7 +133,7 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Read:
-    """A campaign's files, read and found sound. document: with the bench's part of it.
+    """A campaign's files, read and checked. document: with what the bench adds.
 
     files, setups: of cases and controls.
     """
@@ -173,14 +171,14 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     read = _read(original, options)
     selected = _select(read, options)
     part, bench, files, setups = read.part, read.bench, read.files, read.setups
-    doubtful = [
+    caveats = [
         one
         for name in selected.cases
         for one in caveats_of(files[name], setups[name], tuple(part.modes))
     ]
     injected = [f"fault injected: {one}" for name in selected.cases for one in setups[name].faults]
-    odd = list(_odd(part, {name: files[name] for name in selected.names}, setups))
-    odd += control_warnings(read.document, part)
+    warnings = list(_warnings(part, {name: files[name] for name in selected.names}, setups))
+    warnings += control_warnings(read.document, part)
     flown = {*selected.runs, *((plan.case, plan.mode) for plan in selected.controls)}
     return Campaign(
         name=part.campaign,
@@ -200,13 +198,13 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         ),
         left_out=left_out(original, part, flown, selected.shares),
         mqtt=selected.mqtt,
-        # With a real vehicle a person looks first what went wrong.
+        # With a real vehicle a person has to find out first what went wrong.
         retries=part.retries if bench is None else 0,
         test=part.sequential_test,
         between=part.between_runs,
         controls=selected.controls,
-        warnings=unique([*doubtful, *odd]),
-        caveats=tuple(dict.fromkeys([one.message for one in doubtful] + injected)),
+        warnings=unique([*caveats, *warnings]),
+        caveats=tuple(dict.fromkeys([one.message for one in caveats] + injected)),
         options=options,
         benches=() if bench is None else (bench,),
     )
@@ -221,7 +219,7 @@ def _read(original: Document, options: Options) -> _Read:
     document = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
-    part = gathered(problems, partial(check, document, CampaignPart))
+    part = collect_problems(problems, partial(check, document, CampaignPart))
     files = _files_of_cases(plain, overrides, problems, complete)
     of_controls = files_of_controls(plain, part, overrides, problems, complete)
     read = partial(
@@ -275,9 +273,9 @@ def _select(read: _Read, options: Options) -> _Selected:
 
 
 def requested_bench(path: Path, options: Options) -> tuple[Document, BenchRequestPart] | None:
-    """Return the document of a campaign that asks for a bench, and for which. Raises BadInput.
+    """Return a campaign's document and its request for a bench. Raises BadInput.
 
-    None for one that asks for none; a campaign of campaigns asks by its parts, of this machine.
+    None without a request, and for a composition, whose parts ask for benches of this machine.
     """
     original = load(path)
     if is_composition(original):
@@ -288,22 +286,22 @@ def requested_bench(path: Path, options: Options) -> tuple[Document, BenchReques
 
 
 def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
-    """Return what adds to a campaign's document what its bench has."""
+    """Return a function that completes a campaign's document with what its bench defines."""
     return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
 
 
 def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
-    """Return the paths of all files of cases, and of the bench where it is of this machine."""
+    """Return the paths of all files of cases, and of the bench file if it is on this machine."""
     found = [path for one in files for path in one.paths]
     if bench is not None and is_file(bench.document.path):
         found.append(bench.document.path)
     return tuple(dict.fromkeys(found))
 
 
-def _odd(
+def _warnings(
     part: CampaignPart, files: Mapping[str, CaseFiles], setups: Mapping[str, Setup]
 ) -> Iterator[Problem]:
-    """Yield what is probably not meant in cases and controls."""
+    """Yield the warnings of all cases and controls."""
     for name, one in files.items():
         control = part.controls.get(name)
         modes = tuple(part.modes) if control is None else modes_of(part, control)
@@ -314,7 +312,8 @@ def _option_overrides(options: Options) -> tuple[Override, ...]:
     """Return --set, --repetitions and --seed as overrides of the campaign to be expanded."""
     problems: list[Problem] = []
     found = [
-        gathered(problems, partial(override_from_option, "--set", text)) for text in options.sets
+        collect_problems(problems, partial(override_from_option, "--set", text))
+        for text in options.sets
     ]
     for key, value in (("repetitions", options.repetitions), ("seed", options.seed)):
         if value is not None:
@@ -326,7 +325,7 @@ def _option_overrides(options: Options) -> tuple[Override, ...]:
 
 
 def _with_overrides(document: Document, overrides: Iterable[Override]) -> Document:
-    """Return the campaign document with those overrides applied that concern it."""
+    """Return the campaign document with the overrides applied that are for the campaign file."""
     for override in overrides:
         if override.file == "campaign":
             document = document.override(override.dotted_key, override.entry)
@@ -344,7 +343,7 @@ def _files_of_cases(
     names = list(given) if isinstance(given, dict) and given else [DEFAULT_CASE]
     found: dict[str, CaseFiles] = {}
     for name in names:
-        own = gathered(problems, partial(overrides_of_case, base, name)) or ()
+        own = collect_problems(problems, partial(overrides_of_case, base, name)) or ()
         found[name], wrong = case_files(base, (*own, *overrides), complete)
         problems += wrong
     return found
@@ -374,8 +373,10 @@ def _select_cases(
     """Return the cases of the expansion that match a pattern, in file order; all without one."""
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in known):
-            said = f"matches none of {', '.join(known)}"
-            problems.append(Problem(f"{option} {pattern}", 0, 0, said, "", closest(pattern, known)))
+            message = f"matches none of {', '.join(known)}"
+            problems.append(
+                Problem(f"{option} {pattern}", 0, 0, message, "", closest(pattern, known))
+            )
     if not patterns:
         return known
     return tuple(name for name in known if any(fnmatchcase(name, p) for p in patterns))

@@ -1,9 +1,9 @@
-"""What a campaign requires and the command line leaves out: a green must not pass for all of it."""
+"""Requirements of a campaign that the command line leaves out, so that a PASS cannot hide them."""
 
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 
-from campaigns.expansion.case_reader import gathered
+from campaigns.expansion.case_reader import collect_problems
 from campaigns.expansion.controls import modes_of
 from campaigns.schema import CampaignPart
 from campaigns.values.acceptance import DECIDED, Share, parse_share
@@ -19,9 +19,9 @@ def left_out(
     """Return the omissions of a run: what the file requires and the options leave out.
 
     original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
-    the cases and controls, with their modes, to be flown. shares: what of these is required.
+    the cases and controls, with their modes, to be flown. shares: the required share of each.
     """
-    was = gathered([], partial(check, original, CampaignPart)) or part
+    was = collect_problems([], partial(check, original, CampaignPart)) or part
     left = list(_runs(was, part, chosen, shares))
     fewer = was.most_repetitions - part.most_repetitions
     if fewer > 0:

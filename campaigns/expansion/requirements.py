@@ -1,4 +1,4 @@
-"""What a campaign requires of its runs: the shares of `accept`, and what was published before."""
+"""Requirements of a campaign: the required shares of `accept`, and cases of published counts."""
 
 from collections.abc import Iterator
 
@@ -11,9 +11,9 @@ def unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:
     """Yield the cases of published counts that the campaign does not have."""
     for case in part.published.passed if part.published is not None else ():
         if case not in part.cases:
-            said = f"published names an unknown case '{case}'"
+            message = f"published names an unknown case '{case}'"
             path = ("published", "passed", case)
-            yield base.problem(path, said, closest(case, part.cases), key=True)
+            yield base.problem(path, message, closest(case, part.cases), key=True)
 
 
 def required_shares(
@@ -31,22 +31,22 @@ def required_shares(
     found: dict[tuple[str, str], Share] = {}
     for case, shares in part.accept.items():
         if case not in part.cases:
-            said = f"accept names an unknown case '{case}'"
+            message = f"accept names an unknown case '{case}'"
             meant = closest(case, part.cases)
-            problems.append(base.problem(("accept", case), said, meant, key=True))
+            problems.append(base.problem(("accept", case), message, meant, key=True))
             continue
         for mode, text in shares.items():
             path = ("accept", case, mode)
             share = whole if text == DECIDED else parse_share(text)
             if mode not in part.modes:
-                said = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
-                problems.append(base.problem(path, said, closest(mode, part.modes), key=True))
+                message = f"mode '{mode}' is not flown (modes: {', '.join(part.modes)})"
+                problems.append(base.problem(path, message, closest(mode, part.modes), key=True))
             elif (text == DECIDED) != (part.sequential_test is not None):
-                said = "'decided' and `repetitions: {until: decided, ...}` need each other"
-                problems.append(base.problem(path, said))
+                message = "'decided' and `repetitions: {until: decided, ...}` need each other"
+                problems.append(base.problem(path, message))
             elif text != DECIDED and share.runs != written:
-                said = f"{share} is of {share.runs} runs, but there are {written} repetitions"
-                problems.append(base.problem(path, said))
+                message = f"{share} is of {share.runs} runs, but there are {written} repetitions"
+                problems.append(base.problem(path, message))
             else:
                 found[case, mode] = share.scaled(part.most_repetitions)
     return found

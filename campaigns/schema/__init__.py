@@ -1,6 +1,6 @@
-"""What a campaign file may say: one module per part of the file.
+"""The schema of campaign files: one module per part of the file.
 
-A key stands here only when code acts on it; any other is an unknown key and refused.
+A key is listed only when code acts on it; any other key is refused as unknown.
 """
 
 from campaigns.schema.autonomy import AutonomyPart
@@ -9,8 +9,8 @@ from campaigns.schema.campaign import (
     MATRIX_KEYS,
     CampaignPart,
     GoalPart,
+    ImageFormat,
     Mode,
-    PictureFormat,
     PositionPart,
     RecordPart,
     SyncPart,
@@ -29,9 +29,9 @@ __all__ = [
     "CampaignPart",
     "GeofencePart",
     "GoalPart",
+    "ImageFormat",
     "Mode",
     "MountPart",
-    "PictureFormat",
     "PositionPart",
     "PreflightPart",
     "RecordPart",

@@ -1,4 +1,4 @@
-"""`actors`: objects of the world that are flown by vehicles of their own."""
+"""`actors`: objects of the world, each flown by a vehicle of its own."""
 
 from typing import Annotated, Literal, Self
 
@@ -34,8 +34,8 @@ class ActorFencePart(FencePart):
 class ElsewherePart(Part):
     """Where an attached actor flies while its object is virtual.
 
-    place: where it stands instead of its object's start, in the real world's local frame; it flies
-    its way from there.
+    place: where it stands instead of its object's start, in the real world's local frame; its path
+    begins there.
     """
 
     place: StartPart
@@ -44,16 +44,16 @@ class ElsewherePart(Part):
 class ActorPart(Part):
     """A vehicle that flies as an object of the world, along the motion which that object has there.
 
-    link: embedded, a link such as udpin://0.0.0.0:14560, or what is launched. virtual: what flies
-    where the object is virtual, for an attached vehicle, which is physical: an embedded vehicle, or
-    itself at another place. autopilot: what flies it. profile: vehicle and place of an embedded
-    one: air, motors, battery, estimator. params: parameters that are set before arming, and read
-    back. system_id: 3 and on without. signing: where the key of an attached one is. telemetry:
-    rates of positions, and the capacity of its radio. pose_source: what moves the object: its
-    simulator's ground truth (by default of one that is launched), or its own estimate (by default
-    of an attached one). geofence: where it may be; an attached one needs it. max_offset_m: how far
-    from its way it may be before the run is INVALID. max_delay_s: how much later than its motion it
-    may be at a waypoint.
+    link: embedded, a link such as udpin://0.0.0.0:14560, or the simulation to launch. virtual:
+    what flies where the object is virtual, for an attached vehicle, which is physical: an embedded
+    vehicle, or itself at another place. autopilot: the firmware of the vehicle. profile: of an
+    embedded vehicle: air, motors, battery, estimator. params: autopilot parameters that are set
+    before arming, and read back. system_id: of MAVLink; from 3 on by default. signing: the source
+    of the key of an attached vehicle. telemetry: rates of positions, and the capacity of its radio.
+    pose_source: what moves the object: the simulator's ground truth (by default of a launched
+    vehicle), or the vehicle's own estimate (by default of an attached one). geofence: where the
+    vehicle may be; required for an attached one. max_offset_m: largest distance from its path,
+    beyond which the run is INVALID. max_delay_s: how late it may be at a waypoint of its motion.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
@@ -75,13 +75,13 @@ class ActorPart(Part):
         if not self.is_attached:
             for key in ("virtual", "signing"):
                 if getattr(self, key) is not None:
-                    raise KeyFaultError(key, "is of an attached actor; remove it")
+                    raise KeyFaultError(key, "is for an attached actor only; remove it")
         elif self.geofence is None:
-            said = "an attached actor may be hardware and needs a `geofence` of its own"
-            raise KeyFaultError("link", said)
+            message = "an attached actor may be hardware and needs a `geofence` of its own"
+            raise KeyFaultError("link", message)
         if self.link == "embedded" and self.pose_source == "mavlink":
-            said = "an embedded actor moves its object by its ground truth; remove it"
-            raise KeyFaultError("pose_source", said)
+            message = "an embedded actor always moves its object by its ground truth; remove it"
+            raise KeyFaultError("pose_source", message)
         launched = None if isinstance(self.link, str) else self.link.launch
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")
@@ -94,5 +94,5 @@ class ActorPart(Part):
 
     @property
     def poses_from(self) -> ActorPoses:
-        """Return what moves the actor's object: as given, else the best that such a link has."""
+        """Return the pose source that moves the actor's object: as given, or the default."""
         return self.pose_source or ("mavlink" if self.is_attached else "simulator")

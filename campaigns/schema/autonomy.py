@@ -1,4 +1,4 @@
-"""`autonomy`: what is tested, how often it is asked, and what it may take of the machine."""
+"""`autonomy`: the system under test, how often it is called, and its limits of memory and time."""
 
 from typing import Annotated, Any, ClassVar, Self
 
@@ -11,7 +11,7 @@ _DEFAULT = AutonomyLimits()
 
 
 class AutonomyLimitsPart(Part):
-    """The `limits` of the campaign's autonomy. memory_mb: by how many MB it may grow a run.
+    """The `limits` of the campaign's autonomy. memory_mb: by how many MB its process may grow.
 
     call_s: wall time of one call of `perceive` or `act`; build_s: of its import and constructor.
     """
@@ -26,11 +26,11 @@ class AutonomyLimitsPart(Part):
 
 
 class AutonomyPart(Part):
-    """The campaign's `autonomy`, which is what is tested.
+    """The campaign's `autonomy`, the system under test.
 
     use: file.py:Class beside the file, or a shipped name. with: its parameters. program: instead,
-    a program with its arguments, run beside this file. rate_hz: how often `use` is asked for a
-    setpoint. limits: of memory and time. A bare text stands for `use`.
+    a program with its arguments, run in the folder of this file. rate_hz: how often the class of
+    `use` is called for a setpoint. limits: of memory and time. A bare text is the same as `use`.
     """
 
     shorthand: ClassVar[str] = "use"

@@ -1,4 +1,4 @@
-"""What a bench file may say, and `bench` of a campaign: which one the campaign is flown on."""
+"""The schema of bench files, and a campaign's `bench`: the request for the one it is flown on."""
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -9,7 +9,7 @@ from campaigns.schema.vehicles import VehiclePart
 from worlds.files.documents import KeyFaultError, Part
 
 BenchName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
-"""A name that is part of a cluster resource's name, and stands in file names."""
+"""A name that is part of a cluster resource's name, and of file names."""
 PropertyName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 PropertyValue = bool | int | float | str
 Properties = dict[PropertyName, PropertyValue]
@@ -19,10 +19,10 @@ OF_VEHICLE = "autopilot"
 
 
 class BenchRequestPart(Part):
-    """The campaign's `bench`: the bench it is flown on; a bare text stands for `name`.
+    """The campaign's `bench`: the bench it is flown on; a bare text is the same as `name`.
 
     name: of the bench. properties: those that the bench must have, each with this value. wait_s:
-    how long a bench that is missing from the cluster, or busy, is waited for.
+    how long to wait for a bench that is missing from the cluster, or busy.
     """
 
     shorthand: ClassVar[str] = "name"
@@ -45,26 +45,26 @@ class BenchRequestPart(Part):
 
 
 class BenchVehiclesPart(Part):
-    """The bench's `vehicles`: the real one that stands there.
+    """The bench's `vehicles`: the real one.
 
-    real: as in a campaign; its link is one of hardware.
+    real: as in a campaign; its link leads to hardware.
     """
 
     real: VehiclePart
 
     @model_validator(mode="after")
     def _attached(self) -> Self:
-        """Refuse a vehicle that is not attached from outside: a bench has real ones."""
+        """Refuse an embedded or launched vehicle: a bench has a real one."""
         if not isinstance(self.real.link, str) or self.real.link == "embedded":
-            said = "must be a link such as udpin://0.0.0.0:14550: a bench has a real vehicle"
-            raise KeyFaultError(("real", "link"), said)
+            message = "must be a link such as udpin://0.0.0.0:14550: a bench has a real vehicle"
+            raise KeyFaultError(("real", "link"), message)
         return self
 
 
 class ArmingPart(Part):
-    """The bench's `arming`: who may consent to arm, on the terminal of the bench.
+    """The bench's `arming`: the users who may consent to arm, on the terminal of the bench.
 
-    users: names of users of the bench's machine; without it, whoever is at its terminal.
+    users: names of users of the bench's machine; by default any user at its terminal.
     """
 
     users: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=1)] | None = None
@@ -74,9 +74,9 @@ class BenchPart(Part):
     """A bench file: a place with a real vehicle, on which campaigns are flown.
 
     schema: the kind and version of the file. bench: its name. description: for people. properties:
-    what a campaign may ask for in place of the name; `autopilot` is that of the vehicle. vehicles:
+    which a campaign may request in place of the name; `autopilot` is that of the vehicle. vehicles:
     the real one: link, autopilot, cameras, motion capture. geofence: where vehicles may be in this
-    place. arming: who may consent to arm.
+    place. arming: the users who may consent to arm.
     """
 
     schema_: Literal["wil/bench/1"] = Field(alias="schema")
@@ -89,8 +89,8 @@ class BenchPart(Part):
 
     @model_validator(mode="after")
     def _properties_once(self) -> Self:
-        """Refuse a property that the bench has anyway."""
+        """Refuse the property that is derived from the bench's vehicle."""
         if OF_VEHICLE in self.properties:
-            said = "is that of vehicles.real already; remove it"
-            raise KeyFaultError(("properties", OF_VEHICLE), said)
+            message = "is that of vehicles.real already; remove it"
+            raise KeyFaultError(("properties", OF_VEHICLE), message)
         return self

@@ -1,4 +1,4 @@
-"""`between_runs`: how an attached vehicle comes back to its start."""
+"""`between_runs`: how an attached vehicle returns to its start."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -10,10 +10,10 @@ from worlds.files.documents import KeyFaultError, Part
 class BetweenRunsPart(Part):
     """The YAML part `between_runs`: what an attached vehicle does between two runs.
 
-    do: `ask` has a person put it back; `fly_back` has it fly there, and asks only where that must
-    not be. A bare text stands for `do`. height_m: above its start; without it, the goal's altitude.
-    tolerance_m, tolerance_deg: how far from its start it may stand then. speed_m_s: how fast it
-    flies back.
+    do: `ask` asks a person to put it back; `fly_back` flies it there, and asks only where that is
+    not allowed. A bare text is the same as `do`. height_m: of the flight above its start; by
+    default the goal's altitude. tolerance_m, tolerance_deg: allowed deviation from its start
+    afterwards. speed_m_s: of the flight back.
     """
 
     shorthand: ClassVar[str] = "do"

@@ -47,7 +47,7 @@ MATRIX_KEYS = frozenset(
         "bench",
     }
 )
-"""What makes the matrix of runs, and so cannot differ from case to case."""
+"""Keys that define the matrix of runs, and so cannot differ from case to case."""
 
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -93,8 +93,8 @@ class GoalPart(Part):
     """The campaign's `goal`: the altitude, and gates in their order or a position.
 
     altitude_m: to which the vehicles climb after the takeoff, above the world's origin. gates:
-    names of gates in the world file, in the order in which they are flown through. position: where
-    to fly, in place of gates.
+    names of gates in the world file, in the order in which they are flown through. position: the
+    place to fly to, instead of gates.
     """
 
     altitude_m: Annotated[float, Field(gt=0, le=10_000)]
@@ -114,15 +114,16 @@ class GoalPart(Part):
 class SyncPart(Part):
     """The campaign's `sync`: allowed skews and distance of the pair; a run beyond one is INVALID.
 
-    takeoff: whether the vehicles leave the ground together, or get their commands together.
-    max_twin_distance_m: None: by the twin's coupling. identify_timeout_s: how long a vehicle may
-    take to answer with who it is. ready_timeout_s: how long a vehicle may take until it can arm.
-    takeoff_timeout_s: how long it may take from the takeoff command until both are at their
-    altitude. takeoff_tolerance_m: how far from the goal's altitude counts as there. goal_timeout_s:
-    how long the autonomy may fly; without it, until it is done or an oracle ends the run.
-    landing_timeout_s: how long it may take from the command to land until the vehicle has disarmed.
-    max_command_skew_s: how far apart the takeoff commands may be. max_takeoff_skew_s: how far apart
-    the vehicles may leave the ground. max_t0_skew_s: how far apart both may be given the goal.
+    takeoff: whether the liftoffs, or the takeoff commands, of the vehicles are simultaneous.
+    max_twin_distance_m: largest distance of the twin; null: by its coupling. identify_timeout_s:
+    time for a vehicle to report its autopilot. ready_timeout_s: time for a vehicle to become ready
+    to arm. takeoff_timeout_s: time from the takeoff command until both vehicles are at their
+    altitude. takeoff_tolerance_m: distance from the goal's altitude that counts as reached.
+    goal_timeout_s: how long the autonomy may fly; by default until it is done or an oracle ends
+    the run. landing_timeout_s: time from the command to land until the vehicle has disarmed.
+    max_command_skew_s: largest time between the takeoff commands. max_takeoff_skew_s: largest time
+    between the liftoffs. max_t0_skew_s: largest time between the moments at which both receive the
+    goal.
     """
 
     identify_timeout_s: Seconds = 5.0
@@ -139,7 +140,7 @@ class SyncPart(Part):
 
 
 class ClockPart(Part):
-    """The campaign's `clock`. speed: how many times real time embedded vehicles fly."""
+    """The campaign's `clock`. speed: of the flight of embedded vehicles, in times of real time."""
 
     speed: Speedup
 
@@ -149,19 +150,19 @@ _ACCEPTS_NOTHING = (
     "({sim: 5/5}); or remove `accept` to require every run"
 )
 
-PictureFormat = Literal["jpeg", "png", "raw", "none"]
+ImageFormat = Literal["jpeg", "png", "raw", "none"]
 
 
 class RecordPart(Part):
     """The campaign's `record`: image encoding of run.mcap; raw and png replay exactly.
 
     quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
-    fetched into the run's folder after landing. max_loss: which share of a topic of run.mcap may be
-    missing before the run is INVALID; of what the verdict rests on nothing may be. pictures: how
-    images are encoded in run.mcap; none records no images.
+    fetched into the run's folder after landing. max_loss: share of a topic of run.mcap that may be
+    missing, beyond which the run is INVALID; nothing may be missing that decides the verdict.
+    pictures: how images are encoded in run.mcap; none records no images.
     """
 
-    pictures: PictureFormat = "jpeg"
+    pictures: ImageFormat = "jpeg"
     quality: Annotated[int, Field(ge=1, le=100)] = 85
     vehicle_logs: bool = False
     max_loss: Annotated[float, Field(ge=0, le=1)] = 0.01
@@ -170,9 +171,9 @@ class RecordPart(Part):
 class UntilDecidedPart(Part):
     """The campaign's `repetitions` until a sequential test of the pass rate has decided.
 
-    at_least: the pass rate that is claimed; against: one that would be too low; most: flights of a
-    case and mode after which it is left undecided; error: of either decision. until: when a case
-    and mode has been flown often enough.
+    at_least: the pass rate that is claimed. against: a pass rate that would be too low. most:
+    flights of a case and mode after which it stays undecided. error: probability of either wrong
+    decision. until: the end of the repetitions of a case and mode.
     """
 
     until: Literal["decided"]
@@ -183,13 +184,13 @@ class UntilDecidedPart(Part):
 
     @model_validator(mode="after")
     def _decidable(self) -> Self:
-        """Refuse a test that cannot decide for what is claimed."""
+        """Refuse a test that cannot decide for the claimed pass rate within `most` flights."""
         if self.against >= self.at_least:
             raise KeyFaultError("against", f"must be below at_least, {self.at_least:g}")
         least = self.test.least_flights
         if self.most < least:
-            said = f"is too few to decide: {least} flights are needed when all of them pass"
-            raise KeyFaultError("most", said)
+            message = f"is too few to decide: {least} flights are needed when all of them pass"
+            raise KeyFaultError("most", message)
         return self
 
     @property
@@ -199,9 +200,10 @@ class UntilDecidedPart(Part):
 
 
 class PublishedPart(Part):
-    """The campaign's `published`: counts of others, shown beside the campaign's own.
+    """The campaign's `published`: results of others, shown beside the campaign's own.
 
-    source: where they stand. passed: of cases and modes "1/5", or why there is none ("too costly").
+    source: where they were published. passed: by case and mode "1/5", or the reason for a missing
+    one ("too costly").
     """
 
     source: str = ""
@@ -217,15 +219,15 @@ class CampaignPart(Part):
     modes: sim (the twin alone), wil (the pair on mixed readings), real (the real vehicle alone).
     cases: variants by name, each with the dotted keys that it overrides, also of world.* and
     recipe.*. controls: runs that must not pass, by name. repetitions: how often each case is flown
-    in each mode; or until a sequential test has decided. seed: that of a run comes from this, its
-    case and its repetition. deliver: where images go beside the autonomy. ground_station: the
-    outgoing link of one that gets video streams and contacts. accept: by case and mode how many
-    must pass, "4/5"; without it every run. published: counts of others, shown beside the
-    campaign's own. retries: how often a run that came to ERROR or INVALID is flown again; never
-    with hardware. bench: the place with the real vehicle, by name or properties; its file says
-    vehicles.real and the geofence. collision_always: whether a contact fails a run whatever
-    `oracles` says of `collision`. search: which variants `wil-campaign search` tries to find one
-    that fails.
+    in each mode; or until a sequential test has decided. seed: from which the seed of each run
+    derives, with its case and its repetition. deliver: outlets for images, other than the autonomy.
+    ground_station: outgoing link of a ground station that receives video streams and contacts.
+    accept: by case and mode how many runs must pass, "4/5"; by default every run. published:
+    results of others, shown beside the campaign's own. retries: how often a run with the verdict
+    ERROR or INVALID is flown again; never with hardware. bench: the place with the real vehicle, by
+    name or properties; its file defines vehicles.real and the geofence. collision_always: whether a
+    contact fails a run even if `oracles` has no `collision`. search: which variants `wil-campaign
+    search` tries to find one that fails.
     """
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")
@@ -265,13 +267,13 @@ class CampaignPart(Part):
 
     @property
     def most_repetitions(self) -> int:
-        """Return how often a case and mode is flown at most."""
+        """Return the largest number of repetitions of a case and mode."""
         given = self.repetitions
         return given if isinstance(given, int) else given.most
 
     @property
     def sequential_test(self) -> SequentialTest | None:
-        """Return what decides early how many repetitions are flown; None for a fixed number."""
+        """Return the test that may end the repetitions early; None for a fixed number."""
         return None if isinstance(self.repetitions, int) else self.repetitions.test
 
     @field_validator("modes")

@@ -13,8 +13,8 @@ FileName = Annotated[str, Field(min_length=1)]
 class CompositionPart(Part):
     """A campaign of campaigns. campaigns: by name, each a file beside this one.
 
-    modes, repetitions, seed: for all of them; None: as each has it. fly_controls: whether their
-    controls are flown too. published: counts of others, by `part.case`. schema: the kind and
+    modes, repetitions, seed: for all of them; null: those of each file. fly_controls: whether their
+    controls are flown too. published: results of others, by `part.case`. schema: the kind and
     version of the file. campaign: its name, also of the folder of results. description: for people.
     """
 

@@ -13,11 +13,11 @@ FlownMode = Literal["sim", "wil", "real"]
 class ExpectPart(Part):
     """A control's `expect`. oracle: the one that must fail; cause: a text in the reason.
 
-    One of both is needed: a control that fails for another reason, as a misspelt parameter of its
-    autonomy, proves nothing about the campaign.
+    One of both is needed: a control that fails for another reason, such as a misspelt parameter of
+    its autonomy, proves nothing about the campaign.
 
-    verdict: what the run must end with. cause may have {real.pose_source} and {twin.pose_source},
-    which are replaced by where that vehicle's poses come from: mocap, simulator or mavlink.
+    verdict: with which the run must end. cause may have {real.pose_source} and {twin.pose_source},
+    which are replaced by that vehicle's pose source: mocap, simulator or mavlink.
     """
 
     verdict: ControlVerdict = "FAIL"
@@ -30,8 +30,8 @@ class ExpectPart(Part):
         if self.oracle is None and self.cause is None:
             raise ValueError("name the oracle that must fail, or a text of the reason as `cause`")
         if self.oracle is not None and self.verdict != "FAIL":
-            said = f"an oracle fails with FAIL, not {self.verdict}: give the cause as `cause`"
-            raise KeyFaultError("oracle", said)
+            message = f"an oracle fails with FAIL, not {self.verdict}: give the cause as `cause`"
+            raise KeyFaultError("oracle", message)
         return self
 
 

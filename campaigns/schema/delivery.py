@@ -1,4 +1,4 @@
-"""`deliver` and `inject`: where mixed readings go beside the autonomy in this process."""
+"""`deliver` and `inject`: outlets for mixed readings other than the autonomy in this process."""
 
 import re
 from typing import Annotated, Literal, Self
@@ -24,13 +24,13 @@ RateHz = Annotated[float, Field(gt=0, le=250)]
 class DeliverPart(Part):
     """An image delivery: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
 
-    sensor: the camera; may be missing where there is one. of: what a vehicle perceives (mixed, in
-    mode wil), or the untouched picture of real or twin. vehicle: whose perception; the judged one's
-    without. rtp: send H.264 by RTP to this HOST:PORT; the port is even. zmq: publish by ZeroMQ at
-    this address to bind. v4l2: write to this video loopback device. encoding: how zmq encodes the
-    images. topic: the topic under which zmq publishes the images. key_interval_s: longest time
-    between two key frames of rtp. max_bit_rate: at which rtp sends, in bits per second; not bounded
-    without.
+    sensor: the camera; optional where there is only one. of: the image that a vehicle perceives
+    (mixed, in mode wil), or the unmixed one of real or twin. vehicle: whose perception; by default
+    that of the judged one. rtp: send H.264 by RTP to this HOST:PORT; the port is even. zmq: publish
+    by ZeroMQ at this address to bind. v4l2: write to this video loopback device. encoding: how zmq
+    encodes the images. topic: the topic under which zmq publishes the images. key_interval_s:
+    longest time between two key frames of rtp. max_bit_rate: at which rtp sends, in bits per
+    second; by default not limited.
     """
 
     rtp: str | None = None
@@ -48,12 +48,12 @@ class DeliverPart(Part):
     def _one_way(self) -> Self:
         given = [kind for kind in _KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
-            raise ValueError(f"give one of {', '.join(_KINDS)}, with where it goes")
+            raise ValueError(f"give one of {', '.join(_KINDS)}, with its address")
         for key, kind in _ONLY_FOR.items():
             if key in self.model_fields_set and kind != given[0]:
                 raise KeyFaultError(key, f"is for {kind}, not for {given[0]}")
         if self.vehicle is not None and self.of != "perceived":
-            raise KeyFaultError("vehicle", f"of: {self.of} says whose picture it is")
+            raise KeyFaultError("vehicle", f"has no effect with of: {self.of}; remove it")
         _check_address(given[0], str(getattr(self, given[0])))
         return self
 
@@ -89,10 +89,10 @@ def _check_address(kind: str, address: str) -> None:
 
 
 class _ToVehicles(Part):
-    """An injection's `to`: the vehicles whose autopilots receive it; all without.
+    """An injection's vehicles and rate.
 
-    to: the vehicles whose autopilots receive it; all without. rate_hz: how often at most, up to
-    250; what is usual for the message without.
+    to: the vehicles whose autopilots receive it; by default all. rate_hz: highest rate, up to 250;
+    by default the usual one of the message.
     """
 
     to: Annotated[list[Side], Field(min_length=1)] = Field(default_factory=lambda: [*SIDES])
@@ -137,7 +137,8 @@ class OfObjectPart(_ToVehicles):
 class OfPosePart(_ToVehicles):
     """An injected pose: motion capture as it arrives, or a mixed sensor of type pose.
 
-    sensor: the recipe's name of a mixed sensor of type pose; motion capture as it arrives without.
+    sensor: the recipe's name of a mixed sensor of type pose; by default motion capture as it
+    arrives.
     """
 
     sensor: Annotated[str, Field(min_length=1)] | None = None

@@ -13,7 +13,7 @@ class MomentPart(Part):
     """From `after_s` after a stage on, for `for_s` or until the end: `{on: goal, after_s: 1}`.
 
     on: the stage of the flight after which it begins. after_s: how long after the stage `on` it
-    begins. for_s: how long it lasts; until the end of the run without.
+    begins. for_s: how long it lasts; by default until the end of the run.
     """
 
     on: FlightStage
@@ -22,7 +22,7 @@ class MomentPart(Part):
 
 
 class SignalFaultPart(Part):
-    """What happens to one signal. stop: nothing comes; freeze: its last value comes again."""
+    """A fault of one signal. stop: no more values; freeze: the last value is repeated."""
 
     stop: MomentPart | None = None
     freeze: MomentPart | None = None

@@ -1,4 +1,4 @@
-"""`geofence`: where each vehicle may be, and how the guard keeps it there."""
+"""`geofence`: where each vehicle may be, and the distances and latency of the guard."""
 
 from typing import Annotated, ClassVar, Self
 
@@ -13,8 +13,9 @@ _USUAL = GuardSettings()
 class GeofencePart(FencePart):
     """The campaign's `geofence`: one fence for both vehicles, replaced by `real` and `twin`.
 
-    keep_m: how far inside each keeps. latency_s, braking_m_s2: how late, and then how hard, a
-    vehicle brakes when the guard tells it to: who cannot stop before the fence is taken over.
+    keep_m: distance that each keeps to the fence. latency_s, braking_m_s2: how late, and then how
+    hard, a vehicle brakes on the guard's command: the guard takes over a vehicle before it could
+    no longer stop inside.
     """
 
     may_be_empty: ClassVar[bool] = True

@@ -1,8 +1,8 @@
 """JSON Schemas of campaign, world, recipe and bench files, for completion and hover in editors.
 
-They are made from the models that check the files (draft 2020-12), with what the docstrings say of
-each key. A schema knows one file; what `wil-campaign validate` finds beside that (names of other
-files, numbers that do not fit each other) it does not.
+They are made from the models that check the files (draft 2020-12), with the description of each key
+from the docstrings. A schema checks one file alone; `wil-campaign validate` also checks names in
+other files, and numbers against each other.
 """
 
 import copy
@@ -47,7 +47,7 @@ _UNITS = {
     "g": "g",
 }
 _MODE: JsonSchemaMode = "validation"
-_SOME_BENCH: Schema = {"description": "The bench that is asked for.", "not": {"type": "null"}}
+_SOME_BENCH: Schema = {"description": "The bench that is requested.", "not": {"type": "null"}}
 
 
 def campaign_schema() -> Schema:
@@ -58,7 +58,7 @@ def campaign_schema() -> Schema:
     definitions["OwnOracle"] = _own_oracle()
     definitions["CampaignPart"]["properties"]["oracles"] = {
         "title": "oracles",
-        "description": "What judges a run: by name, each with its parameters.",
+        "description": "The oracles that judge a run, by name, each with its parameters.",
         "type": "object",
         "minProperties": 1,
         "properties": {
@@ -88,12 +88,12 @@ def campaign_schema() -> Schema:
 
 
 def _add_campaign_on_bench(definitions: Schema) -> None:
-    """Add the campaign that asks for a bench: what every bench file says is not in it."""
+    """Add the campaign that asks for a bench, without the keys that a bench file defines."""
     campaign = _without_keys(definitions["CampaignPart"], "geofence", optional=("vehicles",))
     vehicles = copy.deepcopy(definitions["VehiclesPart"])
     vehicle = _without_keys(definitions["VehiclePart"], "link", "autopilot")
     definitions["VehicleOnBench"] = vehicle | {
-        "description": "The real vehicle; its bench says link and autopilot, and may say more."
+        "description": "The real vehicle; its bench defines link and autopilot, and may add more."
     }
     of_bench = {"$ref": "#/$defs/VehicleOnBench"}
     vehicles["properties"]["real"]["anyOf"] = [of_bench, {"type": "null"}]
@@ -103,7 +103,7 @@ def _add_campaign_on_bench(definitions: Schema) -> None:
 
 
 def _without_keys(definition: Schema, *keys: str, optional: Sequence[str] = ()) -> Schema:
-    """Return a copy of a definition without some keys. optional: those not required any more."""
+    """Return a copy of a definition without some keys. optional: those that become optional."""
     found = copy.deepcopy(definition)
     for key in keys:
         del found["properties"][key]
@@ -159,7 +159,7 @@ SCHEMAS: Mapping[str, Callable[[], Schema]] = {
     "recipe.schema.json": recipe_schema,
     "bench.schema.json": bench_schema,
 }
-"""The files of schemas, each with what makes it."""
+"""The files of schemas, each with the function that makes it."""
 
 
 def _definitions(*models: type[BaseModel]) -> tuple[dict[type[BaseModel], Schema], Schema]:
@@ -170,7 +170,7 @@ def _definitions(*models: type[BaseModel]) -> tuple[dict[type[BaseModel], Schema
 
 
 class _Documented(GenerateJsonSchema):
-    """Makes schemas in which each key has what the model's docstring says of it, with its unit."""
+    """Makes schemas in which each key is described by the model's docstring, with its unit."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> Schema:
         """Return the schema of a model; one with a shorthand takes the bare value as well."""
@@ -203,23 +203,23 @@ def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
 
 
 def _summary_of(model: type[BaseModel]) -> str:
-    """Return the first sentences of a model's docstring, before what is said of its keys."""
+    """Return the first sentences of a model's docstring, before the descriptions of its keys."""
     text = " ".join(inspect.cleandoc(model.__doc__ or "").split())
     first = next(_key_places(model, text), None)
     return text if first is None else text[: first.start()].strip()
 
 
 def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
-    """Yield what the docstrings of a model and its bases say of its keys."""
+    """Yield each key with its description, from the docstrings of a model and its bases."""
     for one in reversed(model.__mro__):
         if not (issubclass(one, BaseModel) and one is not BaseModel):
             continue
         text = " ".join(inspect.cleandoc(one.__doc__ or "").split())
         places = list(_key_places(model, text))
         for place, after in zip_longest(places, places[1:]):
-            said = text[place.end() : None if after is None else after.start()].strip(" .;")
+            own = text[place.end() : None if after is None else after.start()].strip(" .;")
             for key in place[1].split(", "):
-                yield key, said[:1].upper() + said[1:] + "."
+                yield key, own[:1].upper() + own[1:] + "."
 
 
 def _key_places(model: type[BaseModel], text: str) -> Iterator[re.Match[str]]:

@@ -1,4 +1,4 @@
-"""`limits`: what setpoints are held to on their way to the vehicles, whatever the autonomy asks."""
+"""`limits`: bounds that are enforced on every setpoint before it is sent to a vehicle."""
 
 from typing import Annotated, Self
 
@@ -13,10 +13,10 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 class LimitsPart(Part):
     """The campaign's `limits` of setpoints for both vehicles; an absent one limits nothing.
 
-    keep_m: the distance that is kept to the geofence and to the heights of up_m. speed_m_s: the
-    fastest setpoint. acceleration_m_s2: how fast setpoints may change their velocity. up_m: the
-    lowest and the highest setpoint, [low, high], up from the world's origin. inside_geofence:
-    whether setpoints that lead out of the geofence are held back.
+    keep_m: distance of setpoints to the geofence and to the heights of up_m. speed_m_s: highest
+    speed of a setpoint. acceleration_m_s2: highest change of a setpoint's velocity. up_m: lowest
+    and highest setpoint, [low, high], up from the world's origin. inside_geofence: whether
+    setpoints are kept inside the geofence.
     """
 
     speed_m_s: Annotated[float, Field(gt=0, le=1000)] | None = None
@@ -32,8 +32,8 @@ class LimitsPart(Part):
             if low >= high:
                 raise KeyFaultError("up_m", f"must be [low, high], is [{low:g}, {high:g}]")
             if high - low <= 2.0 * self.keep_m:
-                said = f"leaves no room: keep_m of {self.keep_m:g} m is kept to both"
-                raise KeyFaultError("up_m", said)
+                message = f"leaves no room: keep_m of {self.keep_m:g} m is kept to both"
+                raise KeyFaultError("up_m", message)
         return self
 
     def limits(self) -> SetpointLimits:

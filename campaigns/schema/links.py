@@ -1,4 +1,4 @@
-"""`links`: a worse radio than there is, between the guard and a vehicle."""
+"""`links`: impairments of the link between the guard and a vehicle: latency, loss, outages."""
 
 from typing import Annotated, Literal, Self
 
@@ -12,7 +12,7 @@ Chance = Annotated[float, Field(ge=0, le=1)]
 Milliseconds = Annotated[float, Field(ge=0, le=60_000)]
 Duration = Annotated[float, Field(gt=0, le=LONGEST_S)]
 FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
-"""Stages of a flight after which a link may go dark."""
+"""Stages of a flight after which a link outage may begin."""
 
 
 class BurstsPart(Part):
@@ -59,10 +59,10 @@ class WayPart(Part):
 
     latency_ms: mean time that a frame takes. jitter_ms: by how much a frame may be earlier or later
     than latency_ms; frames keep their order. loss: the probability that a frame is lost, from 0 to
-    1. bursts: loss in bursts, beside `loss`. duplicate: the probability that a frame arrives twice.
-    reorder: the probability that later frames overtake one. corrupt: the probability that one bit
-    of a frame is flipped. bandwidth_kbit_s: what the link carries; frames queue for it, up to one
-    second; unlimited without.
+    1. bursts: loss in bursts, in addition to `loss`. duplicate: the probability that a frame
+    arrives twice. reorder: the probability that later frames overtake one. corrupt: the probability
+    that one bit of a frame is flipped. bandwidth_kbit_s: capacity of the link; frames queue for it,
+    up to one second; by default unlimited.
     """
 
     latency_ms: Milliseconds = 0.0
@@ -78,11 +78,11 @@ class WayPart(Part):
     def _causal(self) -> Self:
         """Refuse a link's jitter above its latency: no frame arrives before it was sent."""
         if self.jitter_ms > self.latency_ms:
-            said = f"is more than the latency of {self.latency_ms:g} ms; a frame cannot be early"
-            raise KeyFaultError("jitter_ms", said)
+            message = f"is more than the latency of {self.latency_ms:g} ms; a frame cannot be early"
+            raise KeyFaultError("jitter_ms", message)
         return self
 
-    def impairment(self, blackouts: tuple[LinkOutage, ...]) -> Impairment:
+    def impairment(self, outages: tuple[LinkOutage, ...]) -> Impairment:
         """Return the impairment of one direction of a link."""
         bursts, kbit_s = self.bursts, self.bandwidth_kbit_s
         return Impairment(
@@ -94,7 +94,7 @@ class WayPart(Part):
             reorder=self.reorder,
             corrupt=self.corrupt,
             bandwidth_bit_s=None if kbit_s is None else kbit_s * 1e3,
-            blackouts=blackouts,
+            blackouts=outages,
         )
 
 
@@ -111,7 +111,7 @@ class LinkPart(WayPart):
 
 
 class LinksPart(Part):
-    """The campaign's `links`: impairments of the pair's links; none for one not named."""
+    """The campaign's `links`: impairments of the pair's links; a link not named has none."""
 
     real: LinkPart | None = None
     twin: LinkPart | None = None

@@ -1,4 +1,4 @@
-"""`operator`: the ways in which people follow and command a campaign, beside its terminal."""
+"""`operator`: how people follow and command a campaign other than by its terminal: GCS, MQTT."""
 
 import re
 from typing import Annotated, Literal, Self
@@ -33,7 +33,7 @@ def _is_broker(text: str) -> str:
 
 
 def _is_variable(text: str) -> str:
-    """Refuse an operator's secret given by what is no environment variable's name."""
+    """Refuse a name that no environment variable can have."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,127}", text):
         raise ValueError(f"'{text}' is not the name of an environment variable (like WIL_TOKEN)")
     return text
@@ -47,7 +47,7 @@ def _is_topic(text: str) -> str:
 
 
 Variable = Annotated[str, AfterValidator(_is_variable)]
-"""The name of an environment variable: secrets do not stand in campaign files."""
+"""The name of an environment variable: a campaign file contains no secrets."""
 Topic = Annotated[str, AfterValidator(_is_topic)]
 GcsLink = Annotated[str, AfterValidator(_is_link)]
 
@@ -56,7 +56,7 @@ class GcsPart(Part):
     """The operator's `gcs`: links on which the guard relays a vehicle's MAVLink to a GCS.
 
     real, twin: the link to the ground station for that vehicle, such as udpout://127.0.0.1:14550;
-    none without.
+    by default none.
     """
 
     real: GcsLink | None = None
@@ -66,13 +66,13 @@ class GcsPart(Part):
 class MqttPart(Part):
     """The operator's `mqtt`: a broker for progress reports and operator commands.
 
-    commands: whether they have to be signed. token_env: the variable with the token that they are
-    signed by; without it one is made for each campaign, and stands in its folder. root: of all
-    topics: <root>/<campaign>/status. broker: the broker's address, mqtt://HOST[:PORT] or mqtts://
-    for TLS. user: the name to log in with. password_env: the environment variable that holds the
-    password. ca_file: certificates of the authorities that may have signed the broker's; the
-    system's without. cert_file: the certificate that this program shows the broker. key_file: the
-    private key of that certificate.
+    commands: whether they have to be signed. token_env: the environment variable that holds the
+    token that signs commands; by default a token is made for each campaign, in its results folder.
+    root: of all topics: <root>/<campaign>/status. broker: the broker's address, mqtt://HOST[:PORT]
+    or mqtts:// for TLS. user: the name to log in with. password_env: the environment variable that
+    holds the password. ca_file: CA certificates that verify the broker's; by default the system's.
+    cert_file: the certificate that this program presents to the broker. key_file: the private key
+    of that certificate.
     """
 
     broker: Annotated[str, AfterValidator(_is_broker)]
@@ -93,18 +93,18 @@ class MqttPart(Part):
             if getattr(self, key) is not None and not tls:
                 raise KeyFaultError(key, "is for TLS: write the broker as mqtts://")
         if self.commands == "unsigned" and self.token_env is not None:
-            raise KeyFaultError("token_env", "is what commands are signed by, and these are not")
+            raise KeyFaultError("token_env", "has no effect with commands: unsigned; remove it")
         if self.key_file is not None and self.cert_file is None:
-            raise KeyFaultError("key_file", "belongs to a cert_file, and there is none")
+            raise KeyFaultError("key_file", "needs the cert_file that it belongs to")
         return self
 
 
 class OperatorPart(Part):
     """The campaign's `operator`: ground stations, MQTT, and the action on operator loss.
 
-    on_operator_loss: what is done when the broker was away for lost_after_s. gcs: ground stations
-    that see and fly the vehicles through the guard. mqtt: the broker for reports and commands; none
-    without. lost_after_s: how long the broker may be away.
+    on_operator_loss: the action when the broker was unreachable for lost_after_s. gcs: ground
+    stations that monitor and command the vehicles through the guard. mqtt: the broker for reports
+    and commands; by default none. lost_after_s: how long the broker may be unreachable.
     """
 
     gcs: GcsPart = GcsPart()

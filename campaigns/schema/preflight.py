@@ -1,4 +1,4 @@
-"""`preflight`: what is looked at and set before vehicles arm."""
+"""`preflight`: conditions and settings that are checked before vehicles arm."""
 
 from typing import Annotated, Literal
 
@@ -9,9 +9,9 @@ from worlds.files.documents import Part
 
 
 class OwnFencePart(Part):
-    """The preflight's `autopilot_fence`: uploaded from `geofence` and read back.
+    """The fence of the autopilot: uploaded from `geofence` and read back.
 
-    margin_m: by how much it is wider, so that it acts where the guard did not.
+    margin_m: by how much it is wider than the geofence, so that it acts only if the guard failed.
     """
 
     margin_m: Annotated[float, Field(ge=0, le=1000)] = 1.0
@@ -20,7 +20,7 @@ class OwnFencePart(Part):
 class GpsCheckPart(Part):
     """The preflight's GPS check, for a vehicle whose poses are its own estimates.
 
-    min_satellites, max_hdop: what both autopilots want by default (EKF2_REQ_NSATS; ArduPilot's
+    min_satellites, max_hdop: by default what both autopilots require (EKF2_REQ_NSATS; ArduPilot's
     GPS_HDOP_GOOD is stricter).
     """
 
@@ -31,14 +31,14 @@ class GpsCheckPart(Part):
 class PreflightPart(Part):
     """The campaign's `preflight`: conditions that hold before vehicles arm.
 
-    fence: null uploads none. failsafe: whether the parameters of the autopilot's own failsafes are
-    set, or only checked; by default set for embedded and launched vehicles, checked for attached
-    ones. min_battery: of the charge, 0 to 1. min_disk_mb: room for recordings. start_tolerance_m:
-    how far from its start a vehicle may stand by its pose source; pair_tolerance_m: how differently
-    real and twin may. gps: null looks at no receiver, for vehicles that fly by something else.
-    min_mocap_hz: how often motion capture has to see a vehicle. max_clock_error_s: how uncertain a
-    vehicle's clock may be. override: checks that do not count, each with who takes the
-    responsibility.
+    fence: the autopilot's own fence; null uploads none. failsafe: whether the parameters of the
+    autopilot's own failsafes are set, or only checked; by default set for embedded and launched
+    vehicles, checked for attached ones. min_battery: least charge, 0 to 1. min_disk_mb: free space
+    for recordings. start_tolerance_m: largest distance of a vehicle from its start, by its pose
+    source. pair_tolerance_m: largest difference between the offsets of real and twin from their
+    starts. gps: null skips the check, for vehicles that fly without GPS. min_mocap_hz: least rate
+    of motion capture. max_clock_error_s: largest uncertainty of a vehicle's clock. override: checks
+    that are ignored, each with the name of the person who takes the responsibility.
     """
 
     fence: OwnFencePart | None = OwnFencePart()

@@ -16,7 +16,7 @@ class ParameterPart(Part):
     """A parameter of the search. key: the dotted key that it changes, or several of them.
 
     from, to: its limits, both included. integer: whole numbers only. choices: its values instead
-    of limits. steps: how many values strategies of fixed values (grid, pairwise) take of it.
+    of limits. steps: number of values that strategies of fixed values (grid, pairwise) use.
     """
 
     key: Annotated[str, Field(min_length=1)] | Annotated[list[str], Field(min_length=1)]
@@ -60,9 +60,9 @@ class ParameterPart(Part):
 
 
 class BudgetPart(Part):
-    """The search's `budget`: how many flights look for failures, by mode.
+    """The search's `budget`: number of flights that look for failures, by mode.
 
-    sim, wil: of the twin alone, of the pair. real: of the real vehicle; without it none is flown.
+    sim, wil: of the twin alone, of the pair. real: of the real vehicle; by default none.
     """
 
     sim: Flights | None = None
@@ -78,9 +78,9 @@ class BudgetPart(Part):
 
 
 class ConfirmPart(Part):
-    """The search's `confirm`: how what failed once is flown again, under other seeds.
+    """The search's `confirm`: how failing variants are flown again, under other seeds.
 
-    flights: of each failing variant. at_least: how many of them have to fail; None: more than half.
+    flights: of each failing variant. at_least: how many of them have to fail; null: more than half.
     most: how many failing variants are flown again.
     """
 
@@ -104,13 +104,13 @@ class ConfirmPart(Part):
 class SearchPart(Part):
     """The campaign's `search`, which `wil-campaign search` flies.
 
-    case: the case that is varied; None: the first one. parameters: by name, as constraints name
-    them. constraints: what holds between them, as "aside + 0.5 * size <= 1.6". objective: the
-    oracle whose margin is made small; or several, of which the smallest counts. scale: of margins
-    by oracle, in its unit, where its limit is no measure. strategy: what proposes variants. budget:
-    flights that look for failures. seeds: how often each variant is flown. stop_after: so many
-    confirmed failures end the search; None: the budget is used up. reduce: most flights that make
-    each confirmed failure smaller.
+    case: the case that is varied; null: the first one. parameters: by the names that constraints
+    use. constraints: between parameters, such as "aside + 0.5 * size <= 1.6". objective: the oracle
+    whose margin is minimised; or several, of which the smallest counts. scale: by oracle, in its
+    unit: the margin that counts as 1, where the oracle's limit is no suitable measure. strategy:
+    which proposes variants. budget: flights that look for failures. seeds: flights of each variant.
+    stop_after: number of confirmed failures that end the search; null: the budget is used up.
+    reduce: largest number of flights to simplify each confirmed failure.
     """
 
     case: str | None = None

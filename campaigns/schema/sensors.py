@@ -1,4 +1,4 @@
-"""`vehicles.<name>.sensors`: what a vehicle carries."""
+"""`vehicles.<name>.sensors`: the sensors of a vehicle."""
 
 import math
 from dataclasses import replace
@@ -28,12 +28,12 @@ from worlds.frames import Pose, quat_from_euler
 Pixels = Annotated[int, Field(ge=16, le=8192)]
 Rate = Annotated[float, Field(gt=0, le=1000)]
 TruthRate = Annotated[float, Field(gt=0, le=250)]
-"""The embedded vehicle's physics goes at 250 Hz: nothing truer can be had in between."""
+"""The embedded vehicle's physics runs at 250 Hz: no truth is available in between."""
 Metres = Annotated[float, Field(ge=0, le=10_000)]
 Focal = Annotated[float, Field(gt=0, le=1e6)]
 _FOCAL_KEYS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _DISTORTIONS = (0, 4, 5, 8, 12, 14)
-"""How many numbers OpenCV's lens models have."""
+"""Numbers of coefficients of OpenCV's lens models."""
 
 
 def _as_opencv(given: list[float]) -> list[float]:
@@ -79,7 +79,7 @@ class ImagePart(CarriedPart):
     rate_hz: images in a second. width_px, height_px: size of an image, from 16 to 8192. fov_deg:
     horizontal field of view, from edge to edge. fx_px: focal length along the width. fy_px: focal
     length along the height. cx_px: principal point, from the left. cy_px: principal point, from the
-    top. mount: where on the body it sits and looks; forward without. stabilized: whether a gimbal
+    top. mount: position and direction on the body; by default forward. stabilized: whether a gimbal
     keeps roll and pitch level.
     """
 
@@ -133,8 +133,8 @@ class ImagePart(CarriedPart):
 class CameraPart(ImagePart):
     """A camera sensor. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
 
-    source: where its pictures come from; rendered without. calibration: file with its optics, and
-    with mounting and latency where they were measured. type: the kind of sensor.
+    source: of its images; by default they are rendered. calibration: file with its optics, and with
+    mounting and latency where they were measured. type: the kind of sensor.
     """
 
     type: Literal["camera"]
@@ -143,7 +143,7 @@ class CameraPart(ImagePart):
     calibration: str | None = None
 
     @model_validator(mode="after")
-    def _lens_that_can_be(self) -> Self:
+    def _require_possible_lens(self) -> Self:
         """Refuse a camera sensor's distortion that no lens can have."""
         fault = lens_fault(self.intrinsics()) if self.distortion and self._has_optics() else ""
         if fault:
@@ -197,7 +197,7 @@ class DepthPart(ImagePart):
 class RangingPart(SourcedPart):
     """The keys of every ranging sensor; its range defaults to that of the profile's sensor.
 
-    range_min_m: what is nearer is not measured. range_max_m: what is farther is not measured.
+    range_min_m: the least measured distance. range_max_m: the greatest measured distance.
     """
 
     range_min_m: Metres | None = None
@@ -220,7 +220,7 @@ class RangingPart(SourcedPart):
 class LidarPart(RangingPart):
     """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward.
 
-    type: the kind of sensor. rate_hz: scans in a second. beams: how many one scan has. fov_deg:
+    type: the kind of sensor. rate_hz: scans in a second. beams: of one scan. fov_deg:
     from the first beam to the last; 360 is a full turn.
     """
 
@@ -247,8 +247,8 @@ class LidarPart(RangingPart):
 class LidarPointsPart(RangingPart):
     """A 3-D lidar sensor: a full turn of `columns`, each of `rings` between two elevations.
 
-    type: the kind of sensor. rate_hz: turns in a second. columns: how many directions one turn has.
-    rings: how many beams of different elevation each column has. lowest_deg: elevation of the
+    type: the kind of sensor. rate_hz: turns in a second. columns: number of directions of one turn.
+    rings: number of beams of each column, by elevation. lowest_deg: elevation of the
     lowest ring, positive upwards. highest_deg: elevation of the highest ring, positive upwards.
     """
 
@@ -330,7 +330,7 @@ class ImuPart(SourcedPart):
 
 
 class PosePart(SourcedPart):
-    """A pose sensor: motion capture. rate_hz: at most; by default the profile's rate.
+    """A pose sensor: motion capture. rate_hz: highest rate; by default the profile's.
 
     type: the kind of sensor.
     """
@@ -347,8 +347,8 @@ class PosePart(SourcedPart):
 class MicrophonePart(SourcedPart):
     """A microphone sensor that delivers blocks of samples.
 
-    type: the kind of sensor. sample_rate_hz: samples in a second. block_samples: how many samples
-    each reading has.
+    type: the kind of sensor. sample_rate_hz: samples in a second. block_samples: samples of each
+    reading.
     """
 
     embedded_only: ClassVar[bool] = True
@@ -383,4 +383,4 @@ SensorPart = Annotated[
     | MicrophonePart,
     Field(discriminator="type"),
 ]
-"""Any sensor, told apart by `type`."""
+"""Any sensor; `type` selects the model."""

@@ -1,4 +1,4 @@
-"""`source` of a sensor and `mocap` of a vehicle: what comes into a run from outside."""
+"""`source` of a sensor and `mocap` of a vehicle: external inputs of a run."""
 
 import re
 from pathlib import Path
@@ -37,18 +37,18 @@ _ONLY_FOR: dict[str, tuple[SourceKind, ...]] = {
     "stall_s": ("rtsp", "rtp", "v4l2"),
     "open_s": ("rtsp", "rtp", "v4l2", "simulator"),
 }
-"""Which kinds of source a key says anything about."""
+"""The kinds of source on which a key has an effect."""
 
 
 class SourcePart(Part):
-    """A camera's external source of images; a bare text stands for `address`.
+    """A camera's external source of images; a bare text is the same as `address`.
 
     address: rtsp://..., rtp://HOST:PORT or FILE.sdp, /dev/videoN, a video file, a folder of images,
     an MCAP file, or tcp://HOST:PORT of a simulator. latency_ms: middle of the exposure to arrival.
-    answer_ms: how long a simulator may take for a picture. open_s: how long opening it may take.
-    stall_s: a silence in flight after which the run proves nothing. transport: how RTSP carries its
-    packets. format: the pixel format that is asked of a video device, such as mjpeg. topic: the
-    topic of the images in an MCAP file.
+    answer_ms: how long a simulator may take for an image. open_s: how long opening it may take.
+    stall_s: time without an image in flight after which the run is INVALID. transport: how RTSP
+    carries its packets. format: the pixel format that is requested from a video device, such as
+    mjpeg. topic: the topic of the images in an MCAP file.
     """
 
     shorthand: ClassVar[str] = "address"
@@ -74,7 +74,7 @@ class SourcePart(Part):
                 "address", f"'{self.address}': the known schemes are {known}, and files"
             )
         if self._scheme() is None:
-            return self  # what a file is, its folder tells
+            return self  # a file's kind is known only when its folder is
         for key, kinds in _ONLY_FOR.items():
             if key in self.model_fields_set and self._scheme() not in kinds:
                 raise KeyFaultError(key, f"has no effect on a source of {self._scheme()}")
@@ -83,8 +83,8 @@ class SourcePart(Part):
     def setup(self, folder: Path, *, latency_s: float) -> SourceSetup:
         """Return the setup of an external source; its files are relative to a folder.
 
-        latency_s: of the calibration, where none is given here. Raises KeyFaultError for a file
-        that is not there.
+        latency_s: of the calibration, where none is given here. Raises KeyFaultError for a missing
+        file.
         """
         kind, address = self._scheme(), self.address
         if kind is None or address.endswith(".sdp"):
@@ -131,15 +131,15 @@ _ONLY_FOR_READINGS: dict[str, tuple[ReadingSourceKind, ...]] = {
 
 
 class ReadingSourcePart(Part):
-    """A sensor's external source of readings; a bare text stands for `address`.
+    """A sensor's external source of readings; a bare text is the same as `address`.
 
-    address: mavlink (what the vehicle sends on its link), tcp://HOST:PORT (a ZeroMQ publisher's),
-    or an MCAP file. message: which message of MAVLink, where a sensor is in several. id: which of
-    the vehicle's sensors, by the message's id. undulation_m: height of the geoid above the
-    ellipsoid, for a GPS receiver that does not report it. name: the sensor's name in ZeroMQ
-    messages; its name here without. topic: the topic of a ZeroMQ publisher, or of an MCAP file.
-    latency_ms: sampling to arrival. open_s: how long the first reading may take. stall_s: a
-    silence in flight after which the run proves nothing.
+    address: mavlink (messages on the vehicle's link), tcp://HOST:PORT (a ZeroMQ publisher's), or an
+    MCAP file. message: the MAVLink message, where several have such readings. id: of the vehicle's
+    sensor, by the message's id. undulation_m: height of the geoid above the ellipsoid, for a GPS
+    receiver that does not report it. name: the sensor's name in ZeroMQ messages; by default its
+    name here. topic: the topic of a ZeroMQ publisher, or of an MCAP file. latency_ms: sampling to
+    arrival. open_s: how long the first reading may take. stall_s: time without a reading in flight
+    after which the run is INVALID.
     """
 
     shorthand: ClassVar[str] = "address"
@@ -161,7 +161,7 @@ class ReadingSourcePart(Part):
 
     @model_validator(mode="after")
     def _require_fitting_keys(self) -> "ReadingSourcePart":
-        """Refuse an unknown address, and keys that say nothing about this kind of source."""
+        """Refuse an unknown address, and keys without effect on this kind of source."""
         kind = self.kind
         for key, kinds in _ONLY_FOR_READINGS.items():
             if key in self.model_fields_set and kind not in kinds:
@@ -178,8 +178,8 @@ class ReadingSourcePart(Part):
             return "zmq"
         if self.address.endswith(".mcap") and "://" not in self.address:
             return "mcap"
-        said = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
-        raise KeyFaultError("address", f"'{self.address}' {said}")
+        fault = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
+        raise KeyFaultError("address", f"'{self.address}' {fault}")
 
     def setup(self, folder: Path, *, sensor: str, message: str | None) -> ReadingSourceSetup:
         """Return the setup of a sensor's source; its file is relative to a folder.
@@ -204,15 +204,15 @@ class ReadingSourcePart(Part):
 
 
 class CarriedPart(Part):
-    """Any sensor. embedded_only: without a source, only our simulation tells what it feels."""
+    """Any sensor. embedded_only: without a source, only the embedded vehicle has its readings."""
 
     embedded_only: ClassVar[bool] = False
 
 
 class SourcedPart(CarriedPart):
-    """A sensor whose readings may come from outside.
+    """A sensor whose readings may be external.
 
-    source: where its readings come from; computed from the vehicle's motion and the world without.
+    source: of its readings; by default they are computed from the vehicle's motion and the world.
     """
 
     source: ReadingSourcePart | None = None
@@ -225,16 +225,16 @@ class SourcedPart(CarriedPart):
         kind = getattr(self, "type", "")
         there, wanted = MESSAGES.get(kind, ()), self.source.message
         if kind != "pose" and not there:
-            said = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
-            raise KeyFaultError(("source", "address"), said)
+            fault = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
+            raise KeyFaultError(("source", "address"), fault)
         if wanted is not None and wanted not in there:
             known = ", ".join(there) or "none, for it is the vehicle's estimate"
-            said = f"'{wanted}' has no readings of type {kind}; known are: {known}"
-            raise KeyFaultError(("source", "message"), said)
+            fault = f"'{wanted}' has no readings of type {kind}; known are: {known}"
+            raise KeyFaultError(("source", "message"), fault)
         mount: Any = getattr(self, "mount", None)
         if kind == "lidar" and (mount.roll_deg or mount.pitch_deg or mount.yaw_deg):
-            said = "cannot be turned: OBSTACLE_DISTANCE has angles from the vehicle's own heading"
-            raise KeyFaultError("mount", said)
+            fault = "cannot be turned: OBSTACLE_DISTANCE has angles from the vehicle's own heading"
+            raise KeyFaultError("mount", fault)
         for key, owner in (("id", "rangefinder"), ("undulation_m", "gps")):
             if key in self.source.model_fields_set and kind != owner:
                 raise KeyFaultError(("source", key), f"applies to a {owner} only")
@@ -243,7 +243,7 @@ class SourcedPart(CarriedPart):
     def sourced_from(self, autopilot: str) -> str | None:
         """Return the MAVLink message of the sensor's source; None where it has none.
 
-        Raises KeyFaultError for one whose unit this autopilot leaves open, or that it never sends.
+        Raises KeyFaultError for a message that this autopilot never sends, or without a known unit.
         """
         there = MESSAGES.get(getattr(self, "type", ""), ())
         if self.source is None or self.source.kind != "mavlink" or not there:
@@ -251,27 +251,27 @@ class SourcedPart(CarriedPart):
         given = self.source.message
         usual = "RAW_IMU" if there[0] == "HIGHRES_IMU" and autopilot == "ardupilot" else there[0]
         if there[0] == "OBSTACLE_DISTANCE" and autopilot == "ardupilot":
-            said = (
+            fault = (
                 "ArduPilot sends no OBSTACLE_DISTANCE (its proximity sensor's sectors are "
                 "DISTANCE_SENSOR messages): use tcp:// or an MCAP file"
             )
-            raise KeyFaultError(("source", "address"), said)
+            raise KeyFaultError(("source", "address"), fault)
         if given == "RAW_IMU" and autopilot != "ardupilot":
-            said = (
+            fault = (
                 "MAVLink gives RAW_IMU no unit, and only ArduPilot's is known (milli-g and "
                 "mrad/s): use HIGHRES_IMU or SCALED_IMU"
             )
-            raise KeyFaultError(("source", "message"), said)
+            raise KeyFaultError(("source", "message"), fault)
         return given or usual
 
 
 class MocapPart(Part):
-    """A vehicle's external source of motion capture; a bare text stands for `address`.
+    """A vehicle's external source of motion capture; a bare text is the same as `address`.
 
     address: udp://HOST:PORT (ours, to bind), tcp://HOST:PORT (a ZeroMQ publisher's), or
-    vrpn://HOST[:PORT]. body: its name in the capture system; the vehicle's without. stall_s: a
-    silence in flight after which the run proves nothing. latency_ms: from the capture of a pose to
-    its arrival. topic: the topic of a ZeroMQ publisher; all without.
+    vrpn://HOST[:PORT]. body: its name in the capture system; by default the vehicle's. stall_s:
+    time without a pose in flight after which the run is INVALID. latency_ms: from the capture of a
+    pose to its arrival. topic: the topic of a ZeroMQ publisher; by default all.
     """
 
     shorthand: ClassVar[str] = "address"

@@ -46,7 +46,7 @@ class StartPart(Part):
 class PoseAccuracyPart(Part):
     """The accuracy of a vehicle's pose source, one standard deviation.
 
-    velocity_m_s: of an estimate's own velocity; that of motion capture is made of its positions.
+    velocity_m_s: of an estimate's own velocity; for motion capture it is derived from positions.
     position_m: standard deviation of each axis of the position. attitude_deg: standard deviation of
     each angle of the attitude.
     """
@@ -65,7 +65,7 @@ class PoseAccuracyPart(Part):
 
 
 class BodyPart(Part):
-    """A vehicle's body as contacts, clearances and gates are judged: a box round its middle.
+    """A vehicle's body by which contacts, clearances and gates are judged: a box round its middle.
 
     width_m: across and along, propellers included. height_m: from the feet to the top.
     """
@@ -160,9 +160,9 @@ class SigningPart(Part):
 class TelemetryPart(Part):
     """A vehicle's `telemetry`: rates of positions, and the capacity of its radio.
 
-    bandwidth_kbit_s: both ways together; without it, that of the serial port. max_gap_s: the
-    longest gap between positions that leaves a run valid; without it, three of their periods.
-    rate_hz: how often the vehicle is asked to send its position, from 10 to 100.
+    bandwidth_kbit_s: both ways together; by default that of the serial port. max_gap_s: the longest
+    gap between positions with which a run is valid; by default three of their periods. rate_hz:
+    requested rate of positions, from 10 to 100.
     """
 
     rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0
@@ -173,18 +173,18 @@ class TelemetryPart(Part):
 class VehiclePart(Part):
     """One vehicle of the pair in a campaign file.
 
-    link: embedded (the surrogate), a link such as udpin://0.0.0.0:14550, or what is launched.
-    autopilot: what flies it. profile: vehicle and place of an embedded one: air, motors,
-    battery, estimator, camera. params: parameters that are set before arming, and read back.
-    pose_source: what judging and rendering use: its simulator's ground truth (by default of one
-    that is launched), motion capture, or its own estimate (by default of others). sensors: by
-    the names that the recipe has for them. driver: who speaks to it: frames of our own
-    (mavlink), or mavsdk in a process of its own. system_id: 1 for the real vehicle and 2 for
-    the twin without. anchor: what says where it stands before arming: `start`, or motion
-    capture. mocap: where that comes from; None: the surrogate's. spare_links: more links to the
-    same vehicle, flown by when those before them fall silent. coupling: of the twin, how it is
-    kept with the real vehicle in mode wil. body: as it is judged; without it, that of the
-    embedded vehicle.
+    link: embedded (the built-in simulation), a link such as udpin://0.0.0.0:14550, or the
+    simulation to launch. autopilot: the firmware of the vehicle. profile: of an embedded vehicle:
+    air, motors, battery, estimator, camera. params: autopilot parameters that are set before
+    arming, and read back. pose_source: of the poses for judging and rendering: the simulator's
+    ground truth (by default of a launched vehicle), motion capture, or the vehicle's own estimate
+    (by default of others). sensors: by the names that the recipe uses. driver: of the link: mavlink
+    (built in), or mavsdk in a separate process. system_id: of MAVLink; by default 1 for the real
+    vehicle and 2 for the twin. anchor: what defines the place before arming: `start`, or motion
+    capture. mocap: the source of motion capture; null: the embedded vehicle's. spare_links: further
+    links to the same vehicle, used when those before them fall silent. coupling: of the twin, how
+    it follows the real vehicle in mode wil. body: by which the vehicle is judged; by default that
+    of the embedded vehicle.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
@@ -213,23 +213,23 @@ class VehiclePart(Part):
             raise KeyFaultError("mocap", f"is not used with pose_source: {self.poses_from}")
         accuracy = self.pose_accuracy
         if accuracy is not None and accuracy.velocity_m_s and self.pose_source == "mocap":
-            said = "is of an estimate; motion capture gives positions alone: remove it"
-            raise KeyFaultError(("pose_accuracy", "velocity_m_s"), said)
+            message = "applies to an estimate; motion capture has positions only: remove it"
+            raise KeyFaultError(("pose_accuracy", "velocity_m_s"), message)
         if self.link != "embedded" and self.pose_source == "mocap" and self.mocap is None:
-            said = (
-                "only the embedded vehicle brings motion capture along; say by `mocap` where it "
-                "comes from, or write mavlink"
+            message = (
+                "only the embedded vehicle has built-in motion capture; give its source by "
+                "`mocap`, or write mavlink"
             )
-            raise KeyFaultError("pose_source", said)
+            raise KeyFaultError("pose_source", message)
         for name, sensor in self.sensors.items():
             captured = sensor.type == "pose" and self.pose_source == "mocap"
             given = captured or getattr(sensor, "source", None) is not None
             if self.link != "embedded" and sensor.embedded_only and not given:
-                said = (
-                    f"only the embedded vehicle's {sensor.type} is modelled; say by `source` where "
-                    "the readings come from, or remove the sensor"
+                message = (
+                    f"only the embedded vehicle's {sensor.type} is modelled; give the source of "
+                    "its readings by `source`, or remove the sensor"
                 )
-                raise KeyFaultError(("sensors", name, "type"), said)
+                raise KeyFaultError(("sensors", name, "type"), message)
         if self.anchor == "mocap" and self.pose_source != "mocap":
             raise KeyFaultError("anchor", "uses motion capture: it needs pose_source: mocap")
         if self.spare_links and (not isinstance(self.link, str) or self.link == "embedded"):
@@ -241,7 +241,7 @@ class VehiclePart(Part):
 
     @property
     def poses_from(self) -> PoseSource:
-        """Return the vehicle's pose source: as given, else the best that such a vehicle has."""
+        """Return the vehicle's pose source: as given, or the default of its kind of link."""
         if self.pose_source is not None:
             return self.pose_source
         return "mavlink" if isinstance(self.link, str) else "simulator"
@@ -256,5 +256,5 @@ class VehiclesPart(Part):
     @model_validator(mode="after")
     def _coupled(self) -> Self:
         if self.real is not None and "coupling" in self.real.model_fields_set:
-            raise KeyFaultError(("real", "coupling"), "is of the twin; write it there")
+            raise KeyFaultError(("real", "coupling"), "is a key of the twin; move it there")
         return self

@@ -1,1 +1,1 @@
-"""The search for a variant that fails: what is flown next, from what was flown so far; pure."""
+"""The search for a variant that fails: which flights come next, given all flights so far; pure."""

@@ -26,13 +26,13 @@ _TIMELESS = "parameters have no time: only comparisons, and, or, not, implies, i
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A constraint of a search: its text, and what it says."""
+    """A constraint of a search: its text, and its formula."""
 
     text: str
     formula: Formula
 
     def holds(self, values: Mapping[str, ParameterValue | None]) -> bool:
-        """Return whether values keep the constraint; where one that it names is unknown, not."""
+        """Return whether values keep the constraint; False where a named value is unknown."""
         if any(values.get(name.name) is None for name in names_of(self.formula)):
             return False
         return _holds(self.formula, values)
@@ -79,7 +79,7 @@ def _holds(formula: Formula, values: Mapping[str, ParameterValue | None]) -> boo
 
 
 def _compare(atom: Comparison, values: Mapping[str, ParameterValue | None]) -> bool:
-    """Return whether a comparison holds; a value that is no number, as 0/0, keeps nothing."""
+    """Return whether a comparison holds; False for a NaN, such as that of 0/0."""
     numbers = {
         name.name: np.array(float(value))
         for name in names_of(atom)

@@ -1,7 +1,7 @@
 """Coverage of a search's space: which pairs of levels were flown, and where it is unexplored; pure.
 
-Pairs, for most failures need no more than two parameters (Kuhn, Wallace and Gallo, IEEE TSE 30,
-2004). A continuous parameter counts by cells, as many as its `steps`.
+Pairs, as most failures need no more than two parameters (Kuhn, Wallace and Gallo, IEEE TSE 30,
+2004). A continuous parameter is divided into as many cells as its `steps`.
 """
 
 import itertools
@@ -15,16 +15,17 @@ from campaigns.search.space import Parameter, Space, Values
 from campaigns.search.strategies import Point
 
 _SAMPLES = 4096
-"""Points by which admissible cells and the farthest point are sought."""
+"""Number of points that sample the space for admissible cells and the farthest point."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpaceCoverage:
     """How much of a space was flown.
 
-    cells, flown: pairs of cells of two parameters (cells, of a single one) that are admissible, and
-    how many of these were flown. farthest: the admissible point that is farthest from all flown
-    ones; distance: how far, as a share of the ranges (root mean square over the parameters).
+    cells, flown: number of admissible pairs of cells of two parameters (of cells, if there is only
+    one), and how many of these were flown. farthest: the admissible point that is farthest from all
+    flown ones; distance: to the nearest of these, as a share of the ranges (root mean square over
+    the parameters).
     """
 
     cells: int
@@ -41,10 +42,10 @@ class SpaceCoverage:
 def coverage_of(space: Space, tried: Iterable[Values]) -> SpaceCoverage:
     """Return how much of a space variants cover."""
     samples = admissible_shares(space)
-    points = [found for values in tried if (found := space.shares(values)) is not None]
+    points = [point for values in tried if (point := space.shares(values)) is not None]
     admissible = {cell for shares in samples for cell in _cells(space, shares)}
     flown = {cell for shares in points for cell in _cells(space, shares)}
-    # A variant that was flown is admissible, whether the samples hit its cell or not.
+    # A flown variant is admissible even if no sample is in its cell.
     admissible |= flown
     farthest, distance = _farthest(samples, points)
     return SpaceCoverage(
@@ -70,7 +71,7 @@ def cell_of(parameter: Parameter, share: float) -> int:
 
 
 def cell_count(parameter: Parameter) -> int:
-    """Return into how many cells a parameter is divided."""
+    """Return the number of cells of a parameter."""
     count = parameter.count
     return parameter.steps if count is None else min(count, max(parameter.steps, 2))
 

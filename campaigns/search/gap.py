@@ -1,4 +1,4 @@
-"""The gap between two modes, from values of the same variants under the same seeds; pure."""
+"""The gap between two modes: differences of the same variants under the same seeds; pure."""
 
 import math
 from collections.abc import Sequence
@@ -8,13 +8,13 @@ from statistics import fmean, stdev
 from campaigns.schema import Mode
 
 LEAST_PAIRS = 3
-"""Pairs of flights from which on the gap's spread is taken for measured."""
+"""Least number of pairs of flights from which the gap's spread is estimated."""
 _CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class ModeGap:
-    """The gap between a mode and a dearer one. differences: value there, less the value here."""
+    """The gap between a mode and a costlier one. differences: upper value minus lower value."""
 
     lower: Mode
     upper: Mode
@@ -22,7 +22,7 @@ class ModeGap:
 
     @property
     def is_measured(self) -> bool:
-        """Return whether there are pairs enough to tell a spread."""
+        """Return whether there are enough pairs to estimate the spread."""
         return len(self.differences) >= LEAST_PAIRS
 
     @property
@@ -36,7 +36,7 @@ class ModeGap:
         return stdev(self.differences) if len(self.differences) > 1 else None
 
     def least_above(self, value: float) -> float:
-        """Return what a value of the lower mode is at least in the upper one, by prediction.
+        """Return the lower prediction bound in the upper mode for a value of the lower one.
 
         One-sided 95 % prediction of one further difference (Student's t); minus infinity where the
         gap is not measured.
@@ -51,10 +51,10 @@ class ModeGap:
 def passed_on(
     values: Sequence[tuple[str, float]], gap: ModeGap, *, probes: int, most: int
 ) -> list[str]:
-    """Return which variants are flown in the upper mode next, the worst first.
+    """Return the variants to be flown next in the upper mode, the worst first.
 
-    values: of those not flown there yet, in the lower mode. Until the gap is measured these are
-    the worst ones, enough to measure it; afterwards those that may fail there by prediction.
+    values: in the lower mode, of variants not flown in the upper one yet. Until the gap is measured
+    the result is as many of the worst as that needs; then those that may fail by prediction.
     """
     ordered = sorted(values, key=lambda one: one[1])
     if not gap.is_measured:

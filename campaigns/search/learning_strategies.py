@@ -1,4 +1,4 @@
-"""Strategies of a search that learn from what came of their proposals: TPE and CMA-ES of optuna."""
+"""Strategies of a search that learn from the values of their proposals: optuna's TPE and CMA-ES."""
 
 import warnings
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from campaigns.search.strategies import (
 )
 
 _ATTEMPTS = 50
-"""Proposals outside of the constraints, in a row, after which a random admissible one is taken."""
+"""Inadmissible proposals in a row after which a random admissible point is enqueued."""
 
 
 def make_strategy(name: StrategyName, space: Space, seed: int) -> Strategy:
@@ -32,9 +32,9 @@ def make_strategy(name: StrategyName, space: Space, seed: int) -> Strategy:
 
 
 class LearningStrategy:
-    """A study of optuna, in memory: what it proposes depends on the seed and on what it was given.
+    """An optuna study in memory; its proposals depend on the seed and the reported values alone.
 
-    Several proposals may be without a value; TPE then takes them for bad (constant liar), so that
+    Several proposals may be without a value; TPE then treats them as bad ("constant liar"), so that
     they lie apart.
     """
 
@@ -49,7 +49,7 @@ class LearningStrategy:
             self._study = self._optuna.create_study(sampler=self._sampler(name, seed))
 
     def ask(self) -> Proposal | None:
-        """Return a proposal that keeps the constraints and, in a finite space, is a new one."""
+        """Return a proposal that keeps the constraints and, in a finite space, is new."""
         for attempt in range(2 * _ATTEMPTS):
             if attempt >= _ATTEMPTS and not self._enqueue():
                 return None
@@ -63,7 +63,7 @@ class LearningStrategy:
         return None
 
     def tell(self, number: int, value: float | None) -> None:
-        """Give a proposal its value; without one it is as if it had not been made."""
+        """Report the value of a proposal; None withdraws it."""
         trial = self._trials.pop(number)
         with _quiet():
             if value is None:
@@ -80,7 +80,7 @@ class LearningStrategy:
         return samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
 
     def _enqueue(self) -> bool:
-        """Have a random admissible point proposed next; return whether there is one."""
+        """Enqueue a random admissible point as the next trial; return whether there is one."""
         if self._unseen is not None:
             if not self._unseen:
                 return False
@@ -99,7 +99,7 @@ class LearningStrategy:
         return True
 
     def _is_new(self, point: Point) -> bool:
-        """Return whether a point may be proposed; in a finite space it is not again."""
+        """Return whether a point may be proposed: once only in a finite space."""
         if not self._space.admits(point):
             return False
         if self._unseen is None:
@@ -113,7 +113,7 @@ class LearningStrategy:
 def _suggested(trial: Any, parameter: Parameter) -> ParameterValue:
     """Return what a trial of optuna suggests for a parameter."""
     if parameter.choices:
-        # Optuna takes True and 1 for one choice: indices are none.
+        # Optuna treats True and 1 as the same choice, so that choices are given by index.
         every = list(range(len(parameter.choices)))
         return parameter.choices[int(trial.suggest_categorical(parameter.name, every))]
     if parameter.is_integer:
@@ -123,12 +123,12 @@ def _suggested(trial: Any, parameter: Parameter) -> ParameterValue:
 
 
 def _written(parameter: Parameter, value: ParameterValue) -> ParameterValue:
-    """Return a parameter's value as optuna knows it."""
+    """Return a parameter's value in optuna's form: the index of a choice."""
     return parameter.choices.index(value) if parameter.choices else value
 
 
 def _import_optuna(name: str) -> Any:
-    """Return optuna, which writes nothing. Raises MissingExtraError."""
+    """Return the module optuna, with its log silenced. Raises MissingExtraError."""
     package = "optuna"
     try:
         with _quiet():
@@ -145,7 +145,7 @@ def _import_optuna(name: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence what optuna says of experimental arguments."""
+    """Silence optuna's warnings of experimental arguments."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -1,4 +1,4 @@
-"""What a search flies and what came of it; values only."""
+"""Values of a search: variants, flights, outcomes, failing cases and findings."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ FlownVerdict = Literal["PASS", "FAIL", "INVALID", "ERROR", "ABORTED"]
 class Variant:
     """A variant of the campaign. name: of its case; values: what it changes, by parameter.
 
-    of: the variant that it was made smaller from; empty for a proposal.
+    of: the variant from which it was reduced; empty for a proposal.
     """
 
     name: str
@@ -30,9 +30,9 @@ class Variant:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """A flight that a search wants. repetition from 1.
+    """A flight that a search requests. repetition from 1.
 
-    seed_name: from this, the repetition and the campaign's seed the flight's seed derives.
+    seed_name: the flight's seed derives from it, the repetition and the campaign's seed.
     """
 
     variant: Variant
@@ -43,7 +43,7 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Batch:
-    """Flights of one mode that a search wants at once. number from 1."""
+    """Flights of one mode that a search requests at once. number from 1."""
 
     number: int
     purpose: Purpose
@@ -53,11 +53,11 @@ class Batch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightOutcome:
-    """What came of a flight. value: normalised margin, at most 0 where it failed.
+    """The outcome of a flight. value: normalised margin, at most 0 where it failed.
 
-    None where it shows nothing: INVALID, ERROR, or an objective without a margin. cause: what
-    decided a FAIL, as "reached/real". duration_s: of the flight; wall_s: on this machine. sensed:
-    what its sensors had before them; empty where nobody looked.
+    None where there is none: INVALID, ERROR, or an objective without a margin. cause: the oracle
+    that decided a FAIL, such as "reached/real". duration_s: of the flight; wall_s: on this machine.
+    sensed: what was in view of its sensors; empty where that was not determined.
     """
 
     verdict: FlownVerdict
@@ -71,12 +71,12 @@ class FlightOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchProblem:
-    """What a search needs to know. budget: flights that look for failures, by mode, cheapest first.
+    """The task of a search. budget: flights that look for failures, by mode, cheapest first.
 
     confirm_flights, votes: how often a failing variant is flown again, and how many of these must
-    fail. confirm_most: how many variants are. reduce_flights: most for each confirmed failure.
-    stop_after: so many confirmed failures end it; None: none. at_once: flights that it wants at
-    once. refuse: why a variant cannot be flown in these modes, in words; "" where it can.
+    fail. confirm_most: most variants that are flown again. reduce_flights: most for each confirmed
+    failure. stop_after: number of confirmed failures that end the search; None: no limit. at_once:
+    flights requested at once. refuse: returns why a variant cannot be flown; "" where it can.
     """
 
     space: Space
@@ -98,13 +98,13 @@ class SearchProblem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriedVariant:
-    """A variant with what came of the flights that look for failures, by mode."""
+    """A variant with the outcomes of its flights that look for failures, by mode."""
 
     variant: Variant
     outcomes: Mapping[Mode, tuple[FlightOutcome, ...]] = field(default_factory=dict)
 
     def value(self, mode: Mode) -> float | None:
-        """Return the smallest value in a mode; None where no flight shows one."""
+        """Return the smallest value in a mode; None where no flight has one."""
         values = [one.value for one in self.outcomes.get(mode, ()) if one.value is not None]
         return min(values, default=None)
 
@@ -117,18 +117,18 @@ class TriedVariant:
         return any(one.verdict == "PASS" for one in self.outcomes.get(mode, ()))
 
     def failed_last(self, modes: Sequence[Mode]) -> bool:
-        """Return whether a flight failed in the last of these modes that proved anything."""
+        """Return whether a flight failed in the last of these modes with a value or a failure."""
         proven = [mode for mode in modes if self.value(mode) is not None or self.failed(mode)]
         return bool(proven) and self.failed(proven[-1])
 
     @property
     def is_proven(self) -> bool:
-        """Return whether a flight in any mode proved something: PASS or FAIL."""
-        found = itertools.chain.from_iterable(self.outcomes.values())
-        return any(one.verdict in {"PASS", "FAIL"} for one in found)
+        """Return whether a flight in any mode has the verdict PASS or FAIL."""
+        outcomes = itertools.chain.from_iterable(self.outcomes.values())
+        return any(one.verdict in {"PASS", "FAIL"} for one in outcomes)
 
     def cause(self, mode: Mode) -> str:
-        """Return what decided the first failure in a mode; "" without one."""
+        """Return the cause of the first failure in a mode; "" without one."""
         causes = [one.cause for one in self.outcomes.get(mode, ()) if one.verdict == "FAIL"]
         return causes[0] if causes else ""
 
@@ -139,7 +139,7 @@ class FailingCase:
 
     failed of proven flights failed by the cause; interval: of the rate at which it fails.
     reduced, reduced_failed, reduced_proven: the same of the smallest; the variant itself where
-    nothing smaller fails as often. is_reduced: False where flights for it ran out.
+    nothing smaller fails as often. is_reduced: False where the flights for it were used up.
     """
 
     variant: Variant
@@ -157,7 +157,7 @@ class FailingCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What flights of a mode cost: how many, in seconds of flight and of this machine."""
+    """The cost of flights of a mode: their number, seconds of flight, and of wall time."""
 
     flights: int = 0
     flight_s: float = 0.0
@@ -174,10 +174,10 @@ class Cost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """What a search found. modes: those that it flies, the dearest last. ended: why, in words.
+    """The result of a search. modes: those that it flies, the costliest last. ended: why, in words.
 
     refused: variants never flown, and why. cases: those flown again. costs: by mode and purpose.
-    gaps: between each mode and the next one. flown: what came of each flight, in their order.
+    gaps: between each mode and the next one. flown: the outcome of each flight, in their order.
     """
 
     modes: tuple[Mode, ...]
@@ -191,10 +191,10 @@ class Findings:
 
     @property
     def open_failures(self) -> tuple[TriedVariant, ...]:
-        """Return what failed last, in its dearest proven mode, and is not confirmed or refuted.
+        """Return the variants that failed in their costliest proven mode and are not settled.
 
-        So is what failed in a cheaper mode where the budget, the gap or INVALID flights left
-        the dearer one without an answer.
+        Settled is confirmed or refuted. A variant that failed in a cheaper mode is open as well
+        where the budget, the gap or INVALID flights left the costlier mode without a result.
         """
         settled = {one.variant.name for one in self.cases if one.standing != "undecided"}
         return tuple(
@@ -205,12 +205,12 @@ class Findings:
 
     @property
     def unproven(self) -> tuple[TriedVariant, ...]:
-        """Return the variants of which no flight proved anything: each was INVALID or ERROR."""
+        """Return the variants all of whose flights were INVALID or ERROR."""
         return tuple(one for one in self.tried if not one.is_proven)
 
     @property
     def is_proven(self) -> bool:
-        """Return whether flights of more than half of the variants proved something."""
+        """Return whether more than half of the variants have a PASS or a FAIL."""
         return len(self.unproven) * 2 < len(self.tried)
 
     @property

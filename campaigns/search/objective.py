@@ -1,7 +1,7 @@
-"""The objective of a search: the smallest of the oracles' margins, each in its own measure; pure.
+"""The objective of a search: the smallest of the oracles' normalised margins; pure.
 
 Margins of different units would mask each other: each is divided by its oracle's limit, or by half
-of the width between two, so that 1 is "as far inside as the limit is large".
+of the width between two limits. So 1 is a margin as large as the limit.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,11 +18,11 @@ _EVENTS: Mapping[str, str] = {
     "modes": "max_changes",
     "twin_divergence": "max_m",
 }
-"""Kinds of oracles that judge events, and the parameter by which one has a margin all the same."""
+"""Kinds of oracles that judge events, and the parameter that nevertheless gives one a margin."""
 
 
 def lacks_margin(use: OracleUse) -> str:
-    """Return why an oracle has no margin, in words; "" where it has one."""
+    """Return why an oracle has no margin; "" where it has one."""
     key = _EVENTS.get(use.kind)
     if key is None or (key and getattr(use.parameters, key)):
         return ""
@@ -57,7 +57,7 @@ class Objective:
         duration_s: float,
         wall_s: float,
     ) -> FlightOutcome:
-        """Return what came of a flight: a failure is never above 0, whatever decided it."""
+        """Return the outcome of a flight; the value of a failure is 0 at most, whatever failed."""
         value = self.value(tuple(results), vehicle=vehicle)
         if verdict == "FAIL":
             value = 0.0 if value is None else min(value, 0.0)
@@ -74,7 +74,7 @@ class Objective:
 
 
 def measure_of(limit: Limit) -> float:
-    """Return by what a margin to a limit is divided; 1 where the limit is 0 or none."""
+    """Return the divisor of a margin to a limit; 1 where the limit is 0 or missing."""
     if isinstance(limit, tuple):
         low, high = limit
         if low is not None and high is not None:

@@ -1,8 +1,7 @@
-"""Reduction: which smaller variants of a failing one are tried, towards the campaign's own; pure.
+"""Reduction of a failing variant towards the campaign's own values: the order of attempts; pure.
 
-First keys are given back their own values, many at a time and then one by one (delta debugging,
-Zeller and Hildebrandt, IEEE TSE 28, 2002); then the numbers that are left move half way, and half
-way again.
+First keys are reset to their own values, many at a time and then one by one (delta debugging,
+Zeller and Hildebrandt, IEEE TSE 28, 2002); then each remaining number is moved by bisection.
 """
 
 from collections.abc import Generator, Mapping, Sequence
@@ -12,7 +11,7 @@ from campaigns.schema.search import ParameterValue
 from campaigns.search.space import Parameter, Space, Values
 
 Attempts = Generator[Values, bool, Values]
-"""Yields smaller values; is sent whether they still fail; returns the smallest that do."""
+"""Yields smaller values; receives whether they still fail; returns the smallest that do."""
 
 _HALVINGS = 4
 
@@ -35,7 +34,7 @@ def own_left_out(space: Space, values: Values) -> dict[str, ParameterValue]:
 def _fewer_keys(
     space: Space, values: Mapping[str, ParameterValue]
 ) -> Generator[Values, bool, Mapping[str, ParameterValue]]:
-    """Try to leave keys out: first half of them, in the end each by itself."""
+    """Try to remove keys: first half of them at once, in the end one by one."""
     size = max(1, len(values) // 2)
     while True:
         is_smaller = False
@@ -52,7 +51,7 @@ def _fewer_keys(
 def _nearer(
     space: Space, parameter: Parameter, values: dict[str, ParameterValue]
 ) -> Generator[Values, bool, dict[str, ParameterValue]]:
-    """Try to move a number towards the campaign's own: half way each time, as far as it fails."""
+    """Try to move a number towards the campaign's own by bisection, as long as it still fails."""
     near, far = parameter.own, values[parameter.name]
     if not (parameter.is_number and _is_number(near) and _is_number(far)):
         return values

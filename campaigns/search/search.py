@@ -1,7 +1,7 @@
-"""A search as a generator: it yields batches of flights, and is sent what came of them.
+"""A search as a generator: it yields batches of flights, and receives their outcomes.
 
-Nothing but what is sent decides what is yielded next. So a search that was cut off goes on where it
-was: what its ledger holds is sent again, without flying it.
+The outcomes alone decide what is yielded next. So an interrupted search is resumed by sending the
+outcomes of its ledger again, without flying them.
 """
 
 from collections.abc import Generator, Iterable, Sequence
@@ -31,13 +31,13 @@ _Flown = Generator[Batch, Sequence[FlightOutcome], tuple[FlightOutcome, ...]]
 Steps = Generator[Batch, Sequence[FlightOutcome], None]
 
 _MOST_REFUSED = 300
-"""Proposals that cannot be flown, in a row, after which the search ends."""
+"""Number of proposals in a row that cannot be flown after which the search ends."""
 SPENT = "the budget is used up"
 EXHAUSTED = "every variant was tried"
 
 
 class Search:
-    """A search in progress. findings: what it found so far, also where it is cut off."""
+    """A search in progress. findings: the result so far, also of an interrupted search."""
 
     def __init__(self, problem: SearchProblem, strategy: Strategy) -> None:
         self._problem = problem
@@ -50,10 +50,10 @@ class Search:
         self._flown: list[FlightOutcome] = []
         self._batches = 0
         self._ended = ""
-        """Why nothing more is proposed; empty while something is."""
+        """Why no more variants are proposed; empty while the strategy proposes."""
 
     def steps(self) -> Steps:
-        """Yield what is to be flown: failures are sought in the cheapest mode first."""
+        """Yield the batches to fly: failures are searched in the cheapest mode first."""
         modes = self._problem.modes
         yield from self._explore(modes[0], is_last=len(modes) == 1)
         for lower, upper in pairwise(modes):
@@ -62,7 +62,7 @@ class Search:
 
     @property
     def findings(self) -> Findings:
-        """Return what the search found."""
+        """Return the result of the search so far."""
         return Findings(
             modes=self._problem.modes,
             tried=tuple(self._tried.values()),
@@ -81,12 +81,12 @@ class Search:
         return wanted is not None and confirmed >= wanted
 
     def _left(self, mode: Mode) -> int:
-        """Return how many variants the budget of a mode still lets fly."""
+        """Return how many more variants the budget of a mode allows."""
         spent = sum(len(one.outcomes.get(mode, ())) for one in self._tried.values())
         return (self._problem.budget[mode] - spent) // self._problem.seeds
 
     def _explore(self, mode: Mode, *, is_last: bool) -> Steps:
-        """Fly what the strategy proposes. is_last: failures are confirmed in this mode, too."""
+        """Fly the strategy's proposals. is_last: failures are confirmed in this mode as well."""
         at_once = max(1, self._problem.at_once // self._problem.seeds)
         self._ended = SPENT
         while left := self._left(mode):
@@ -103,9 +103,9 @@ class Search:
                     return
 
     def _strategy_value(self, tried: TriedVariant, mode: Mode) -> float | None:
-        """Return the value that a strategy is told; None where no flight proved anything.
+        """Return the value that is reported to the strategy; None where no flight has a result.
 
-        A flight that passed without a margin came near nothing: it is as good as the best so far.
+        A flight that passed without a margin was near no limit: it counts as the best so far.
         """
         value = tried.value(mode)
         if value is not None or not tried.passed(mode):
@@ -114,7 +114,7 @@ class Search:
         return max((one for one in known if one is not None), default=None)
 
     def _proposals(self, count: int) -> list[tuple[int, Variant]]:
-        """Return proposals that can be flown, by number; none: the strategy has no other."""
+        """Return proposals that can be flown, by number; empty when the strategy has no more."""
         found: list[tuple[int, Variant]] = []
         refused_in_a_row = 0
         while len(found) < count:
@@ -133,12 +133,12 @@ class Search:
             self._strategy.tell(proposal.number, None)
             refused_in_a_row += 1
             if refused_in_a_row >= _MOST_REFUSED:
-                self._ended = f"{_MOST_REFUSED} variants in a row cannot be flown, as: {why}"
+                self._ended = f"{_MOST_REFUSED} variants in a row cannot be flown; the last: {why}"
                 break
         return found
 
     def _pass_on(self, lower: Mode, upper: Mode) -> Steps:
-        """Fly in the dearer mode what failed in the cheaper one, or may fail by the gap."""
+        """Fly in the costlier mode what failed in the cheaper one, or may fail by the gap."""
         while left := self._left(upper):
             gap = self._gap(lower, upper)
             waiting = [
@@ -156,7 +156,7 @@ class Search:
         self._gaps.append(self._gap(lower, upper))
 
     def _gap(self, lower: Mode, upper: Mode) -> ModeGap:
-        """Return the gap by all variants that were flown in both modes, pair by pair of a seed."""
+        """Return the gap of all variants that were flown in both modes, paired by seed."""
         pairs = [
             (low.value, high.value)
             for one in self._tried.values()
@@ -168,7 +168,7 @@ class Search:
         return ModeGap(lower, upper, tuple(differences))
 
     def _look(self, variants: Sequence[Variant], mode: Mode, purpose: Purpose) -> Steps:
-        """Fly variants under the seeds of their own, and note what came of it."""
+        """Fly variants under their own seeds, and store the outcomes."""
         repetitions = range(1, self._problem.seeds + 1)
         flights = [
             Flight(variant=one, mode=mode, repetition=repetition, seed_name=one.name)
@@ -183,7 +183,7 @@ class Search:
             self._tried[variant.name] = replace(before, outcomes=by_mode)
 
     def _confirm_all(self, mode: Mode) -> Steps:
-        """Fly failing variants again: of each cause the worst first, as many as are allowed."""
+        """Fly failing variants again, up to the limit: new causes first, then the worst."""
         while len(self._cases) < self._problem.confirm_most and not self._is_enough:
             done = {one.variant.name for one in self._cases}
             causes = {one.cause for one in self._cases}
@@ -205,7 +205,7 @@ class Search:
         outcomes = yield from self._vote(variant, variant, mode, "confirm")
         votes = votes_of(outcomes)
         standing = standing_of(votes, needed=self._problem.votes, due=len(outcomes))
-        # A flight that failed once and not again has shown by what.
+        # Without a further failure the first one gives the cause.
         cause = votes.cause or tried.cause(mode)
         found = FailingCase(
             variant=variant,
@@ -260,7 +260,7 @@ class Search:
                 )
 
     def _vote(self, variant: Variant, seeded_by: Variant, mode: Mode, purpose: Purpose) -> _Flown:
-        """Fly a variant under the seeds that confirm a failure of another, or of itself."""
+        """Fly a variant under the seeds that confirm a failure of `seeded_by`."""
         seed_name = failure_name(seeded_by)
         flights = [
             Flight(variant=variant, mode=mode, repetition=repetition, seed_name=seed_name)
@@ -269,7 +269,7 @@ class Search:
         return (yield from self._fly(flights, mode, purpose))
 
     def _fly(self, flights: Iterable[Flight], mode: Mode, purpose: Purpose) -> _Flown:
-        """Have a batch flown, and count what it cost."""
+        """Yield a batch of flights, and add up the cost of its outcomes."""
         self._batches += 1
         batch = Batch(number=self._batches, purpose=purpose, mode=mode, flights=tuple(flights))
         outcomes = tuple((yield batch))
@@ -291,6 +291,6 @@ def failure_name(variant: Variant) -> str:
 
 
 def most_flights(problem: SearchProblem) -> int:
-    """Return how many flights a search flies at most."""
+    """Return the largest number of flights of a search."""
     again = problem.confirm_flights + problem.reduce_flights
     return sum(problem.budget.values()) + problem.confirm_most * again

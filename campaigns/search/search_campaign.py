@@ -1,4 +1,4 @@
-"""The campaign that a search varies: its variants as runs; which of them cannot be flown."""
+"""The campaign of a search: variants as planned runs, and the check of whether one can be flown."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,9 +22,9 @@ from worlds.files.documents import BadInput, Document, parse_value
 class SearchCampaign:
     """A campaign with a search, checked. campaign: as it is flown without a search.
 
-    document: its file after the options, without the search and without what its bench has. case:
-    the one that is varied; case_overrides: what that overrides; option_overrides: what the command
-    line does.
+    document: its file after the options, without the search and without the values of its bench.
+    case: the one that is varied; case_overrides: its overrides; option_overrides: those of the
+    command line.
     """
 
     campaign: Campaign
@@ -37,7 +37,7 @@ class SearchCampaign:
     objective: Objective
 
     def problem(self, *, at_once: int) -> SearchProblem:
-        """Return what the search needs to know. at_once: flights that fly at once."""
+        """Return the task of the search. at_once: flights that fly at once."""
         part = self.part
         return SearchProblem(
             space=self.space,
@@ -71,9 +71,9 @@ class SearchCampaign:
         return files
 
     def refuse(self, variant: Variant) -> str:
-        """Return why a variant cannot be flown, in words; "" where it can.
+        """Return why a variant cannot be flown; "" where it can.
 
-        It is outside of its fence, inside of an object at its start, or no valid campaign.
+        Its start may be outside of the fence or inside an object, or its campaign invalid.
         """
         try:
             read_setup(self.files(variant), tuple(self.part.flights_by_mode))
@@ -84,8 +84,7 @@ class SearchCampaign:
     def batch_campaign(self, batch: Batch) -> Campaign:
         """Return a batch of flights as a campaign in which each variant is a case.
 
-        Nothing is required of it, no control is flown, and a case has as many repetitions as it has
-        flights.
+        It has no requirements and no controls; a case has as many repetitions as it has flights.
         """
         variants = {one.variant.name: one.variant for one in batch.flights}
         files = {name: self.files(variant) for name, variant in variants.items()}
@@ -132,7 +131,7 @@ class SearchCampaign:
 
     @property
     def flown(self) -> Campaign:
-        """Return the campaign with the modes of the budget alone: what the search flies."""
+        """Return the campaign with the modes of the budget only, which the search flies."""
         return replace(self.campaign, modes=tuple(self.modes))
 
     @property

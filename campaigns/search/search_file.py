@@ -1,4 +1,4 @@
-"""Reads the search of a campaign file: every fault of it at once, each with its place."""
+"""Read the search of a campaign file; all of its problems are reported at once, with places."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path as FilePath
 
 from campaigns.checks.autonomy_checks import IsolatedBuilds
-from campaigns.expansion.case_reader import gathered, read_setup
+from campaigns.expansion.case_reader import collect_problems, read_setup
 from campaigns.expansion.composition import is_composition
 from campaigns.expansion.expansion import (
     Campaign,
@@ -43,12 +43,12 @@ def load_search(path: FilePath, options: Options | None = None) -> SearchCampaig
     options = options or Options()
     original = load(path)
     if is_composition(original):
-        said = "names campaigns; a search is of one of them: name its file"
-        raise BadInput([original.problem(("campaigns",), said, key=True)])
+        message = "is made of campaigns; a search varies a single one: give the file of that one"
+        raise BadInput([original.problem(("campaigns",), message, key=True)])
     campaign = load_campaign(path, options)
     if not has_search(campaign):
-        said = f"has no `search`: `wil-campaign run {path}` flies its cases"
-        raise BadInput([campaign.document.problem((), said)])
+        message = f"has no `search`; to fly its cases use `wil-campaign run {path}`"
+        raise BadInput([campaign.document.problem((), message)])
     return read_search(campaign)
 
 
@@ -123,11 +123,11 @@ class _Reader:
         known: Sequence[Mode] = self._campaign.modes
         for mode, flights in self._part.flights_by_mode.items():
             if mode not in known:
-                said = f"mode '{mode}' is not flown (modes: {', '.join(known)})"
-                self._report(("budget", mode), said, key=True)
+                message = f"mode '{mode}' is not flown (modes: {', '.join(known)})"
+                self._report(("budget", mode), message, key=True)
             elif flights < self._part.seeds:
-                said = f"is less than the {self._part.seeds} flights of one variant (seeds)"
-                self._report(("budget", mode), said)
+                message = f"is less than the {self._part.seeds} flights of one variant (seeds)"
+                self._report(("budget", mode), message)
 
     def _check_objective(self, case: str | None) -> None:
         """Report oracles that are not judged, or have no margin."""
@@ -139,11 +139,13 @@ class _Reader:
                 meant = closest(name, uses)
                 known = "" if meant else f" (the campaign has: {', '.join(uses)})"
                 self._report(path, f"unknown oracle '{name}'{known}", meant)
-            elif said := lacks_margin(uses[name]):
-                self._report(path, said)
+            elif message := lacks_margin(uses[name]):
+                self._report(path, message)
         for name in self._part.scale:
             if name not in self._part.oracles:
-                self._report(("scale", name), f"'{name}' is no oracle of the objective", key=True)
+                self._report(
+                    ("scale", name), f"'{name}' is not an oracle of the objective", key=True
+                )
 
     def _check_strategy(self, parameters: Sequence[Parameter]) -> None:
         """Report parameters that CMA-ES cannot vary."""
@@ -153,27 +155,29 @@ class _Reader:
             self._report(("strategy",), "cma-es needs at least 2 parameters; use tpe")
         for one in parameters:
             if one.choices:
-                said = "cma-es varies numbers, and choices have no order; use tpe"
-                self._report(("parameters", one.name, "choices"), said, key=True)
+                message = "cma-es varies numbers only, and these are choices; use tpe"
+                self._report(("parameters", one.name, "choices"), message, key=True)
 
     def _constraints(self, parameters: Sequence[Parameter]) -> Iterator[Constraint]:
-        """Yield the constraints; those that are wrong are reported at the wrong letter."""
+        """Yield the constraints; wrong ones are reported at the offset of the mistake."""
         kinds = {one.name: _kind_of(one) for one in parameters if _is_calculable(one)}
         for index, text in enumerate(self._part.constraints):
             path: Path = (*_AT, "constraints", index)
             try:
                 yield parse_constraint(text, kinds)
             except StlError as error:
-                said = str(error).replace("unknown signal", "unknown parameter")
+                message = str(error).replace("unknown signal", "unknown parameter")
                 self._problems.append(
-                    self._whole.problem_within(path, error.offset, said, error.suggestion)
+                    self._whole.problem_within(path, error.offset, message, error.suggestion)
                 )
 
     def _check_space(self, space: Space) -> None:
-        """Report constraints that leave nothing."""
+        """Report constraints that no variant keeps."""
         if space.constraints and not admissible_shares(space) and not space.listed():
-            said = "leave no variant: no point within the limits of the parameters keeps them all"
-            self._report(("constraints",), said, key=True)
+            message = (
+                "leave no variant: no point within the limits of the parameters keeps all of them"
+            )
+            self._report(("constraints",), message, key=True)
 
     def _parameters(
         self, files: CaseFiles, overrides: tuple[Override, ...], document: Document
@@ -183,19 +187,11 @@ class _Reader:
         for name, part in self._part.parameters.items():
             is_list = isinstance(part.key, list)
             for index, key in enumerate(part.keys):
-                at: Path = (
-                    ("parameters", name, "key", index)
-                    if is_list
-                    else (
-                        "parameters",
-                        name,
-                        "key",
-                    )
-                )
+                at: Path = ("parameters", name, "key", *((index,) if is_list else ()))
                 if key.partition(".")[0] in MATRIX_KEYS:
                     self._report(at, f"'{key}' is the same for all cases")
                 elif key in keys:
-                    self._report(at, f"'{key}' is varied by '{keys[key]}', too")
+                    self._report(at, f"'{key}' is already varied by '{keys[key]}'")
                 else:
                     keys[key] = name
                     place = self._whole.entry((*_AT, *at)).node.place
@@ -210,8 +206,8 @@ class _Reader:
         overrides: tuple[Override, ...],
         document: Document,
     ) -> list[Problem]:
-        """Return what is wrong with a key, or with all of its values; nothing else of the case."""
-        found: list[Problem] = []
+        """Return the problem of a key, if all of its values have one; not those of the case."""
+        first: list[Problem] = []
         for value in _parameter("", part, None).levels:
             override = Override(key, Entry(place, Node(value, place)))
             wrong: list[Problem] = []
@@ -225,27 +221,27 @@ class _Reader:
                     builds=self._builds,
                     loads_code=self._options.loads_code,
                 )
-                gathered(wrong, read)
+                collect_problems(wrong, read)
             own = [one for one in wrong if _is_at(one, place)]
             if not own:
                 return []
-            found = found or own[:1]
-        return [replace(one, message=f"'{key}': {one.message}") for one in found]
+            first = first or own[:1]
+        return [replace(one, message=f"'{key}': {one.message}") for one in first]
 
 
 def _without_bench(campaign: Campaign) -> Document:
-    """Return a campaign's document without what it takes from its bench.
+    """Return a campaign's document without the values of its bench.
 
-    What a parameter changes there is then the same fault as in a case.
+    A parameter that changes one of these is then the same problem as an override of a case.
     """
     if not campaign.benches:
         return campaign.document
-    asked = requested_bench(campaign.document.path, campaign.options)
-    return campaign.document if asked is None else asked[0]
+    request = requested_bench(campaign.document.path, campaign.options)
+    return campaign.document if request is None else request[0]
 
 
 def without_search(document: Document) -> Document:
-    """Return a campaign's document without its search: what its flights depend on."""
+    """Return a campaign's document without its search, on which no flight depends."""
     root = document.root
     if not isinstance(root.value, dict):
         return document
@@ -254,7 +250,7 @@ def without_search(document: Document) -> Document:
 
 
 def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> Parameter:
-    """Return a parameter; its own value is that of its files. files: None: without one."""
+    """Return a parameter; its own value is that of the files. files=None: without an own value."""
     values = [_own_value(files, key) for key in part.keys] if files is not None else []
     is_one = bool(values) and all(one == values[0] for one in values)
     return Parameter(
@@ -271,7 +267,7 @@ def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> Param
 
 
 def _own_value(files: CaseFiles, key: str) -> ParameterValue | None:
-    """Return the value that a dotted key has in the files; None where it is none."""
+    """Return the value of a dotted key in the files; None where that is no single value."""
     override = Override(key, Entry(files.campaign.root.place, files.campaign.root))
     document = {"world": files.world, "recipe": files.recipe}.get(override.file, files.campaign)
     if document is None:
@@ -284,19 +280,19 @@ def _own_value(files: CaseFiles, key: str) -> ParameterValue | None:
 
 
 def _is_calculable(parameter: Parameter) -> bool:
-    """Return whether a constraint can be about a parameter: its values are no texts."""
+    """Return whether a constraint can use a parameter: none of its values is a text."""
     return not any(isinstance(one, str) for one in parameter.choices)
 
 
 def _kind_of(parameter: Parameter) -> SignalKind:
-    """Return a parameter as a constraint takes it: true or false, or a number with its unit."""
+    """Return a parameter as a signal of constraints: true or false, or a number with its unit."""
     if parameter.choices and all(isinstance(one, bool) for one in parameter.choices):
         return SignalKind("", parameter.name)
     return SignalKind(parameter.unit or "1", parameter.name)
 
 
 def _is_at(problem: Problem, place: Place) -> bool:
-    """Return whether a problem stands at a place of the campaign file."""
+    """Return whether a problem is at a place of the campaign file."""
     return (problem.file, problem.line, problem.column) == (
         place.source.name,
         place.line,

@@ -1,10 +1,10 @@
-"""What the sensors of a search's flights had before them, reduced until it can be counted; pure.
+"""Sensor coverage of a search: what was in view in its flights, reduced to sectors; pure.
 
-A reading is reduced to what lies in reach of the vehicle: for each sector of the field of view how
-near the nearest thing is, in steps that double. Distinct reduced readings measure how many
+A reading is reduced to the level of distance of the nearest object in each sector of the field of
+view; the edges of the levels double. The number of distinct reduced readings measures how many
 situations were flown (Hildebrandt, Elbaum and Dwyer, "PhysCov: Physical Test Coverage for
-Autonomous Vehicles", ISSTA 2023). Of a camera, whose pictures have no distances, it is counted in
-which sector and how far each object of the world was.
+Autonomous Vehicles", ISSTA 2023). For a camera, whose images have no distances, the sector and
+distance of each object of the world are counted.
 """
 
 from collections import Counter
@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 SECTORS = 8
-"""Parts of equal width, of the field of view of a sensor, from its left to its right."""
+"""Number of parts of equal width of a sensor's field of view, counted from its left."""
 EDGES_M = (0.5, 1.0, 2.0, 4.0, 8.0)
-"""Between the levels of distance; beyond the last is what 4 m/s do not get to within 2 s."""
+"""Edges between the levels of distance; at 4 m/s the last one is 2 s away."""
 LEVELS = len(EDGES_M) + 1
 
 Cell = tuple[int, int]
@@ -23,11 +23,12 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensedView:
-    """What a sensor had before it in a flight.
+    """What was in view of a sensor in a flight.
 
-    object: the object of the world that is looked for; "" for whatever is nearest. sectors: of the
-    sensor. cells: that were seen. reduced: distinct readings, a digit for each sector; empty for an
-    object. nearest_m: None where nothing was seen. largest_share: of the field of view, 0 to 1.
+    object: the object of the world that is counted; "" for the nearest of all. sectors: of the
+    sensor. cells: those with something in view. reduced: distinct reduced readings, a digit for
+    each sector; empty for an object. nearest_m: None where nothing was in view. largest_share: of
+    the field of view, 0 to 1.
     """
 
     sensor: str
@@ -41,11 +42,11 @@ class SensedView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensedCoverage:
-    """What a sensor had before it in all flights of a search; object, sectors: as of a view.
+    """What was in view of a sensor in all flights of a search; object, sectors: see SensedView.
 
-    flights: that were looked at; seen: in how many of these there was anything. cells: in how many
-    flights each was seen; failed: in how many that failed. reduced: how many distinct readings
-    there were; newest: the flight, counted from 1, that had the last new one or the last new cell.
+    flights: number of evaluated flights; seen: of those with anything in view. cells: number of
+    flights by cell; failed: of failed flights. reduced: number of distinct reduced readings;
+    newest: the flight, counted from 1, with the latest new reading or new cell.
     """
 
     sensor: str
@@ -62,13 +63,13 @@ class SensedCoverage:
 
     @property
     def of_cells(self) -> int:
-        """Return how many cells there are."""
+        """Return the number of all cells."""
         return self.sectors * LEVELS
 
 
 @dataclass(slots=True)
 class _Count:
-    """A coverage while it is counted."""
+    """The counters of one sensor's coverage."""
 
     sectors: int
     flights: int = 0
@@ -102,7 +103,7 @@ def level_of(distance_m: float) -> int:
 def sensed_coverage(
     flights: Iterable[tuple[tuple[SensedView, ...], bool]],
 ) -> tuple[SensedCoverage, ...]:
-    """Return what all flights had before their sensors. flights: views, and whether it failed."""
+    """Return the sensor coverage of all flights. flights: views, and whether the flight failed."""
     counts: dict[tuple[str, str], _Count] = {}
     for number, (views, failed) in enumerate(flights, start=1):
         for view in views:

@@ -1,4 +1,4 @@
-"""The space of a search: its parameters, what holds between them, and points of it; pure."""
+"""The space of a search: parameters, their constraints, and points of the space; pure."""
 
 import itertools
 import math
@@ -12,17 +12,17 @@ Values = Mapping[str, ParameterValue]
 """Values by parameter; one that is missing keeps the campaign's own value."""
 
 _FINE = 3
-"""Values are rounded to 10**-3 of the range: what a person can read and write."""
+"""Values are rounded to 10**-3 of the range, so that people can read and type them."""
 _MOST_POINTS = 100_000
-"""Points of a finite space up to which it is listed."""
+"""Largest number of points of a finite space that is listed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
     """A parameter of the search. choices: its values; empty for a number between low and high.
 
-    keys: the dotted keys that it changes. unit: of these, "" for none. steps: how many values a
-    strategy of fixed values takes. own: the campaign's own value; None where it has none.
+    keys: the dotted keys that it changes. unit: of these, "" for none. steps: number of values that
+    a strategy of fixed values uses. own: the campaign's own value; None where it has none.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Parameter:
 
     @property
     def is_number(self) -> bool:
-        """Return whether the parameter lies between limits."""
+        """Return whether the parameter is a number between limits."""
         return not self.choices
 
     @property
@@ -57,7 +57,7 @@ class Parameter:
         return self.rounded(self.low + share * (self.high - self.low))
 
     def rounded(self, value: float) -> ParameterValue:
-        """Return a number as the parameter has it, within its limits."""
+        """Return a number rounded to the parameter's resolution, within its limits."""
         if self.is_integer:
             return int(min(max(round(value), self.low), self.high))
         digits = _FINE - math.floor(math.log10(self.high - self.low))
@@ -72,7 +72,7 @@ class Parameter:
 
     @property
     def levels(self) -> tuple[ParameterValue, ...]:
-        """Return the values that a strategy of fixed values takes of the parameter."""
+        """Return the values of the parameter that a strategy of fixed values uses."""
         if self.choices:
             return self.choices
         count = self.count
@@ -128,7 +128,7 @@ class Space:
         return math.prod(count for count in counts if count is not None)
 
     def listed(self) -> list[dict[str, ParameterValue]] | None:
-        """Return all admissible points of a small finite space; None for another."""
+        """Return all admissible points of a small finite space; None for any other space."""
         if self.size is None or self.size > _MOST_POINTS:
             return None
         every = [

@@ -1,4 +1,4 @@
-"""Strategies of a search that do not learn: grid, pairs of levels, Sobol points, random points."""
+"""Strategies of a search that do not learn: grid, pairwise, Sobol points, random points."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from campaigns.schema.search import ParameterValue, StrategyName
 from campaigns.search.space import Space, Values
 
 _ATTEMPTS = 20_000
-"""Points outside of the constraints, in a row, after which there is taken to be none within."""
+"""Inadmissible points in a row after which the space is considered exhausted."""
 _SOBOL_CHUNK = 64
 
 Point = dict[str, ParameterValue]
@@ -18,14 +18,14 @@ Point = dict[str, ParameterValue]
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What a strategy proposes. number: by which its value is given."""
+    """A proposal of a strategy. number: identifies it when its value is reported."""
 
     number: int
     values: Point
 
 
 class MissingExtraError(Exception):
-    """A package of the extra `search` is not installed; says which, and the remedy."""
+    """A package of the extra `search` is not installed; the message names it and the remedy."""
 
     def __init__(self, package: str, strategy: str) -> None:
         super().__init__(
@@ -35,17 +35,17 @@ class MissingExtraError(Exception):
 
 
 class Strategy(Protocol):
-    """Proposes values, and is given what came of them."""
+    """Proposes values, and receives the value of the objective for each."""
 
     def ask(self) -> Proposal | None:
-        """Return the next proposal, which keeps the constraints; None: there is no other."""
+        """Return the next proposal, which keeps the constraints; None when there are no more."""
 
     def tell(self, number: int, value: float | None) -> None:
-        """Give the value of a proposal; None: it shows nothing."""
+        """Report the value of a proposal; None where no flight has a result."""
 
 
 class FixedStrategy:
-    """A strategy whose points do not depend on what came of the points before."""
+    """A strategy whose points do not depend on the values of earlier points."""
 
     def __init__(self, points: Iterator[Point]) -> None:
         self._points = enumerate(points)
@@ -56,7 +56,7 @@ class FixedStrategy:
         return None if following is None else Proposal(*following)
 
     def tell(self, number: int, value: float | None) -> None:
-        """Take no notice of a value."""
+        """Ignore the value."""
 
 
 def fixed_points(name: StrategyName, space: Space, seed: int) -> Iterator[Point]:
@@ -71,7 +71,7 @@ def fixed_points(name: StrategyName, space: Space, seed: int) -> Iterator[Point]
 
 
 def random_point(space: Space, rng: np.random.Generator) -> Point | None:
-    """Return a random admissible point; None where none was hit."""
+    """Return a random admissible point; None where no attempt was admissible."""
     for _ in range(_ATTEMPTS):
         point = space.at(rng.random(len(space.parameters)).tolist())
         if space.admits(point):
@@ -80,19 +80,19 @@ def random_point(space: Space, rng: np.random.Generator) -> Point | None:
 
 
 def _grid(space: Space, seed: int) -> Iterator[Point]:
-    """Return the grid in an order drawn by the seed: a part of it is spread over the whole."""
+    """Return the grid in random order by the seed, so that a part of it covers all of the space."""
     points = list(space.grid())
     order = np.random.default_rng(seed).permutation(len(points))
     return (points[index] for index in order)
 
 
 def _pairwise(space: Space, seed: int) -> Iterator[Point]:
-    """Return points in which each pair of levels that can stand together does, greedily."""
+    """Return points that together contain each possible pair of levels (greedily)."""
     try:
         from covertable import make  # noqa: PLC0415 - of an extra
     except ModuleNotFoundError as error:
         raise MissingExtraError("covertable", "pairwise") from error
-    # Indices, for covertable takes True and 1 for one level.
+    # Indices, as covertable treats True and 1 as the same level.
     levels = {one.name: one.levels for one in space.parameters}
     rows = make(
         {name: list(range(len(values))) for name, values in levels.items()},
@@ -120,7 +120,7 @@ def _forever() -> Iterator[int]:
 
 
 def _unseen(space: Space, rows: Iterator[np.ndarray]) -> Iterator[Point]:
-    """Yield admissible points once each; end where many in a row are neither."""
+    """Yield admissible points once each; end after many in a row without one."""
     seen: set[tuple[ParameterValue, ...]] = set()
     missed = 0
     for row in rows:
@@ -136,5 +136,5 @@ def _unseen(space: Space, rows: Iterator[np.ndarray]) -> Iterator[Point]:
 
 
 def point_key(point: Values) -> tuple[ParameterValue, ...]:
-    """Return what is equal for equal points."""
+    """Return a hashable key of a point."""
     return tuple(point.values())

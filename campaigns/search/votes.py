@@ -1,4 +1,4 @@
-"""Votes: how often flights of a variant failed, and by what; pure."""
+"""Votes: how many flights of a variant failed, and by which cause; pure."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from campaigns.search.model import FlightOutcome, Standing
 
 @dataclass(frozen=True, slots=True)
 class Votes:
-    """How many flights proved something, and how many of these failed by the cause."""
+    """The number of flights with PASS or FAIL, and how many of these failed by the cause."""
 
     failed: int
     proven: int
@@ -21,15 +21,15 @@ def votes_of(outcomes: Iterable[FlightOutcome], *, cause: str = "") -> Votes:
     proven = [one for one in outcomes if one.verdict in {"PASS", "FAIL"}]
     causes = Counter(one.cause for one in proven if one.verdict == "FAIL")
     if not cause:
-        # Of equally many the first in the alphabet: the order of the flights must not matter.
+        # On a tie the first in the alphabet, so that the order of the flights does not matter.
         cause = min(causes, key=lambda name: (-causes[name], name), default="")
     return Votes(causes[cause], len(proven), cause)
 
 
 def standing_of(votes: Votes, *, needed: int, due: int) -> Standing:
-    """Return whether so many flights confirm a failure. due: how many were to prove something.
+    """Return whether the votes confirm a failure. needed: failures; due: all flights.
 
-    What is missing (INVALID, ERROR) might have failed or passed: it decides nothing.
+    Flights without a result (INVALID, ERROR) might have failed or passed: they decide nothing.
     """
     if votes.failed >= needed:
         return "confirmed"

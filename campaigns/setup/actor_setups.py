@@ -1,4 +1,4 @@
-"""Actors as a run needs them: vehicles that fly as objects of the world, from a campaign file."""
+"""Setups of actors, which are vehicles that fly as objects of the world."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ from worlds.world_file.world import World
 
 _FIRST_SYSTEM_ID = 3
 _OVER_START_M = 0.05
-"""How far from above its start the first waypoint may be: a takeoff goes straight up."""
+"""Largest horizontal distance of the first waypoint from the start: a takeoff is vertical."""
 _LEAST_CLIMB_M = 0.3
 
 
@@ -34,10 +34,10 @@ _LEAST_CLIMB_M = 0.3
 class ActorSetup(FlownSetup):
     """The setup of a vehicle that flies as an object of the world, along that object's motion.
 
-    name: the object's. motion: its takeoff is the first waypoint. max_offset_m: from its way, and
-    max_delay_s: behind its motion, beyond which the run is INVALID. reach_m: how far its body is
-    from its middle at most. place: where it stands in W, where that is not its object's start;
-    virtual: of an attached actor, what flies where its object is virtual; None: nothing may.
+    name: the object's. motion: its takeoff leads to the first waypoint. max_offset_m: from its
+    path, and max_delay_s: behind its motion, beyond which the run is INVALID. reach_m: largest
+    distance of its body from its middle. place: where it stands in W, if that is not its object's
+    start; virtual: of an attached actor, what flies where its object is virtual; None: nothing may.
     """
 
     motion: Motion
@@ -49,7 +49,7 @@ class ActorSetup(FlownSetup):
 
     @property
     def path(self) -> KeyPath:
-        """Return where the campaign file says it."""
+        """Return the actor's place in the campaign file."""
         return "actors", self.name
 
     @property
@@ -61,12 +61,12 @@ class ActorSetup(FlownSetup):
 
     @property
     def requests_truth(self) -> bool:
-        """Return whether its simulator is asked over MAVLink; an embedded one says it by itself."""
+        """Return whether its true pose is requested by MAVLink; an embedded one never needs it."""
         return not self.embedded and (self.pose_source == "simulator" or self.launch is not None)
 
     @property
-    def stands(self) -> Pose:
-        """Return where the vehicle stands in W before it takes off."""
+    def standing_pose(self) -> Pose:
+        """Return the vehicle's pose in W before it takes off."""
         return self.start if self.place is None else self.place
 
     def flown_as(self, *, physical: bool) -> Self | None:
@@ -93,8 +93,8 @@ def actor_setups(
         own_id = part.system_id or _FIRST_SYSTEM_ID + index
         other = next((one for one, system_id in ids.items() if system_id == own_id), None)
         if other is not None:
-            said = f"'{other}' has system id {own_id}, too; give '{name}' another one"
-            problems.append(campaign.problem((*at, "system_id"), said))
+            message = f"'{other}' also has system id {own_id}; give '{name}' a different one"
+            problems.append(campaign.problem((*at, "system_id"), message))
         ids[name] = own_id
         if part.link == "embedded":
             problems += unknown_parameters(campaign, at, part.autopilot, part.params)
@@ -158,28 +158,28 @@ def _virtual(actor: ActorSetup, part: ActorPart) -> ActorSetup | None:
 def _object_problems(
     campaign: Document, at: KeyPath, name: str, thing: SceneObject | None, known: tuple[str, ...]
 ) -> Iterator[Problem]:
-    """Yield why no vehicle can fly as an object of the world."""
+    """Yield reasons why no vehicle can fly as an object of the world."""
     if name in {"real", "twin"}:
-        said = f"'{name}' is a vehicle of the pair; an actor has the name of an object of the world"
-        yield campaign.problem(at, said, key=True)
+        message = f"'{name}' is a vehicle of the pair; name an actor after an object of the world"
+        yield campaign.problem(at, message, key=True)
     elif thing is None:
-        said = f"the world has no object '{name}'"
-        yield campaign.problem(at, said, closest(name, known), key=True)
+        message = f"the world has no object '{name}'"
+        yield campaign.problem(at, message, closest(name, known), key=True)
     elif thing.motion is None:
-        said = f"'{name}' has no motion in the world file: the vehicle flies along it; give it one"
-        yield campaign.problem(at, said, key=True)
+        message = f"'{name}' has no motion in the world file, which its vehicle needs; add one"
+        yield campaign.problem(at, message, key=True)
     elif thing.shape.limbs:
-        said = f"'{name}' is a {thing.shape.kind}; a vehicle flies as an object without limbs"
-        yield campaign.problem(at, said, key=True)
+        message = f"'{name}' is a {thing.shape.kind}; a vehicle flies as an object without limbs"
+        yield campaign.problem(at, message, key=True)
     elif thing.motion.loop:
-        said = f"the motion of '{name}' repeats for ever; a vehicle flies a motion that ends"
-        yield campaign.problem(at, said, key=True)
+        message = f"the motion of '{name}' repeats for ever; a vehicle flies a motion that ends"
+        yield campaign.problem(at, message, key=True)
     elif not _takes_off(thing.motion):
-        said = (
+        message = (
             f"the first waypoint of '{name}' is not above its start: the vehicle takes off to it; "
             f"give it the same north_m and east_m, and an up_m higher by {_LEAST_CLIMB_M:g} m"
         )
-        yield campaign.problem(at, said, key=True)
+        yield campaign.problem(at, message, key=True)
 
 
 def _takes_off(motion: Motion) -> bool:

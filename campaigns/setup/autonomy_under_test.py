@@ -29,9 +29,9 @@ class ShippedAutonomy:
 class UnderTest:
     """The autonomy under test as a campaign configures it; picklable.
 
-    use: as the file says it; None for a program. folder: what a file in `use` is relative to, and
-    where a program runs. goal: what the autonomy is told of it. rate_hz: how often it acts.
-    program: command and arguments. limits: of memory and time.
+    use: as in the file; None for a program. folder: to which a file in `use` is relative, and in
+    which a program runs. goal: what the autonomy receives of it. rate_hz: of its actions. program:
+    command and arguments. limits: of memory and time.
     """
 
     use: str | None

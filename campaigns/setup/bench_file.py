@@ -15,22 +15,23 @@ from worlds.files.problems import printable
 
 @dataclass(frozen=True, slots=True)
 class BenchFacts:
-    """What a bench is asked for by. properties: with the autopilot of its vehicle."""
+    """Name and properties by which a campaign asks for a bench; `autopilot` is one of these."""
 
     name: str
     properties: Mapping[str, PropertyValue]
 
     def __str__(self) -> str:
         """Return the bench's name with its properties, in words."""
-        said = ", ".join(f"{key}: {in_file(one)}" for key, one in sorted(self.properties.items()))
-        return f"{self.name} ({said})"
+        listed = ", ".join(f"{key}: {in_file(one)}" for key, one in sorted(self.properties.items()))
+        return f"{self.name} ({listed})"
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
     """A place with a real vehicle, from its file.
 
-    users: who may consent to arm there; None: whoever is at its terminal. vehicle: the real one.
+    users: the users that may consent to arm there; None: any user at its terminal. vehicle: the
+    real one.
     """
 
     facts: BenchFacts
@@ -49,7 +50,7 @@ class Bench:
 
 
 def in_file(value: PropertyValue) -> str:
-    """Return a property's value as it stands in a file."""
+    """Return a property's value as it is written in a file."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -60,7 +61,7 @@ def read_bench(document: Document) -> Bench:
     vehicles = vehicle_setups(document, VehiclesPart(real=part.vehicles.real), problems)
     drawing = Drawing(document, fence_files(document, problems), None)
     if not problems:
-        # Areas on Earth are drawn when a campaign's world says where it lies.
+        # Areas on Earth are converted later, with the geographic origin of a campaign's world.
         fences_of(part.geofence, drawing, ("geofence",))
     if problems:
         raise BadInput(problems)
@@ -95,5 +96,5 @@ def equal_names(benches: Iterable[Bench]) -> Iterator[Problem]:
         if other is not bench:
             line, column = other.document.place(("bench",))
             where = printable(f"{other.document.name}:{line}:{column}")
-            said = f"{where} is a bench of the name '{bench.name}', too; rename one"
-            yield bench.document.problem(("bench",), said)
+            message = f"{where} is another bench named '{bench.name}'; rename one of them"
+            yield bench.document.problem(("bench",), message)

@@ -1,7 +1,7 @@
-"""Which bench a campaign is flown on, and the campaign with what that bench has.
+"""Choose the bench of a campaign, and merge the bench's vehicle and fence into the campaign.
 
-Pure: documents in, a document out. A key stands in one of the two files, never in both: what is
-flown is then in either file as it is read.
+Pure: documents in, a document out. A key may be in one of the two files, never in both, so that
+neither file hides a value of the other.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _TAKEN: tuple[KeyPath, ...] = (("vehicles", "real"), ("geofence",))
 _MERGED: frozenset[KeyPath] = frozenset(
     {("vehicles", "real"), ("vehicles", "real", "sensors"), ("vehicles", "real", "params")}
 )
-"""Mappings of which each file has keys of its own; any other value is of one file as a whole."""
+"""Mappings to which both files may add keys; any other value comes from one file as a whole."""
 _FILES: tuple[KeyPath, ...] = (
     ("vehicles", "real", "profile"),
     ("vehicles", "real", "signing", "file"),
@@ -29,11 +29,11 @@ _FILES: tuple[KeyPath, ...] = (
     ("geofence", "real", "file"),
     ("geofence", "twin", "file"),
 )
-"""What names a file beside the bench file; those of sensors are found by their keys."""
+"""Keys that name a file beside the bench file; those of sensors are found by `_names_file`."""
 
 
 def bench_request(campaign: Document) -> BenchRequestPart | None:
-    """Return which bench a campaign asks for; None for none. Raises BadInput."""
+    """Return a campaign's request for a bench; None without one. Raises BadInput."""
     if campaign.get(BENCH) is None:
         return None
     return check(campaign, BenchRequestPart, at=BENCH)
@@ -48,15 +48,15 @@ def choose_bench(campaign: Document, benches: Sequence[Bench]) -> Bench | None:
     if request is None:
         if benches:
             names = " or ".join(sorted(bench.name for bench in benches))
-            said = f"asks for no bench, but --bench-file gives {names}; write `bench: {names}`"
-            raise BadInput([campaign.problem(("campaign",), said, key=True)])
+            message = f"asks for no bench, but --bench-file gives {names}; write `bench: {names}`"
+            raise BadInput([campaign.problem(("campaign",), message, key=True)])
         return None
     if not benches:
-        said = (
+        message = (
             "asks for a bench: give the file of one of this machine by --bench-file FILE, or fly "
             "over a cluster that a bench has joined, by --engine ray://HOST:PORT"
         )
-        raise BadInput([campaign.problem(BENCH, said, key=True)])
+        raise BadInput([campaign.problem(BENCH, message, key=True)])
     facts = [bench.facts for bench in benches]
     fitting = fitting_benches(request, facts)
     if not fitting:
@@ -66,7 +66,7 @@ def choose_bench(campaign: Document, benches: Sequence[Bench]) -> Bench | None:
 
 
 def fitting_benches(request: BenchRequestPart, benches: Sequence[BenchFacts]) -> list[BenchFacts]:
-    """Return the benches that have the name and the properties that are asked for."""
+    """Return the benches that have the requested name and properties."""
     return [
         bench
         for bench in benches
@@ -78,7 +78,7 @@ def fitting_benches(request: BenchRequestPart, benches: Sequence[BenchFacts]) ->
 def with_bench(campaign: Document, bench: Bench) -> Document:
     """Return a campaign with its bench's vehicle and fence. Raises BadInput.
 
-    Its places are those of the two files. A key that both have is a problem.
+    Each value keeps its place in its own file. A key that both files have is a problem.
     """
     merger = _Merger(bench)
     root = campaign.root
@@ -92,7 +92,7 @@ def with_bench(campaign: Document, bench: Bench) -> Document:
 
 
 def departure(campaign: Document, bench: Bench) -> str:
-    """Return what of a campaign's vehicle and fence is not that of its bench; "" for nothing.
+    """Return how a campaign's vehicles and fence differ from those of its bench; "" if they agree.
 
     campaign: one that has been completed by `with_bench`, perhaps on another machine.
     """
@@ -112,7 +112,7 @@ def departure(campaign: Document, bench: Bench) -> str:
         wanted = plain(_absolute(entry.node, path, bench.document.path.parent))
         found = _differing(campaign.get(path), wanted, path)
         if found:
-            return f"{'.'.join(map(str, found))} is not that of bench {bench.name}"
+            return f"{'.'.join(map(str, found))} differs from that of bench {bench.name}"
     return ""
 
 
@@ -128,7 +128,7 @@ def _differing(there: Data, wanted: Data, path: KeyPath) -> KeyPath:
 
 
 def _has(bench: BenchFacts, key: str, value: PropertyValue) -> bool:
-    """Return whether a bench has a property of a value; true is no 1."""
+    """Return whether a bench has a property with this value; true is not the same as 1."""
     there = bench.properties.get(key)
     return there == value and isinstance(there, bool) == isinstance(value, bool)
 
@@ -136,24 +136,24 @@ def _has(bench: BenchFacts, key: str, value: PropertyValue) -> bool:
 def no_bench(
     campaign: Document, request: BenchRequestPart, benches: Sequence[BenchFacts]
 ) -> Problem:
-    """Return why no bench fits, at the place that none fits."""
+    """Return why no bench fits, at the key that no bench has."""
     named = [bench for bench in benches if request.name in {None, bench.name}]
     ordered = sorted(benches, key=lambda bench: bench.name)
     there = "; ".join(map(str, ordered)) or "none"
     if not named:
         at = BENCH if isinstance(campaign.get(BENCH), str) else (*BENCH, "name")
-        said = f"there is no bench '{request.name}'; there is {there}"
-        return campaign.problem(at, said, closest(str(request.name), [b.name for b in benches]))
+        message = f"there is no bench '{request.name}'; there is {there}"
+        return campaign.problem(at, message, closest(str(request.name), [b.name for b in benches]))
     for key, value in request.properties.items():
         at = (*BENCH, "properties", key)
         if not any(key in bench.properties for bench in named):
             known = sorted({name for bench in named for name in bench.properties})
-            said = f"no bench has the property '{key}'; there is {there}"
-            return campaign.problem(at, said, closest(key, known), key=True)
+            message = f"no bench has the property '{key}'; there is {there}"
+            return campaign.problem(at, message, closest(key, known), key=True)
         if not any(_has(bench, key, value) for bench in named):
             return campaign.problem(at, f"no bench has {key}: {in_file(value)}; there is {there}")
-    said = f"no bench has all of these properties; there is {there}"
-    return campaign.problem((*BENCH, "properties"), said, key=True)
+    message = f"no bench has all of these properties; there is {there}"
+    return campaign.problem((*BENCH, "properties"), message, key=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +187,8 @@ class _Merger:
                 merged = self.add(merged, path, (name,), one)
             return merged
         where = printable(f"{taken.key.source.name}:{taken.key.line}:{taken.key.column}")
-        said = f"{'.'.join(map(str, path))} is of bench {self.bench.name} ({where})"
-        self.problems.append(present.key.problem(f"{said}; remove it here"))
+        message = f"{'.'.join(map(str, path))} is defined by bench {self.bench.name} ({where})"
+        self.problems.append(present.key.problem(f"{message}; remove it here"))
         return present.node
 
 

@@ -126,8 +126,8 @@ def case_files(
 ) -> tuple[CaseFiles, list[Problem]]:
     """Return the files of a case, and the problems of the files or the overrides.
 
-    A file that cannot be had is None. Later overrides win. complete: adds what the overridden
-    campaign takes from its bench; raises BadInput.
+    A file that is missing or unreadable is None. Later overrides win. complete: adds what the
+    overridden campaign takes from its bench; raises BadInput.
     """
     problems: list[Problem] = []
     ordered = tuple(overrides)
@@ -197,7 +197,7 @@ def _named_file(
 
 
 def _sibling(text: str, path: Path) -> str:
-    """Return the probably meant name of a case file, relative to the campaign."""
+    """Return the name of a file like the missing one, relative to the campaign; "" for none."""
     if not is_folder(path.parent):
         return ""
     others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]

@@ -41,8 +41,8 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
     "wil": ("real", "twin"),
     "real": ("real",),
 }
-"""Whose vehicles there are in a mode; the first is the subject, the one that is judged. All of them
-fly, but for a twin that is placed (`Setup.flying`)."""
+"""The vehicles of each mode; the first is the subject, which is judged. All of them fly, except a
+placed twin (`Setup.flying`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,10 +86,9 @@ class Setup:
 
     actors: vehicles that fly as objects of the world, by the object's name.
     recipe: None where no mode mixes. fences: of the vehicles and actors that have one; guarding:
-    how the guard keeps them. limits: of setpoints; None for none. links: those that are made worse
-    than they are.
+    how the guard keeps them. limits: of setpoints; None for none. links: those with impairments.
     faults: injected into signals.
-    collision_always: whether contacts are judged whatever the oracles say of `collision`.
+    collision_always: whether contacts are judged even without the oracle `collision`.
     unsigned_commands: whether operators command by MQTT without a signature.
     gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
     simulation has one of its own; None where the campaign says none.
@@ -117,7 +116,7 @@ class Setup:
     unsigned_commands: bool = False
 
     def flying(self, mode: Mode) -> tuple[VehicleName, ...]:
-        """Return whose vehicles fly in a mode, the subject first: nothing flies a placed twin."""
+        """Return the vehicles that fly in a mode, the subject first; a placed twin does not."""
         return tuple(
             name
             for name in FLIES[mode]
@@ -151,7 +150,7 @@ class Setup:
         yield from self.shared_by_runs()
 
     def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
-        """Yield a case's external resources that exist once however many runs fly at once."""
+        """Yield a case's external resources of which there is one, shared by all runs."""
         for name, vehicle in self.vehicles.items():
             if vehicle.mocap is not None:
                 yield ("vehicles", name, "mocap"), f"motion capture at {vehicle.mocap.address}"

@@ -1,6 +1,6 @@
-"""Encounters: attached vehicles in one hall, of which one is an actor, and what keeps them apart.
+"""Encounters: pairs of attached vehicles, one of them an actor, and the distance of their fences.
 
-Pure. Both may be hardware: what separates them is their fences, seen from above.
+Pure. Both may be hardware, which only their fences, seen from above, keep apart.
 """
 
 import math
@@ -13,7 +13,6 @@ from campaigns.setup.case_setup import Setup
 from campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from safety.fence.geofence import Fence
 from safety.fence.separation import moved, separation_m
-from worlds.frames import Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,30 +36,30 @@ class Encounter:
 
     @property
     def may_be_allowed(self) -> bool:
-        """Return whether somebody may answer for it that they can touch.
+        """Return whether a person may take the responsibility that the two can touch.
 
-        Not where the actor is elsewhere because its object is virtual: there nothing is to be near.
+        Not where the actor flies at another place as its object is virtual: it need not be near.
         """
         return self.actor.place is None and self.other_fence is not None
 
     @property
     def remedy(self) -> str:
-        """Return what else there is to do but to separate them."""
+        """Return the remedy other than moving the fences apart."""
         if self.may_be_allowed:
-            return "or name who answers for it by `preflight.override: {separation: NAME}`"
+            return "or name the responsible person in `preflight.override: {separation: NAME}`"
         return "by another `place`"
 
     @property
     def stated_m(self) -> float:
-        """Return how far apart they stand before takeoff, seen from above, as the files say."""
-        ours, theirs = self.actor.stands.position_ned_m, _stands(self.other).position_ned_m
-        return math.dist(ours[:2], theirs[:2])
+        """Return the horizontal distance of their start places before takeoff, as in the files."""
+        ours, theirs = self.actor.standing_pose, self.other.standing_pose
+        return math.dist(ours.position_ned_m[:2], theirs.position_ned_m[:2])
 
 
 def encounters(setup: Setup, mode: Mode) -> Iterator[Encounter]:
-    """Yield each attached actor of a mode with each attached vehicle before it, but for the twin.
+    """Yield each attached actor of a mode with each attached vehicle before it, except the twin.
 
-    The twin is simulated, however it is attached.
+    A twin is simulated even where it is attached.
     """
     attached = [one for one in setup.flown_in(mode) if one.attached and one.name != "twin"]
     for index, actor in enumerate(attached):
@@ -83,13 +82,8 @@ def _fence(setup: Setup, vehicle: FlownSetup) -> Fence | None:
     return moved(fence, start=vehicle.start, to=vehicle.place)
 
 
-def _stands(vehicle: FlownSetup) -> Pose:
-    """Return where a vehicle stands in W before it takes off."""
-    return vehicle.stands if isinstance(vehicle, ActorSetup) else vehicle.start
-
-
 def _reach_m(vehicle: FlownSetup) -> float:
-    """Return how far a vehicle's body is from its middle at most."""
+    """Return the largest distance of a vehicle's body from its middle."""
     if isinstance(vehicle, ActorSetup):
         return vehicle.reach_m
     return math.hypot(*vehicle.body.half_m) if isinstance(vehicle, VehicleSetup) else 0.0

@@ -1,4 +1,4 @@
-"""What a campaign says of the world outside, resolved: files found, calibrations read."""
+"""Setups of external I/O: sensor sources, calibration files, deliveries and external programs."""
 
 import os
 import shutil
@@ -87,8 +87,8 @@ def _calibration(
     at = (*path, "calibration")
     file = _folder(campaign) / part.calibration
     if not exists(file):
-        said = f"there is no file '{part.calibration}' beside the campaign"
-        problems.append(campaign.problem(at, said))
+        message = f"there is no file '{part.calibration}' beside the campaign"
+        problems.append(campaign.problem(at, message))
         return None
     name = os.path.normpath(Path(campaign.name).parent / part.calibration)
     try:
@@ -98,8 +98,8 @@ def _calibration(
         return None
     size = (found.camera.width_px, found.camera.height_px)
     if size != (part.width_px, part.height_px):
-        said = f"is for {size[0]}x{size[1]}, and this camera has {part.width_px}x{part.height_px}"
-        problems.append(campaign.problem(at, said))
+        message = f"is for {size[0]}x{size[1]}, but the camera has {part.width_px}x{part.height_px}"
+        problems.append(campaign.problem(at, message))
         return None
     return found
 
@@ -109,7 +109,7 @@ def external_setup(
 ) -> ExternalSetup:
     """Return the external deliveries and injections of a case.
 
-    A delivery that does not say of which camera is a problem where there are several.
+    A delivery without a camera's name is a problem where there are several cameras.
     """
     cameras = sorted(
         {
@@ -123,18 +123,18 @@ def external_setup(
     for index, one in enumerate(part.deliver):
         if one.sensor is None and len(cameras) != 1:
             there = ", ".join(cameras) or "none"
-            said = f"name the camera by `sensor` (there are: {there})"
-            problems.append(campaign.problem(("deliver", index), said))
+            message = f"name the camera by `sensor` (there are: {there})"
+            problems.append(campaign.problem(("deliver", index), message))
         outlets.append(one.outlet(cameras[0] if cameras else ""))
     return ExternalSetup(
-        pictures=tuple(outlets),
+        outlets=tuple(outlets),
         injections=part.inject.setups(),
         ground_station=part.ground_station,
     )
 
 
 def program_problems(campaign: Document, command: tuple[str, ...], folder: Path) -> list[Problem]:
-    """Return that an external program cannot be found, or may not be executed."""
+    """Return the problem of an external program that is missing or not executable."""
     program = command[0]
     found = folder / program if "/" in program else shutil.which(program)
     path = ("autonomy", "program", 0)
@@ -143,8 +143,8 @@ def program_problems(campaign: Document, command: tuple[str, ...], folder: Path)
     if not is_file(Path(found)):
         return [campaign.problem(path, f"there is no file '{program}' beside the campaign")]
     if not os.access(found, os.X_OK):
-        said = f"'{program}' is not executable: chmod +x it, or name its interpreter before it"
-        return [campaign.problem(path, said)]
+        message = f"'{program}' is not executable: chmod +x it, or name its interpreter before it"
+        return [campaign.problem(path, message)]
     return []
 
 

@@ -1,4 +1,4 @@
-"""Signal faults of a campaign as values, and those that name a sensor that is not there."""
+"""Setups of a campaign's signal faults; faults of unknown sensors are problems."""
 
 from collections.abc import Iterator, Mapping
 
@@ -16,7 +16,7 @@ def fault_setups(
     vehicles: Mapping[VehicleName, VehicleSetup],
     problems: list[Problem],
 ) -> tuple[SignalFault, ...]:
-    """Return the faults, and note those of a vehicle or sensor that is not there."""
+    """Return the faults; those of an unknown vehicle or sensor are collected as problems."""
     given: dict[VehicleName, VehicleFaultsPart | None] = {"real": part.real, "twin": part.twin}
     found: list[SignalFault] = []
     for name, faults in given.items():
@@ -39,9 +39,9 @@ def _unknown_signals(
     known = [sensor.name for sensor in vehicle.sensors]
     for sensor in faults.sensors:
         if sensor not in known:
-            said = f"vehicle '{name}' has no sensor '{sensor}'"
+            message = f"vehicle '{name}' has no sensor '{sensor}'"
             at = (*path, "sensors", sensor)
-            yield campaign.problem(at, said, closest(sensor, known), key=True)
+            yield campaign.problem(at, message, closest(sensor, known), key=True)
 
 
 def _fault_of(vehicle: VehicleName, sensor: str | None, part: SignalFaultPart) -> SignalFault:

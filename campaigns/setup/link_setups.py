@@ -1,4 +1,4 @@
-"""Links as a run needs them: what is done to their frames, and when they go dark."""
+"""Setups of links: impairments of their frames, and link outages."""
 
 from dataclasses import dataclass, field
 
@@ -21,7 +21,7 @@ class LinkSetup:
 
     outgoing: Impairment = field(default_factory=Impairment)
     incoming: Impairment = field(default_factory=Impairment)
-    blackouts: tuple[StageOutage, ...] = ()
+    outages: tuple[StageOutage, ...] = ()
 
 
 def link_setup(part: LinkPart) -> LinkSetup:
@@ -36,7 +36,7 @@ def link_setup(part: LinkPart) -> LinkSetup:
     return LinkSetup(
         outgoing=way(part.to_vehicle),
         incoming=way(part.from_vehicle),
-        blackouts=tuple(
+        outages=tuple(
             StageOutage(stage=one.on, after_s=one.after_s, for_s=one.for_s)
             for one in part.blackouts
             if one.on is not None

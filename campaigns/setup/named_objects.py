@@ -1,4 +1,4 @@
-"""Which objects of the world a case is about by its own words: its goal's and its oracles'."""
+"""The objects of the world that a case's goal or required oracles name."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What a campaign says of its operators, checked and with its files found."""
+"""Setup of the operators' MQTT broker, with its certificate files found."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +17,9 @@ class MqttSetup:
     """How to reach the operator's MQTT broker, and what to publish there.
 
     user: empty for none. signed: whether commands have to be. password_env, token_env: names of
-    environment variables; empty for none. ca_file: who vouches for the broker; None for the
-    system's. cert_file, key_file: our own certificate; None for none. root: of all topics.
-    on_loss: what is done when the broker was away for lost_after_s.
+    environment variables; empty for none. ca_file: CA certificates that verify the broker; None
+    for the system's. cert_file, key_file: our own certificate; None for none. root: of all topics.
+    on_loss: the action when the broker was unreachable for lost_after_s.
     """
 
     broker: BrokerAddress
@@ -64,8 +64,8 @@ def _file(campaign: Document, key: str, name: str | None, problems: list[Problem
         return None
     path = (campaign.path.parent / name).resolve()
     if not is_file(path):
-        said = f"there is no file '{name}' beside the campaign"
-        problems.append(campaign.problem(("operator", "mqtt", key), said))
+        message = f"there is no file '{name}' beside the campaign"
+        problems.append(campaign.problem(("operator", "mqtt", key), message))
     return path
 
 

@@ -9,9 +9,8 @@ from worlds.files.yaml_nodes import mapping_node
 def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
     """Return the oracles that a campaign uses with their parameters, and their problems.
 
-    What is no mapping at all is left to the schema.
-    `name: {parameters}`; a name that is no kind of oracle says its kind as `use`, or has a
-    formula as `stl`.
+    `name: {parameters}`; a name that is no kind of oracle gives its kind as `use`, or has a
+    formula as `stl`. A value that is no mapping is left to the schema's check.
     """
     uses: list[OracleUse] = []
     problems: list[Problem] = []

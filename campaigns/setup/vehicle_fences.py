@@ -1,4 +1,4 @@
-"""Fences of vehicles, from how files say them: of a campaign, and of a change in flight."""
+"""Fences of vehicles, from a campaign's `geofence` or from a document that changes it in flight."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Drawing:
 def fences_of(part: GeofencePart, drawing: Drawing, path: Path) -> dict[str, Fence]:
     """Return the fence of each vehicle that has one: its own, else that for both.
 
-    path: where the part stands in the document. Raises BadInput with every problem.
+    path: of the part in the document. Raises BadInput with every problem.
     """
     problems: list[Problem] = []
     common = _fence(part, drawing, path, problems) if part.is_drawn else None
@@ -48,7 +48,7 @@ def changed_fences(
 ) -> dict[str, Fence]:
     """Return the new fences of vehicles in flight from a document.
 
-    It says them as a campaign's `geofence` does, without files; or it is a QGroundControl plan or
+    The document is like a campaign's `geofence`, without files; or it is a QGroundControl plan or
     GeoJSON, for every vehicle that has a fence at present, which keeps its floor and ceiling.
     Raises BadInput with every problem.
     """
@@ -89,8 +89,8 @@ def _redrawn(
     except FenceError as error:
         raise BadInput([document.problem((), str(error))]) from error
     if not fences:
-        said = "no vehicle has a fence whose floor and ceiling could be kept"
-        raise BadInput([document.problem((), said)])
+        message = "no vehicle has a fence whose floor and ceiling could be kept"
+        raise BadInput([document.problem((), message)])
     return fences
 
 
@@ -99,14 +99,14 @@ def _fence(part: FencePart, drawing: Drawing, path: Path, problems: list[Problem
     try:
         if part.file is not None:
             if part.file not in drawing.files:
-                return None  # that it cannot be had was said where it was looked for
+                return None  # `fence_files` reported the missing file
             drawn = read_fence_file(drawing.files[part.file])
         return part.fence(drawing.frame, drawn)
     except BadInput as error:
         problems += error.problems
     except FenceError as error:
         if drawing.frame is None and error.reason == "far":
-            return None  # that the world is missing was said where it was looked for
+            return None  # the missing world is reported already
         place = path if part.file is None else (*path, "file")
         problems.append(drawing.document.problem(place, str(error), key=part.file is None))
     return None

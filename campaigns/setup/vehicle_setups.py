@@ -1,4 +1,4 @@
-"""Vehicles as a run needs them, from what a campaign file says of them."""
+"""Setups of vehicles: link, autopilot, start, telemetry rates and sensors, from a campaign file."""
 
 import math
 import os
@@ -56,7 +56,7 @@ SitlLaunch = ArduPilotLaunch | Px4Launch
 VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
 
 _SERIAL_SHARE = 0.8
-"""Of ten bits on a serial line, eight are a byte."""
+"""Of ten bits on a serial line, eight are data."""
 _SYSTEM_IDS: dict[VehicleName, int] = {"real": 1, "twin": 2}
 _USUAL_ACCURACY: Mapping[PoseSource, PoseAccuracy] = {
     "simulator": SIMULATED,
@@ -64,17 +64,17 @@ _USUAL_ACCURACY: Mapping[PoseSource, PoseAccuracy] = {
     "mavlink": ESTIMATED,
 }
 EMBEDDED_BODY: BoxShape = body_of(Airframe())
-"""What judging takes a vehicle for of which the campaign does not say it: the embedded one."""
+"""The body by which a vehicle is judged, where the campaign gives none: the embedded one's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlownSetup:
-    """What starts, guards and flies any vehicle of a run.
+    """The setup of any vehicle of a run, of the pair or an actor.
 
-    link: "embedded", the address of one that is attached, or what launches one. profile: for
+    link: "embedded", the address of an attached one, or the launch of a simulation. profile: for
     `load_profile`: a name, or an absolute path. params: autopilot parameters by name. start: where
-    it stands, world frame. signing: where its key is. rates: of telemetry, as its slowest radio
-    carries them. spares: of an attached one, more links to it.
+    it stands, world frame. signing: the source of its key. rates: of telemetry, as its slowest
+    radio carries them. spares: further links of an attached one.
     """
 
     name: str
@@ -92,8 +92,13 @@ class FlownSetup:
 
     @property
     def path(self) -> KeyPath:
-        """Return where the campaign file says it."""
+        """Return the vehicle's place in the campaign file."""
         return "vehicles", self.name
+
+    @property
+    def standing_pose(self) -> Pose:
+        """Return the vehicle's pose in W before it takes off."""
+        return self.start
 
     @property
     def embedded(self) -> bool:
@@ -112,7 +117,7 @@ class FlownSetup:
 
     @property
     def launch(self) -> SitlLaunch | None:
-        """Return what launches the vehicle; None where nothing does."""
+        """Return the launch of the vehicle's simulation; None for one that is not launched."""
         return self.link if isinstance(self.link, SitlLaunch) else None
 
     @property
@@ -126,7 +131,7 @@ class FlownSetup:
 
     @property
     def requests_truth(self) -> bool:
-        """Return whether the vehicle's simulator is asked where it is: to judge, or to compare."""
+        """Return whether its simulator has to report the true pose: to judge, or to compare."""
         return self.pose_source == "simulator" or self.launch is not None
 
 
@@ -135,9 +140,9 @@ class VehicleSetup(FlownSetup):
     """The setup of a vehicle of the pair.
 
     mocap: None: the surrogate's own motion capture. pose_accuracy: of its pose source;
-    accuracy_given: by the campaign. max_gap_s: the longest gap that is accepted between its
-    positions; None: what their rate gives. coupling: of the twin, how it is kept with the real
-    vehicle. body: as it is judged.
+    accuracy_given: by the campaign. max_gap_s: the longest accepted gap between its positions;
+    None: derived from their rate. coupling: of the twin, how it follows the real vehicle. body: by
+    which it is judged.
     """
 
     name: VehicleName
@@ -152,7 +157,7 @@ class VehicleSetup(FlownSetup):
 
     @property
     def reports_accuracy(self) -> bool:
-        """Return whether the vehicle's estimator is to say how exact its poses are."""
+        """Return whether the vehicle's estimator has to report the accuracy of its poses."""
         return self.pose_source == "mavlink" and not self.accuracy_given
 
     @property
@@ -162,7 +167,7 @@ class VehicleSetup(FlownSetup):
 
     @property
     def sourced(self) -> tuple[tuple[SourcedSetup, ReadingSourceSetup], ...]:
-        """Return the vehicle's other sensors whose readings come from outside, with the source."""
+        """Return the sensors, except cameras, whose readings are external, each with its source."""
         return tuple(
             (one, one.source)
             for one in self.sensors
@@ -221,13 +226,13 @@ def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
 def unknown_parameters(
     campaign: Document, at: KeyPath, autopilot: AutopilotName, params: Iterable[str]
 ) -> Iterator[Problem]:
-    """Note `params` of an embedded vehicle that its autopilot does not have; at: its place."""
+    """Yield `params` of an embedded vehicle that its autopilot does not have; at: its place."""
     known = known_parameters(autopilot)
     for parameter in params:
         if parameter not in known:
-            said = f"the embedded {autopilot} has no parameter '{parameter}'"
+            message = f"the embedded {autopilot} has no parameter '{parameter}'"
             path = (*at, "params", parameter)
-            yield campaign.problem(path, said, closest(parameter, known), key=True)
+            yield campaign.problem(path, message, closest(parameter, known), key=True)
 
 
 def link_of(
@@ -344,8 +349,8 @@ def profile_of(campaign: Document, at: KeyPath, profile: str, problems: list[Pro
     if profile.endswith((".yaml", ".yml")):
         file = campaign.path.parent / profile
         if not exists(file):
-            said = f"there is no file '{profile}' beside the campaign"
-            problems.append(campaign.problem(path, said))
+            message = f"there is no file '{profile}' beside the campaign"
+            problems.append(campaign.problem(path, message))
             return profile
         shown_as = os.path.normpath(Path(campaign.name).parent / profile)
         profile = str(file.resolve())

@@ -54,7 +54,7 @@ def bootstrap_interval(
 
 
 def _acceleration(sizes: Sequence[int], statistic: Statistic) -> float:
-    """Return how the statistic's spread moves with it, by leaving out one run at a time."""
+    """Return the acceleration of the statistic, by the jackknife: one run left out at a time."""
     above = beneath = 0.0
     for place, count in enumerate(sizes):
         if count < 2:

@@ -23,7 +23,7 @@ class Counts:
 
     def __post_init__(self) -> None:
         if not 0 <= self.passed <= self.flown:
-            raise ValueError(f"{self.passed} of {self.flown} is no count of passes")
+            raise ValueError(f"{self.passed} of {self.flown} is not a count of passes")
 
 
 Table = tuple[Counts, Counts]

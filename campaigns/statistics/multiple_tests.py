@@ -1,4 +1,4 @@
-"""Several tests at once: p values that hold for all of them together; pure."""
+"""Correction of p values for multiple tests; pure."""
 
 from collections.abc import Sequence
 

@@ -16,11 +16,11 @@ class Interval:
 def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> Interval | None:
     """Return the exact two-sided interval of a pass rate; None without a flight.
 
-    Clopper and Pearson, Biometrika 26 (1934): it covers at least as often as it says. Raises
-    ValueError for counts that are none.
+    Clopper and Pearson, Biometrika 26 (1934): it covers the true rate at least with the confidence.
+    Raises ValueError for impossible counts.
     """
     if not 0 <= passed <= flown:
-        raise ValueError(f"{passed} of {flown} is no count of passes")
+        raise ValueError(f"{passed} of {flown} is not a count of passes")
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"the confidence must be between 0 and 1, is {confidence}")
     if flown == 0:
@@ -36,15 +36,15 @@ def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> Int
 def flights_without_failure(pass_rate: float, *, confidence: float = 0.95) -> int:
     """Return how many flights, all passed, show a pass rate of at least `pass_rate`.
 
-    One-sided: were the rate lower, so many passes in a row would come up less often than
+    One-sided: with a lower rate, so many passes in a row would have a probability below
     1 - confidence. Raises ValueError for a rate or confidence that is not between 0 and 1.
     """
     if not (0.0 < pass_rate < 1.0 and 0.0 < confidence < 1.0):
         raise ValueError("pass rate and confidence must be between 0 and 1")
-    # Without the last digits of the logarithms 0.9 would need 0.1 of a flight more than itself.
+    # The rounding error of the logarithms must not add a flight.
     return max(1, math.ceil(math.log(1.0 - confidence) / math.log(pass_rate) - 1e-9))
 
 
 def least_pass_rate(flown: int, *, confidence: float = 0.95) -> float:
-    """Return the pass rate that so many flights show at least when all pass; one-sided."""
+    """Return the least pass rate that so many flights, all passed, show; one-sided."""
     return (1.0 - confidence) ** (1.0 / flown) if flown else 0.0

@@ -1,8 +1,8 @@
 """The sequential probability ratio test of a pass rate, cut off after so many flights; pure.
 
 Wald, Annals of Mathematical Statistics 16 (1945): after each flight the likelihoods of the two
-rates are compared; beyond log((1 - error) / error) one of them is decided for. Both errors, to
-decide for the one where the other holds, are below `error` but for what the cut-off adds.
+rates are compared; beyond log((1 - error) / error) one of them is accepted. Each probability of a
+wrong decision is below `error`, except for what the cut-off adds.
 """
 
 from collections.abc import Iterable
@@ -34,9 +34,9 @@ class SequentialTest:
             raise ValueError("needs at least one flight")
 
     def decided_after(self, passes: Iterable[bool]) -> tuple[Decision, int]:
-        """Return the decision on flights in their order, and after how many it fell.
+        """Return the decision on flights in their order, and the number of flights it needed.
 
-        Flights after that do not change it. undecided: with as many as were looked at.
+        Flights after that do not change it. undecided: with the number of flights used.
         """
         passed, failed = _steps(self)
         threshold = log((1.0 - self.error) / self.error)
@@ -55,12 +55,12 @@ class SequentialTest:
     @property
     def least_flights(self) -> int:
         """Return how many flights decide for `at_least` when all pass; may be above `most`."""
-        return len(_until(self, all_pass=True))
+        return _until(self, all_pass=True)
 
     @property
     def least_failures(self) -> int:
         """Return how many flights decide against it when all fail."""
-        return len(_until(self, all_pass=False))
+        return _until(self, all_pass=False)
 
 
 def _steps(test: SequentialTest) -> tuple[float, float]:
@@ -69,10 +69,10 @@ def _steps(test: SequentialTest) -> tuple[float, float]:
     return passed, log((1.0 - test.at_least) / (1.0 - test.against))
 
 
-def _until(test: SequentialTest, *, all_pass: bool) -> range:
+def _until(test: SequentialTest, *, all_pass: bool) -> int:
     passed, failed = _steps(test)
     step = abs(passed if all_pass else failed)
     count = 1
     while count * step < log((1.0 - test.error) / test.error):
         count += 1
-    return range(count)
+    return count

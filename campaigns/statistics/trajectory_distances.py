@@ -15,7 +15,7 @@ IntArray = NDArray[np.int64]
 
 
 def time_aligned_rmse_m(one: F64, other: F64) -> float:
-    """Return the root mean square distance at equal times; who has ended stays where it ended."""
+    """Return the root mean square distance at equal times; the shorter one stays at its end."""
     longer = max(len(one), len(other))
     apart = _extended(one, longer) - _extended(other, longer)
     return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))

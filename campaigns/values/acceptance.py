@@ -1,4 +1,4 @@
-"""What a campaign accepts: of each case and mode that is required, k runs of n must pass."""
+"""Acceptance of a campaign: of each required case and mode, k runs of n must pass."""
 
 import re
 from collections.abc import Iterable
@@ -25,15 +25,15 @@ class Share:
 
 
 DECIDED = "decided"
-"""In `accept` of a campaign whose repetitions go on until a sequential test has decided."""
+"""The share in `accept` of a campaign whose repetitions end when a sequential test has decided."""
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
     """An acceptance requirement: the share of a case in a mode that must pass.
 
-    test: instead, the sequential test that must decide for its pass rate; the share then is of the
-    most flights that there may be.
+    test: instead, the sequential test that must decide for its pass rate; the share is then of the
+    largest number of flights.
     """
 
     case: str
@@ -74,15 +74,15 @@ class Standing:
 
     def __str__(self) -> str:
         wanted = self.requirement
-        said = f"{wanted.case}/{wanted.mode}: {self.passed} passed, {wanted} required"
+        text = f"{wanted.case}/{wanted.mode}: {self.passed} passed, {wanted} required"
         if self.decision:
-            return f"{said}: {self.decision} after {self.flown}"
+            return f"{text}: {self.decision} after {self.flown}"
         missing = wanted.share.runs - self.flown
-        return f"{said}, {missing} not flown" if missing > 0 else said
+        return f"{text}, {missing} not flown" if missing > 0 else text
 
 
 def parse_share(text: str) -> Share:
-    """Return the acceptance share in a text. Raises ValueError with what is wrong with it."""
+    """Return the acceptance share in a text. Raises ValueError with the reason."""
     match = _OF.fullmatch(text)
     if match is None:
         raise ValueError(f"must be passes/runs like 4/5, is '{text}'")
@@ -97,8 +97,8 @@ def standings(
 ) -> tuple[Standing, ...]:
     """Return the standing of each requirement.
 
-    passed: (case, mode, whether it passed) per run in their order; None for one that proves
-    nothing, which a sequential test passes over.
+    passed: (case, mode, whether it passed) per run in their order; None for INVALID and ERROR,
+    which a sequential test skips.
     """
     counts: dict[tuple[str, str], list[bool | None]] = {}
     for case, mode, good in passed:

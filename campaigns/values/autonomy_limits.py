@@ -1,16 +1,16 @@
-"""What the autonomy under test may take of the machine."""
+"""Limits of memory and time of the autonomy under test."""
 
 from dataclasses import dataclass
 
 LONGEST_CALL_S = 30.0
 LONGEST_BUILD_S = 300.0
-"""Wall time for a call, and for a constructor that loads a model. Before a worker that is silent
-is killed, and under the wall clock long after the guard has taken over."""
+"""Wall time for a call, and for a constructor that loads a model. Shorter than the time after which
+a silent worker is killed; under the wall clock the guard takes over long before."""
 
 
 @dataclass(frozen=True, slots=True)
 class AutonomyLimits:
-    """The limits of the autonomy. memory_mb: by how much what runs it may grow, in 10^6 bytes.
+    """The limits of the autonomy. memory_mb: by how much its process may grow, in 10^6 bytes.
 
     call_s: wall time of one call of `perceive` or `act`; build_s: of its import and constructor.
     """
@@ -20,7 +20,7 @@ class AutonomyLimits:
     build_s: float = LONGEST_BUILD_S
 
     def excess(self, measure: str, used_mb: float) -> str:
-        """Return in words that memory is beyond the limit, and what to do; empty within it."""
+        """Return the message that memory exceeds the limit, with the remedy; "" within it."""
         if used_mb <= self.memory_mb:
             return ""
         return (

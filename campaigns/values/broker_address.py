@@ -1,4 +1,4 @@
-"""Where an MQTT broker is: mqtt://[user@]host[:port], mqtts:// with TLS, or `embedded[:port]`."""
+"""Address of an MQTT broker: mqtt://[user@]host[:port], mqtts:// with TLS, `embedded[:port]`."""
 
 from dataclasses import dataclass
 from urllib.parse import urlsplit

@@ -1,4 +1,4 @@
-"""The expected end of a control run: how it must come out to show that its campaign can fail."""
+"""The expected verdict and cause of a control run, which shows that its campaign can fail."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,7 +8,7 @@ ControlVerdict = Literal["FAIL", "INVALID", "ERROR"]
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """The expected end of a control run. oracle: that must fail; cause: text in the reason."""
+    """The expected end of a control run. oracle: the one that must fail; cause: in the reason."""
 
     case: str
     verdict: ControlVerdict

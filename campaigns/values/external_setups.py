@@ -1,4 +1,4 @@
-"""What comes into a run from outside, and what goes out of it: frozen, resolved."""
+"""Setups of external I/O: sources of readings, motion capture, image outlets, injections."""
 
 import math
 from collections.abc import Iterator
@@ -16,8 +16,8 @@ _FILES: frozenset[SourceKind] = frozenset({"mcap", "images", "video"})
 class SourceSetup:
     """An external source of a camera's images, which are then not rendered here.
 
-    address: as its kind wants it; an absolute path for files. latency_s: middle of the exposure
-    to arrival. open_s, stall_s: how long the first and each further picture is waited for.
+    address: in the form of its kind; an absolute path for files. latency_s: middle of the exposure
+    to arrival. open_s, stall_s: how long to wait for the first and each further image.
     answer_s: how long a simulator may take. topic: of an MCAP file. transport: of RTSP.
     device_format: of V4L2 ("mjpeg").
     """
@@ -38,8 +38,8 @@ class SourceSetup:
         return self.kind not in _FILES
 
     @property
-    def asked(self) -> bool:
-        """Return whether the external source renders any pose on request, as our renderer does."""
+    def renders_on_request(self) -> bool:
+        """Return whether the external source renders any requested pose, as our renderer does."""
         return self.kind == "simulator"
 
     @property
@@ -47,7 +47,7 @@ class SourceSetup:
         """Return the external source's name in results."""
         if self.kind in _FILES:
             return "file"
-        return "rendered" if self.asked else "live"
+        return "rendered" if self.renders_on_request else "live"
 
 
 ReadingSourceKind = Literal["mavlink", "zmq", "mcap"]
@@ -61,7 +61,7 @@ class ReadingSourceSetup:
     MAVLink, its name; None for the estimate. sensor_id: of MAVLink's sensors; None: any.
     undulation_m: of the geoid above the ellipsoid. name: of the sensor in ZeroMQ messages. topic:
     prefix of ZeroMQ messages, or of an MCAP file. latency_s: sampling to arrival of the quickest.
-    open_s, stall_s: how long the first and each further reading is waited for.
+    open_s, stall_s: how long to wait for the first and each further reading.
     """
 
     kind: ReadingSourceKind
@@ -77,7 +77,7 @@ class ReadingSourceSetup:
 
     @property
     def needs_wall_clock(self) -> bool:
-        """Return whether the source is a socket of its own, which knows real time only."""
+        """Return whether the source runs in real time: a socket other than the vehicle's link."""
         return self.kind == "zmq"
 
     @property
@@ -91,8 +91,8 @@ class MocapSetup:
     """External motion capture of one vehicle.
 
     kind, host, port: UDP to bind, ZeroMQ to connect to, or VRPN's server. body: its name there.
-    latency_s: sampling to arrival of the quickest. stall_s: a silence in flight that proves
-    nothing any more. topic: prefix of ZeroMQ messages.
+    latency_s: sampling to arrival of the quickest. stall_s: time without a pose in flight after
+    which the run is INVALID. topic: prefix of ZeroMQ messages.
     """
 
     kind: Literal["udp", "zmq", "vrpn"]
@@ -111,14 +111,14 @@ class MocapSetup:
 
 
 PoseSource = Literal["simulator", "mocap", "mavlink"]
-"""What says where a vehicle is: its simulator, motion capture, or the autopilot's estimate."""
+"""The source of a vehicle's pose: its simulator, motion capture, or the autopilot's estimate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseAccuracy:
     """The accuracy of a pose source, one standard deviation: metres on each axis, and radians.
 
-    velocity_m_s: of its velocity, each axis; None where that is made of its positions.
+    velocity_m_s: of its velocity, each axis; None where that is derived from positions.
     """
 
     position_m: float
@@ -129,8 +129,8 @@ class PoseAccuracy:
 CAPTURED = PoseAccuracy(position_m=0.002, attitude_rad=math.radians(0.5))
 """Optical motion capture (Vicon: millimetres; a millimetre over markers 0.1 m apart: 0.5 deg)."""
 SIMULATED = PoseAccuracy(position_m=0.02, attitude_rad=math.radians(0.5), velocity_m_s=0.05)
-"""A simulator's ground truth over MAVLink: a grid of 1.1 cm and, on PX4, 1 cm/s; what it has no
-time for is known to some 10 ms, at 1 m/s and 1 rad/s."""
+"""A simulator's ground truth over MAVLink: a grid of 1.1 cm and, on PX4, 1 cm/s; without a time
+stamp its time is known to some 10 ms, at 1 m/s and 1 rad/s."""
 ESTIMATED = PoseAccuracy(position_m=1.0, attitude_rad=math.radians(2.0), velocity_m_s=0.1)
 """An autopilot's estimate by satellites and magnetometer; velocity: twice the 0.05 m/s of a u-blox
 M8 receiver (its data sheet, velocity accuracy)."""
@@ -140,8 +140,8 @@ M8 receiver (its data sheet, velocity accuracy)."""
 class ImageOutlet:
     """An external outlet for the images of one camera.
 
-    of: the picture that a vehicle perceives, or the untouched one of a vehicle. vehicle: whose;
-    None: of the one that is judged. address: HOST:PORT, an endpoint to bind, or a device.
+    of: the image that a vehicle perceives, or the unmixed one of a vehicle. vehicle: whose; None:
+    the judged one's. address: HOST:PORT, an endpoint to bind, or a device.
     """
 
     kind: Literal["rtp", "zmq", "v4l2"]
@@ -172,10 +172,10 @@ Injected = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InjectionSetup:
-    """An injection: a message that is sent to the autopilots from outside.
+    """An injection: a MAVLink message that is sent to the autopilots from outside.
 
     sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
-    vehicles that get it. rate_hz: None for what its autopilots want.
+    vehicles that receive it. rate_hz: None for the default of the autopilot.
     """
 
     thing: Injected
@@ -189,17 +189,16 @@ class InjectionSetup:
 class ExternalSetup:
     """All external I/O of a run.
 
-    ground_station: link of a ground station that is told of contacts, and of RTP streams as of a
-    camera.
+    ground_station: link of a ground station that receives contacts, and RTP streams as a camera's.
     """
 
-    pictures: tuple[ImageOutlet, ...] = ()
+    outlets: tuple[ImageOutlet, ...] = ()
     injections: tuple[InjectionSetup, ...] = ()
     ground_station: str | None = None
 
     def needing_wall_clock(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
         """Yield external I/O on sockets or devices: its path in the campaign, its name."""
-        for index, outlet in enumerate(self.pictures):
+        for index, outlet in enumerate(self.outlets):
             yield ("deliver", index), outlet.name
         if self.ground_station is not None:
             yield ("ground_station",), f"a ground station at {self.ground_station}"

@@ -1,4 +1,4 @@
-"""`file.py:Name`: things of the user's; the loader stands in worlds, for recipes use it too."""
+"""References `file.py:Name` to the user's code; the loader is in `worlds`, as recipes need it."""
 
 from worlds.files.references import BadReferenceError, is_reference, load_reference
 

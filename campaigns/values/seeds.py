@@ -1,6 +1,6 @@
 """Seeds of runs: from the campaign's seed, the case and the repetition, and not from the mode.
 
-So the same repetition in mode sim and in mode wil meets the same randomness: modes are paired.
+So the same repetition has the same random numbers in modes sim and wil: modes are paired.
 """
 
 import hashlib

@@ -1,6 +1,6 @@
-"""Sensors of a vehicle as a run needs them: frozen, resolved, one class for each type.
+"""Setups of a vehicle's sensors, one class for each type.
 
-source: where readings come from that are not computed here; None: they are.
+source: of external readings; None: readings are computed here.
 """
 
 from dataclasses import dataclass
@@ -111,7 +111,7 @@ class ImuSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseSetup:
-    """The setup of a pose sensor (motion capture). rate_hz: at most; None: as it arrives."""
+    """The setup of a pose sensor (motion capture). rate_hz: the highest; None: as it arrives."""
 
     kind: ClassVar[str] = "pose"
 
@@ -139,7 +139,7 @@ class MicrophoneSetup:
 
 RangingSetup = LidarSetup | LidarPointsSetup | RangefinderSetup
 SourcedSetup = RangingSetup | GpsSetup | ImuSetup | PoseSetup | MicrophoneSetup
-"""The sensors whose readings a source of readings can give."""
+"""The sensors that may have an external source of readings."""
 SensorSetup = (
     CameraSetup | DepthSetup | RangingSetup | GpsSetup | ImuSetup | PoseSetup | MicrophoneSetup
 )

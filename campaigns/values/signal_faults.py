@@ -1,4 +1,4 @@
-"""Faults that are injected into the signals of a run, as its parts need them."""
+"""Faults that are injected into the signals of a run: a sensor or pose source stops or freezes."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ _TEXTS: dict[FaultKind, str] = {"stop": "stops", "freeze": "freezes"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalFault:
-    """A signal that stops or freezes, after_s after a stage, for for_s (None: for good).
+    """A signal that stops or freezes, after_s after a stage, for for_s (None: until the end).
 
     sensor: its name; None for the pose source of the vehicle.
     """
@@ -22,7 +22,7 @@ class SignalFault:
     for_s: float | None = None
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the fault in words."""
         signal = "pose source" if self.sensor is None else f"sensor {self.sensor}"
         lasts = "" if self.for_s is None else f" for {self.for_s:g} s"
         when = f"{self.after_s:g} s after stage {self.stage}"

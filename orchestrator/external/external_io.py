@@ -300,7 +300,7 @@ class ExternalIo:
         source, key = camera.source, (str(vehicle), camera.name)
         if source is None:
             return
-        if not source.asked:
+        if not source.renders_on_request:
             self.cameras[key] = ExternalCamera(camera=camera, source=source, side=vehicle)
             return
         scene = self._setup.real_scene if vehicle == "real" else self._setup.virtual_scene
@@ -322,7 +322,7 @@ class ExternalIo:
 
     def _outlets(self) -> Iterable[Outlet]:
         there = {vehicle.name: vehicle for vehicle in self._setup.with_sensors}
-        for outlet in self._setup.campaign.outside.pictures:
+        for outlet in self._setup.campaign.outside.outlets:
             perceived = outlet.of == "perceived"
             name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
             if name not in there:
@@ -339,7 +339,7 @@ class ExternalIo:
         if outside.ground_station is None:
             return None
         system_id = self._setup.vehicle(self._setup.subject).system_id
-        streams = [one for one in outside.pictures if one.kind == "rtp"]
+        streams = [one for one in outside.outlets if one.kind == "rtp"]
         cameras = self._setup.vehicle(self._setup.subject).cameras
         components = tuple(
             CameraComponent(

@@ -1,10 +1,11 @@
-"""The recipe form of the paper (Listing 1), read into the same document as its YAML twin.
+"""Read recipes in the XML form of the paper (Listing 1) into the document of the YAML form.
 
-`<AS_sensors>` lists the sensors, each with an `id`; `<combine id="...">` says with `<transform>`,
-`<filter>` and `<merge>` which file does each. A file beside the recipe is the user's own step, its
-function named after the stage; else the built-in of that stem. Attributes are parameters, written
-as in YAML: `<filter name="orange">isolate_color.py</filter>`; those of `<combine>` are its other
-keys: `max_skew_ms="60" publish="[real]"`. A stage may be given several times, in order.
+`<AS_sensors>` lists the sensors, each with an `id`; `<combine id="...">` names a file for each of
+`<transform>`, `<filter>` and `<merge>`. A file beside the recipe is the user's own step, its
+function named after the stage; otherwise it is the built-in of that stem. Attributes are
+parameters, written as in YAML: `<filter name="orange">isolate_color.py</filter>`; those of
+`<combine>` are its other keys: `max_skew_ms="60" publish="[real]"`. A stage may be given several
+times, in order.
 """
 
 from collections.abc import Mapping
@@ -51,7 +52,7 @@ _PAPERS_OWN: Mapping[str, tuple[str, Mapping[str, Data]]] = MappingProxyType(
         "prioritize_overlay": ("overlay", MappingProxyType({"priority": ["twin", "real"]})),
     }
 )
-"""Stems of the paper's own listing, to our step and what it did there (paper, III-A)."""
+"""Stems of the paper's listing, to the built-in step and its parameters (paper, III-A)."""
 
 _LISTED: tuple[Stage, ...] = ("transform", "filter")
 
@@ -63,7 +64,7 @@ _STAGES: Mapping[str, Stage] = MappingProxyType(
 def parse_paper_xml(content: bytes, *, name: str, path: Path | None = None) -> Document:
     """Return the document of an XML recipe of the paper. Raises BadInput with every problem.
 
-    What the steps and sensors mean is checked by `load_recipe`, with places in the XML.
+    Steps and sensors are checked by `load_recipe`, with places in the XML.
     """
     lines = tuple(content.decode("utf-8", "replace").splitlines())
     source = Source(name, lines)
@@ -137,7 +138,7 @@ class _Reader:
         return mapping_node(entries, element.place)
 
     def _step(self, element: Element, stage: Stage) -> Node:
-        """Return the step that a file name in the XML recipe stands for."""
+        """Return the step that a file name in the XML recipe denotes."""
         place = element.text_place or element.place
         file = element.text
         given = self._attributes(element, ())
@@ -150,9 +151,11 @@ class _Reader:
         name, defaults = _PAPERS_OWN.get(stem, (stem, MappingProxyType({})))
         kind = find(name, stage)
         if kind is None or kind.stage != stage:
-            said = f"there is no file '{file}' beside the recipe, and no built-in {stage} '{stem}'"
+            message = (
+                f"there is no file '{file}' beside the recipe, and no built-in {stage} '{stem}'"
+            )
             papers = closest(stem, _PAPERS_OWN)
-            self._note(place, said, f"{papers}.py" if papers else resembling(stem, stage))
+            self._note(place, message, f"{papers}.py" if papers else resembling(stem, stage))
             return Node(None, place)
         parameters = {key: _entry(value, place) for key, value in defaults.items()} | given
         if not parameters:
@@ -175,8 +178,8 @@ class _Reader:
             try:
                 value = plain(parse_value(text, name=key).node)
             except BadInput as error:
-                said = f"attribute '{key}': {error.problems[0].message}"
-                self._note(element.place, said)
+                message = f"attribute '{key}': {error.problems[0].message}"
+                self._note(element.place, message)
                 continue
             found[key] = _entry(value, element.place)
         return found
@@ -191,7 +194,7 @@ class _Reader:
 
 
 def _own(file: str, stage: Stage, given: dict[str, Entry], place: Place) -> Node:
-    """Return the XML recipe's step of a user's file; `on` is the step's, the rest is `with`."""
+    """Return the XML recipe's step of a user's file; attributes other than `on` are its `with`."""
     entries = {"use": _entry(f"{file}:{stage}", place)}
     if "on" in given:
         entries["on"] = given.pop("on")

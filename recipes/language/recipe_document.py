@@ -1,4 +1,4 @@
-"""The recipe language: a YAML document in, a checked recipe out, or every fault at once."""
+"""Parse and check a recipe document; all of its problems are reported at once."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -7,6 +7,7 @@ from pydantic import Field, JsonValue, ValidationError, field_validator
 
 from recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
 from recipes.model.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
+from recipes.operations.step_parameters import IMAGE_SENSORS
 from recipes.working import SIDES, Side
 from vehicles.readings import SensorType
 from worlds.files.documents import (
@@ -22,14 +23,14 @@ from worlds.files.documents import (
 )
 
 MAX_SKEW_MS = 100.0
-"""Bound of the skew where a recipe sets none: an overlay is never held for ever."""
+"""Default limit of the skew, so that an overlay is never held for ever."""
 
 
 class SensorPart(Part):
     """A sensor in a recipe file: the type and rate of its mixed readings.
 
-    real_type, twin_type: what a source delivers, where a transform makes it into `type`. type: what
-    kind of reading is mixed. rate_hz: how often at most; as often as the sources deliver without.
+    real_type, twin_type: the type that a source delivers, if a transform converts it into `type`.
+    type: of the mixed readings. rate_hz: the highest rate; by default that of the sources.
     """
 
     type: SensorType
@@ -41,11 +42,11 @@ class SensorPart(Part):
 class CombinePart(Part):
     """A combination in a recipe file; its steps are validated one by one.
 
-    sensor: which of `sensors` is mixed. publish: who perceives the mixture. max_skew_ms: the
-    longest time between the two exposures. max_latency_ms: the longest from exposure to delivery.
-    min_rate_hz: the least rate of mixtures. max_registration_error_px: how far virtual objects may
-    be drawn beside their place. publish_raw: whether the autonomy gets the inputs as well. shows:
-    the objects that mixtures have to show.
+    sensor: which of `sensors` is mixed. publish: the vehicles whose autonomy receives the mixture.
+    max_skew_ms: the longest time between the two exposures. max_latency_ms: the longest time from
+    exposure to delivery. min_rate_hz: the least rate of mixtures. max_registration_error_px: the
+    largest distance of virtual objects from their place. publish_raw: whether the autonomy also
+    receives the inputs. shows: the objects that mixtures have to show.
     """
 
     sensor: str
@@ -78,10 +79,10 @@ class CombinePart(Part):
 
 
 class RecipePart(Part):
-    """A recipe file. twins: names of the twins; several are allowed, and one flies now.
+    """A recipe file. twins: names of the twins; only one is supported.
 
-    schema: the kind and version of the file. description: for people. sensors: by name, what is
-    mixed. combine: how each sensor's readings of real and twin become one.
+    schema: the kind and version of the file. description: for people. sensors: the mixed sensors,
+    by name. combine: how each sensor's readings of real and twin are mixed.
     """
 
     schema_: Literal["wil/recipe/1"] = Field(alias="schema")
@@ -98,14 +99,14 @@ class RecipePart(Part):
                 1, "several twins are not supported yet: a pair is one real vehicle and one twin"
             )
         if twins[0] != "twin":
-            raise KeyFaultError(0, "the one twin is called 'twin'", "twin")
+            raise KeyFaultError(0, "the twin must be named 'twin'", "twin")
         return twins
 
 
 def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
     """Return the recipe in a document. Raises BadInput with every problem.
 
-    loads_code: whether the user's own steps are loaded to check them; False: no file is run.
+    loads_code: whether the user's own steps are loaded to check them; False: no user code is run.
     """
     reader = _Reader(document, loads_code=loads_code)
     parsed = [reader.steps_of(index) for index in range(reader.combination_count())]
@@ -161,7 +162,7 @@ def _in_order(problems: list[Problem]) -> list[Problem]:
 def _check_sensors(
     reader: "_Reader", part: RecipePart, sensors: tuple[Sensor, ...], parsed: list[list[Step]]
 ) -> None:
-    """Note undeclared sensors of a recipe document, and what their steps cannot handle."""
+    """Note undeclared sensors of a recipe document, and steps that cannot handle their types."""
     known = {sensor.name: sensor for sensor in sensors}
     for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True)):
         sensor = known.get(one.sensor)
@@ -170,12 +171,13 @@ def _check_sensors(
             reader.note(("combine", index, "sensor"), message, closest(one.sensor, known))
         else:
             _check_kinds(reader, sensor, found)
-        if one.max_registration_error_px is not None and sensor and sensor.kind not in _PICTURES:
-            message = f"a {sensor.kind} has no pixels to be registered"
+        if (
+            one.max_registration_error_px is not None
+            and sensor
+            and sensor.kind not in IMAGE_SENSORS
+        ):
+            message = f"does not apply to a {sensor.kind}, which has no pixels"
             reader.note(("combine", index, "max_registration_error_px"), message, key=True)
-
-
-_PICTURES = ("camera", "depth")
 
 
 def _check_kinds(reader: "_Reader", sensor: Sensor, found: list[Step]) -> None:
@@ -223,13 +225,13 @@ def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
         for side in one.publish:
             earlier = first.setdefault((one.sensor, side), index)
             if earlier != index:
-                message = f"'{side}' gets {one.sensor} from combination {earlier + 1} already"
+                message = f"'{side}' already receives {one.sensor} from combination {earlier + 1}"
                 reader.note(("combine", index, "publish"), message)
 
 
 @dataclass(slots=True)
 class _Reader:
-    """Reads the steps of a recipe document, noting problems as it goes."""
+    """Reads the steps of a recipe document; problems are collected."""
 
     document: Document
     problems: list[Problem] = field(default_factory=list)
@@ -279,7 +281,7 @@ class _Reader:
     def _refuse_second_register(self, found: list[Step]) -> None:
         """Refuse a second `register` step of a recipe's side."""
         for second in [step for step in found if step.kind.name == "register"][1:]:
-            self.note(second.path, "a second 'register'; a reading has one pose", key=True)
+            self.note(second.path, "a second 'register'; a combination has one", key=True)
 
     def _step(self, at: Path, given: Data, stage: Stage) -> list[Step]:
         """Return the steps at a path of the recipe document; none when something is wrong."""

@@ -22,8 +22,8 @@ def load_recipe_document(path: Path, name: str | None = None) -> Document:
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        said = f"cannot be read: {error.strerror or error}"
-        raise BadInput([Problem(called, 0, 0, said)]) from error
+        message = f"cannot be read: {error.strerror or error}"
+        raise BadInput([Problem(called, 0, 0, message)]) from error
     if len(content) > MAX_BYTES:
         raise BadInput([Problem(called, 0, 0, f"is larger than {MAX_BYTES} bytes")])
     return parse_paper_xml(content, name=called, path=path)

@@ -1,4 +1,4 @@
-"""What steps are and take, in words: for `wil-campaign list operators` and the documentation."""
+"""Documentation of the steps and their parameters, for `wil-campaign list operators` and docs."""
 
 import inspect
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class StepDoc:
     notes: str
 
 
-def describe_steps(kind: StepType) -> StepDoc:
+def describe_step(kind: StepType) -> StepDoc:
     """Return the documentation of one kind of step."""
     _, _, details = inspect.cleandoc(kind.build.__doc__ or "").partition("\n")
     fields = kind.parameters.model_fields.items()
@@ -63,8 +63,8 @@ def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
     """Return the documentation of a step's parameter."""
     needed = field.is_required()
     default = field.get_default(call_default_factory=True, validated_data={})
-    told = "" if needed or default in (None, PydanticUndefined) else _show_value(default)
-    return ParameterDoc(name, _takes(field.annotation), told, needed)
+    shown = "" if needed or default in (None, PydanticUndefined) else _show_value(default)
+    return ParameterDoc(name, _takes(field.annotation), shown, needed)
 
 
 def _show_value(value: object) -> str:
@@ -83,7 +83,7 @@ def _show_value(value: object) -> str:
 
 
 def _takes(annotation: Any) -> str:
-    """Return in words what values a step's parameter takes, by its annotation."""
+    """Return the values that a step's parameter takes, in words, from its annotation."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _takes(arguments[0])

@@ -1,4 +1,4 @@
-"""XML into elements that know their place; no document types, no entities of one's own."""
+"""Parse XML into elements with their places; document types and entities are refused."""
 
 from dataclasses import dataclass, field
 from xml.parsers import expat
@@ -29,8 +29,8 @@ def parse_xml(content: bytes, source: Source) -> Element:
         builder.parser.Parse(content, True)
     except expat.ExpatError as error:
         place = Place(source, error.lineno, error.offset + 1)
-        said = f"not XML: {expat.errors.messages[error.code]}"
-        raise BadInput([place.problem(said)]) from error
+        message = f"not XML: {expat.errors.messages[error.code]}"
+        raise BadInput([place.problem(message)]) from error
     except (ValueError, LookupError) as error:
         raise BadInput([Place(source).problem(f"not XML: {error}")]) from error
     if builder.root is None:

@@ -1,1 +1,1 @@
-"""The model: recipes, steps and their registry, and the readings that steps work on."""
+"""The model of recipes: sensors, steps and their registry."""

@@ -1,4 +1,4 @@
-"""A recipe as the code uses it: checked, frozen."""
+"""A checked recipe: its sensors, combinations, steps and budgets."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from worlds.files.documents import Document, Path, Problem, closest
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of a recipe with its parameters. path: where these stand in the document."""
+    """A step of a recipe with its parameters. path: of these in the document."""
 
     kind: StepType
     parameters: StepParameters
@@ -30,8 +30,8 @@ class Step:
 class Sensor:
     """A sensor that a recipe declares.
 
-    kind: type of the mixed readings. rate_hz: theirs; None: the real's. real_kind, twin_kind: what
-    the two sources deliver, where transforms make it into `kind`; None: the same.
+    kind: type of the mixed readings. rate_hz: of these; None: the real's. real_kind, twin_kind:
+    type that the two sources deliver, which transforms convert into `kind`; None: the same.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Sensor:
     twin_kind: str | None = None
 
     def kind_of(self, side: Side) -> str:
-        """Return the sensor type of what a side's source delivers to the recipe."""
+        """Return the sensor type that a side's source delivers to the recipe."""
         return (self.real_kind if side == "real" else self.twin_kind) or self.kind
 
 
@@ -50,7 +50,7 @@ class Budget:
     """A recipe's mixing budget for a sensor: beyond it a run is INVALID; None: no limit.
 
     max_skew_s: between the two exposures. max_latency_s: from the older exposure to delivery.
-    min_rate_hz: of the mixed readings. max_registration_error_px: of what is overlaid.
+    min_rate_hz: of the mixed readings. max_registration_error_px: of the overlay.
     """
 
     max_skew_s: float
@@ -64,8 +64,8 @@ class Combination:
     """A recipe's combination: how one sensor's readings are mixed, and for which vehicles.
 
     steps: transforms and filters in their order. budget: an overlay beyond its skew or latency is
-    not drawn. publish_raw: whether S and Sv go out beside Sm. shows: the virtual objects that the
-    mixture has to show; None: all that it can. path: where it stands in the document.
+    not drawn. publish_raw: whether S and Sv are published as well as Sm. shows: the virtual objects
+    that the mixture has to show; None: all that it can. path: in the document.
     """
 
     sensor: Sensor
@@ -84,20 +84,22 @@ class Combination:
 
     def isolated(self) -> set[str]:
         """Return the objects that `isolate_objects` keeps by name; empty without that step."""
-        kept = (
-            one.parameters.objects() for one in self.steps if one.kind.name == "isolate_objects"
-        )
-        return {name for found in kept for _, name in found}
+        return {
+            name
+            for one in self.steps
+            if one.kind.name == "isolate_objects"
+            for _, name in one.parameters.objects()
+        }
 
     def tolerated(self, side: Side) -> frozenset[str]:
-        """Return the reading faults that the recipe's steps mend, or that are no news.
+        """Return the reading faults that the recipe's steps correct, or that are no faults.
 
-        The twin's cloud may be empty: a virtual world need not hold anything within reach.
+        The twin's cloud may be empty: a virtual world need not have an object within range.
         """
-        mending = (step.parameters for step in self.steps if side in step.parameters.sides())
-        nothing_there = side == "twin" and self.sensor.kind_of(side) == "lidar_points"
-        start = frozenset({"empty"} if nothing_there else ())
-        return start.union(*(parameters.tolerates for parameters in mending))
+        of_side = (step.parameters for step in self.steps if side in step.parameters.sides())
+        may_be_empty = side == "twin" and self.sensor.kind_of(side) == "lidar_points"
+        start = frozenset({"empty"} if may_be_empty else ())
+        return start.union(*(parameters.tolerates for parameters in of_side))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""The steps that a recipe can name: a decorator and a dict.
+"""The registry of the steps that a recipe can name: a decorator and a dict.
 
 A step is a function that builds an operator from its parameters; the first line of its docstring
-is what people read in the listing.
+is its summary in the listing.
 """
 
 import importlib
@@ -23,7 +23,7 @@ STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
 
 @dataclass(frozen=True, slots=True)
 class ParameterFault:
-    """A fault of a registered step's parameter that shows in view of other files."""
+    """A fault of a registered step's parameter that depends on other files."""
 
     path: Path
     message: str
@@ -33,11 +33,11 @@ class ParameterFault:
 class StepParameters(Part):
     """The base of the parameters that a registered step takes; unknown keys are refused.
 
-    shorthand: the parameter that a value stands for which is no mapping: `resize: real`.
-    needs: what the step needs of a side's readings beside their values. tolerates: which faults of
-    a reading (vehicles.readings.checks) the step is there to mend. timed: whether the step chooses
-    among a side's readings by time; it then stands before all others of that side. reshapes:
-    whether an image has another size after it, or a scan other beams.
+    shorthand: the parameter that is set by a value that is no mapping: `resize: real`. needs: what
+    the step needs of a side's readings in addition to their values. tolerates: faults of a reading
+    (vehicles.readings.checks) that the step corrects. timed: whether the step selects among a
+    side's readings by time; it then has to come before all others of that side. reshapes: whether
+    the step may change the size of an image, or the beams of a scan.
     """
 
     shorthand: ClassVar[str] = ""
@@ -72,7 +72,7 @@ class StepParameters(Part):
         return ""
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return what is wrong with files named in a step's parameters, beneath a folder."""
+        """Return the faults of files named in a step's parameters, relative to a folder."""
         del folder
         return ()
 
@@ -97,9 +97,9 @@ class SidedParameters(StepParameters):
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What a registered step is built with: the run's facts when a recipe is compiled.
+    """The context in which a registered step is built when a recipe is compiled.
 
-    object_ids: ids of the twin's world. folder: what files in the recipe are relative to. side:
+    object_ids: ids of the twin's world. folder: to which files in the recipe are relative. side:
     the one that an operator is built for; None for a merge.
     """
 
@@ -112,8 +112,8 @@ class Context:
 class StepType:
     """A registered step: its name, stage, parameters and builder.
 
-    sensors: the types that it works on. gives: the type that it turns one of these into, where
-    that is another. summary: one sentence.
+    sensors: the types that it works on. gives: the type into which it converts one of these, where
+    that is a different one. summary: one sentence.
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""Sound: filters of finite length, and blocks laid on a common time line. Pure but for memory.
+"""Sound: FIR filters, and blocks on a common time line. Pure except for memory.
 
-Filters are windowed sinc (Blackman), of linear phase, so that a delay in time is all they cost;
+Filters are windowed sinc (Blackman), of linear phase, so that they only delay;
 see Smith, "The Scientist and Engineer's Guide to Digital Signal Processing" (1997), chapter 16.
 """
 
@@ -28,7 +28,7 @@ def low_pass(cutoff: float, taps: int) -> Sound:
 def band_pass_kernel(low: float, high: float, taps: int) -> Sound:
     """Return the FIR band-pass kernel for audio between two fractions of the sample rate.
 
-    low 0 keeps all below `high`; high 0.5 all above `low`.
+    low 0 passes all below `high`; high 0.5 all above `low`.
     """
     kernel = low_pass(high, taps) if high < 0.5 else _all(taps)
     return kernel if low <= 0.0 else kernel - low_pass(low, taps)
@@ -44,8 +44,8 @@ def _all(taps: int) -> Sound:
 class Filter:
     """An FIR filter over consecutive audio blocks; restarts from silence after a gap.
 
-    What comes out has the length of what went in, and the time at which it sounded: earlier by
-    half of the filter's length.
+    The output has the length of the input, and the time at which it sounded: earlier by half of
+    the filter's length.
     """
 
     def __init__(self, kernel: Sound) -> None:
@@ -62,14 +62,14 @@ class Filter:
         self._expected_s = block.t_s + block.duration_s
         whole = np.concatenate([self._past, block.pressure_pa])
         self._past = whole[len(whole) - len(self._past) :]
-        made = np.convolve(whole, self._kernel, mode="valid")
+        pressure = np.convolve(whole, self._kernel, mode="valid")
         late_s = (len(self._kernel) - 1) / 2 / block.sample_rate_hz
-        samples = samples_from_pressure(made, block.full_scale_pa)
+        samples = samples_from_pressure(pressure, block.full_scale_pa)
         return replace(block, t_s=block.t_s - late_s, samples=samples)
 
 
 _GAP_SAMPLES = 1.5
-"""Stamps of blocks that follow each other are off by less."""
+"""Time stamps of consecutive blocks deviate by less, in samples."""
 
 
 class TimeLine:
@@ -87,10 +87,10 @@ class TimeLine:
     def during(self, like: MicrophoneReading) -> Sound:
         """Return the audio pressure (Pa) at the sample times of another block, (samples,).
 
-        Silence where nothing was heard. Raises CannotMixError for another sample rate.
+        Silence where there is no block. Raises CannotMixError for another sample rate.
         """
         rate, count = like.sample_rate_hz, len(like.samples)
-        heard = np.zeros(count)
+        pressure_pa = np.zeros(count)
         for block in self._blocks:
             if block.sample_rate_hz != rate:
                 raise CannotMixError(
@@ -99,8 +99,8 @@ class TimeLine:
             first = round((block.t_s - like.t_s) * rate)
             begin, end = max(0, first), min(count, first + len(block.samples))
             if begin < end:
-                heard[begin:end] = block.pressure_pa[begin - first : end - first]
-        return heard
+                pressure_pa[begin:end] = block.pressure_pa[begin - first : end - first]
+        return pressure_pa
 
 
 _HELD_BLOCKS = 32

@@ -1,4 +1,4 @@
-"""A reading between two others of the same sensor. Pure."""
+"""Interpolation between two readings of the same sensor. Pure."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from vehicles.readings import (
 from worlds.frames import lerp
 
 INTERPOLATED = ("pose", "gps", "imu", "rangefinder", "lidar")
-"""Between two pictures, clouds or blocks of sound there is no third."""
+"""Sensor types with interpolation; images, clouds and blocks of sound have none."""
 
 
 def between(a: Reading, b: Reading, t_s: float) -> Reading | None:
@@ -45,8 +45,8 @@ def between(a: Reading, b: Reading, t_s: float) -> Reading | None:
         case RangefinderReading(), RangefinderReading():
             value = a.range_m + (b.range_m - a.range_m) * fraction
             known = np.isfinite(a.range_m) and np.isfinite(b.range_m)
-            found = nearer if isinstance(nearer, RangefinderReading) else a
-            return replace(a, t_s=t_s, range_m=value if known else found.range_m)
+            held = nearer if isinstance(nearer, RangefinderReading) else a
+            return replace(a, t_s=t_s, range_m=value if known else held.range_m)
         case LidarScanReading(), LidarScanReading() if a.ranges_m.shape == b.ranges_m.shape:
             return _scan(a, b, fraction, t_s)
         case _:
@@ -58,7 +58,6 @@ _STILL = (0.0, 0.0, 0.0)
 
 def _fix(a: GpsReading, b: GpsReading, fraction: float, t_s: float) -> GpsReading:
     """Return the GPS fix interpolated between two, the shorter way across the date line."""
-    # Across the date line the shorter way counts.
     east = (b.longitude_deg - a.longitude_deg + 180.0) % 360.0 - 180.0
     longitude = (a.longitude_deg + east * fraction + 180.0) % 360.0 - 180.0
     return replace(

@@ -1,4 +1,4 @@
-"""Masks: which elements of a reading are kept."""
+"""Masks of the kept elements of a reading."""
 
 import cv2
 import numpy as np
@@ -12,14 +12,14 @@ Bools = NDArray[np.bool_]
 KEPT = 255
 
 
-def both(mask: Mask, earlier: Mask | None) -> Mask:
-    """Return the conjunction of two masks; writes into the first."""
+def intersect_masks(mask: Mask, earlier: Mask | None) -> Mask:
+    """Return the intersection of two masks; writes into the first."""
     if earlier is not None:
         cv2.bitwise_and(mask, earlier.reshape(mask.shape), dst=mask)
     return mask
 
 
-def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
+def narrow_mask(work: Masked[R], keep: Bools) -> Masked[R]:
     """Return the side with its mask narrowed by `keep`: bool, one per element."""
     mask = keep.astype(np.uint8)
     mask *= KEPT
@@ -28,14 +28,14 @@ def narrowed(work: Masked[R], keep: Bools) -> Masked[R]:
     return Masked(work.reading, mask)
 
 
-def with_mask(work: AnyMasked) -> Bools:
-    """Return the mask of a side: one bool per element, whether it is kept."""
+def kept_elements(work: AnyMasked) -> Bools:
+    """Return which elements of a side are kept: one bool per element."""
     if work.mask is None:
         return np.ones(element_shape(work.reading), np.bool_)
-    chosen: Bools = work.mask != 0
-    return chosen
+    kept: Bools = work.mask != 0
+    return kept
 
 
 def is_kept(work: AnyMasked) -> bool:
-    """Return whether the mask keeps a reading of one value."""
+    """Return whether a reading of one value is kept."""
     return work.mask is None or bool(work.mask.any())

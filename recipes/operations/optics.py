@@ -1,4 +1,4 @@
-"""Pictures from one camera model to another: size, crop, intrinsics and distortion. Pure."""
+"""Convert images from one camera model to another: size, crop, intrinsics, distortion. Pure."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,7 +13,7 @@ from vehicles.readings import CameraReading, DepthReading
 from worlds.camera import Intrinsics
 from worlds.frames import IDENTITY, Quat, matrix_from_quat
 
-Picture = CameraReading | DepthReading
+ImageReading = CameraReading | DepthReading
 P = TypeVar("P", CameraReading, DepthReading, CameraReading | DepthReading)
 Pixel = TypeVar("Pixel", np.uint8, np.float32)
 Plane = NDArray[np.float32]
@@ -22,16 +22,16 @@ _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 """x right, y down, z forward, of forward, right, down."""
 
 
-def size_of(picture: Picture) -> tuple[int, int]:
+def size_of(image: ImageReading) -> tuple[int, int]:
     """Return an image's (width, height) in pixels."""
-    return picture.intrinsics.width_px, picture.intrinsics.height_px
+    return image.intrinsics.width_px, image.intrinsics.height_px
 
 
 def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
     """Return an image reading scaled to a size in pixels, with its camera intrinsics.
 
     Colours are averaged over areas when both sides shrink, else interpolated linearly. Depth, ids
-    and mask take the nearest pixel: between two objects there is no third.
+    and mask take the nearest pixel, as these have no meaningful mean.
     """
     reading = work.reading
     across, down = size_of(reading)
@@ -58,7 +58,7 @@ def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
 def scaled_intrinsics(intrinsics: Intrinsics, width_px: int, height_px: int) -> Intrinsics:
     """Return camera intrinsics of the same view at another image size.
 
-    The edges of the picture stay where they are, at -0.5 and width - 0.5 (pixel (0, 0) is the
+    The edges of the image keep their places, at -0.5 and width - 0.5 (pixel (0, 0) is the
     centre of the first pixel): u' = (u + 0.5) width'/width - 0.5. Distortion has no unit.
     """
     across, down = width_px / intrinsics.width_px, height_px / intrinsics.height_px
@@ -84,7 +84,7 @@ def nearest(plane: NDArray[Pixel] | None, size: tuple[int, int]) -> NDArray[Pixe
 def cropped(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px: int) -> Masked[P]:
     """Return a crop of an image, sharing its memory; its camera's centre moves with it.
 
-    Raises ValueError when the part does not lie within the picture.
+    Raises ValueError when the part does not lie within the image.
     """
     reading, old = work.reading, work.reading.intrinsics
     right_px, bottom_px = left_px + width_px, top_px + height_px
@@ -122,10 +122,10 @@ def cropped(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px
 
 @dataclass(frozen=True, slots=True)
 class Remap:
-    """An image remapping: where each new pixel lies in the old image, (height, width) float32.
+    """An image remapping: the place of each new pixel in the old image, (height, width) float32.
 
     seen: (height, width) uint8, 255 where the old camera saw it. z_ratio: depth along the new
-    optical axis over that along the old one; None when no rotation lies between.
+    optical axis over that along the old one; None without a rotation.
     """
 
     u_px: Plane
@@ -138,7 +138,7 @@ class Remap:
 def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Remap:
     """Return the pixel map from one camera's image to another camera's at the same place.
 
-    turn: attitude of the new camera in the old one's FRD frame. Each pixel of the new picture is
+    turn: attitude of the new camera in the old one's FRD frame. Each pixel of the new image is
     undistorted to a ray with the new model, turned, and projected with the old model; exact up to
     OpenCV's iteration (`undistortPoints`, Brown's model as in the OpenCV manual).
     """
@@ -201,10 +201,10 @@ def _project(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float6
 
 
 def _invertible(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.bool_]:
-    """Return for which rays a lens's distortion polynomial is still increasing outwards.
+    """Return the rays for which a lens's distortion polynomial increases outwards.
 
     Beyond its turning point the polynomial folds back, and rays from far outside of the view
-    would land within the picture.
+    would be projected into the image.
     """
     if not any(camera.distortion):
         return np.ones(len(rays), np.bool_)
@@ -220,7 +220,7 @@ def _invertible(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.boo
 
 
 def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[P]:
-    """Return what a camera with other optics, turned by `turn`, would show from the same place.
+    """Return the image of a camera with other optics, turned by `turn`, from the same place.
 
     Pixels that the old camera did not see are black, infinitely far, and not kept. Colours are
     interpolated linearly; depth, ids and mask take the nearest pixel.
@@ -272,9 +272,9 @@ def _move_depth(depth_m: NDArray[np.float32], maps: Remap) -> NDArray[np.float32
 
 
 def disagreement_px(a: Intrinsics, b: Intrinsics) -> float:
-    """Return how far apart two cameras of one size image a point at the corners, pixels.
+    """Return the distance between the images of a corner's ray in two cameras of one size, pixels.
 
-    Distortion that differs counts as infinitely far: only `camera_model` undoes it.
+    Different distortion counts as infinite: only `camera_model` corrects it.
     """
     if a == b:
         return 0.0

@@ -1,4 +1,4 @@
-"""How a camera sees: level, colour cast, noise and blur, measured in a picture and laid on another.
+"""Photometry of a camera: level, colour cast, noise, blur; measured, and matched to another's.
 
 Noise: Immerkaer, "Fast Noise Variance Estimation" (1996), with the median in place of the mean, so
 that edges do not count as noise. Blur: the height of an edge over its steepest slope; for a step
@@ -16,13 +16,13 @@ from vehicles.perception.hsv import Mask
 from vehicles.readings import BgrImage
 
 _SAMPLE_PX = 160
-"""Levels are measured on about this many columns and rows of the picture."""
+"""Number of columns and rows of the image on which levels are measured, about."""
 _CROP_PX = (480, 640)
-"""Noise and blur are measured at full size in the middle of the picture."""
+"""Noise and blur are measured at full size in the middle of the image."""
 _DARK, _BRIGHT = 8, 247
-"""Beyond these a pixel may be cut off, and says nothing of the level."""
+"""Beyond these a pixel may be saturated, and is not used."""
 _SHARPEST = 85.0
-"""Percentile of the steepness: edges may be soft in the scene, or two in one window."""
+"""Percentile of the steepness of edges: some are soft in the scene, or two are in one window."""
 _LEAST_EDGES = 40
 _LEAST_CONTRAST = 40.0
 _MAD = 0.6745
@@ -32,8 +32,8 @@ _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """The photometry of a camera: level, noise, blur; None where the image does not show it.
+class Photometry:
+    """The photometry of a camera: level, noise, blur; None where an image cannot show it.
 
     level_bgr: median of each channel, grey levels. noise_std_dn: grey levels. blur_sigma_px: of
     the sharpest of the edges.
@@ -44,24 +44,24 @@ class Look:
     blur_sigma_px: float | None = None
 
 
-def look_of(image_bgr: BgrImage) -> Look:
+def measure_photometry(image_bgr: BgrImage) -> Photometry:
     """Return the photometry measured in a (height, width, 3) uint8 image."""
     rows, columns = (
         slice(max(0, (length - crop) // 2), max(0, (length - crop) // 2) + crop)
         for length, crop in zip(image_bgr.shape[:2], _CROP_PX, strict=True)
     )
     gray = cv2.cvtColor(image_bgr[rows, columns], cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return Look(_level(image_bgr), _noise(image_bgr[rows, columns]), _blur(gray))
+    return Photometry(_level(image_bgr), _noise(image_bgr[rows, columns]), _blur(gray))
 
 
 def _level(image_bgr: BgrImage) -> tuple[float, float, float] | None:
-    """Return the mean blue, green, red of an image; None where most is too dark or too bright."""
+    """Return the median blue, green, red of an image; None where 95 % is too dark or too bright."""
     steps = [max(1, length // _SAMPLE_PX) for length in image_bgr.shape[:2]]
     pixels = image_bgr[:: steps[0], :: steps[1]].reshape(-1, 3)
-    telling = pixels[((pixels > _DARK) & (pixels < _BRIGHT)).all(axis=1)]
-    if len(telling) < len(pixels) // 20:
+    usable = pixels[((pixels > _DARK) & (pixels < _BRIGHT)).all(axis=1)]
+    if len(usable) < len(pixels) // 20:
         return None
-    blue, green, red = (float(level) for level in np.median(telling, axis=0))
+    blue, green, red = (float(level) for level in np.median(usable, axis=0))
     return (blue, green, red)
 
 
@@ -88,7 +88,7 @@ def _blur(gray: NDArray[np.float32]) -> float | None:
     slope = np.maximum(np.abs(across), np.abs(down))
     window = np.ones((13, 13), np.uint8)
     height = cv2.dilate(gray, window) - cv2.erode(gray, window)
-    # Of several edges at hand only the steepest belongs to the height of the window.
+    # Of several edges in a window only the steepest belongs to its height.
     crest = slope >= cv2.dilate(slope, window) * 0.999
     edges = crest & (height > _LEAST_CONTRAST)
     edges[:7], edges[-7:], edges[:, :7], edges[:, -7:] = False, False, False, False
@@ -104,14 +104,14 @@ _STEEPNESS = np.array([math.erf(1.0 / (s * math.sqrt(2.0))) / 2.0 for s in _SIGM
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """A photometric correction of an image. gains_bgr: factors; others as in a Look, added."""
+    """A photometric correction of an image. gains_bgr: factors; noise and blur are added."""
 
     gains_bgr: tuple[float, float, float] = (1.0, 1.0, 1.0)
     noise_std_dn: float = 0.0
     blur_sigma_px: float = 0.0
 
     def towards(self, other: "Correction", share: float) -> "Correction":
-        """Return the correction a share of the way to another, so that nothing flickers."""
+        """Return the correction a share of the way to another, to avoid flicker."""
 
         def mix(a: float, b: float) -> float:
             return a + (b - a) * share
@@ -125,12 +125,12 @@ class Correction:
 
 
 def correction(
-    mine: Look, theirs: Look, *, max_gain: float, exposure: bool, white_balance: bool
+    mine: Photometry, theirs: Photometry, *, max_gain: float, exposure: bool, white_balance: bool
 ) -> Correction:
     """Return the photometric correction that makes one camera's image look like another's.
 
-    Gains are the ratios of the medians, for all channels alike when only the exposure is matched,
-    and balanced around their mean when only the white is; each within 1/max_gain to max_gain.
+    Gains are the ratios of the medians: the same for all channels when only the exposure is
+    matched, relative to their mean when only the white is; each within 1/max_gain to max_gain.
     Noise and blur can only be added.
     """
     return Correction(
@@ -141,7 +141,7 @@ def correction(
 
 
 def _gains(
-    mine: Look, theirs: Look, max_gain: float, *, exposure: bool, white_balance: bool
+    mine: Photometry, theirs: Photometry, max_gain: float, *, exposure: bool, white_balance: bool
 ) -> tuple[float, float, float]:
     """Return the gains of blue, green, red that match exposure and white balance of two images."""
     if mine.level_bgr is None or theirs.level_bgr is None:
@@ -172,7 +172,7 @@ _LEVELS = 32.0
 class Corrector:
     """Applies photometric corrections to images of one size; its noise repeats to the byte.
 
-    Noise comes from a tile laid differently for each `seq`: fresh noise costs ten times as much.
+    Noise is taken from a tile, shifted by `seq`: drawing new noise costs ten times as much.
     """
 
     def __init__(self, seed: int) -> None:
@@ -184,8 +184,8 @@ class Corrector:
     ) -> BgrImage:
         """Return the image with blur, exposure and noise corrected.
 
-        mask: what is kept; blur then takes in nothing from beyond it, so that the object's edge
-        does not get the colour of its old background.
+        mask: of the kept pixels; blur uses these only, so that the object's edge does not get the
+        colour of its old background.
         """
         made = _blur_image(image_bgr, mask, what.blur_sigma_px)
         if what.gains_bgr != (1.0, 1.0, 1.0):
@@ -241,7 +241,9 @@ def _blur_image(image_bgr: BgrImage, mask: Mask | None, sigma_px: float) -> BgrI
     return made
 
 
-def with_known(look: Look, *, noise_std_dn: float | None, blur_sigma_px: float | None) -> Look:
+def with_known(
+    look: Photometry, *, noise_std_dn: float | None, blur_sigma_px: float | None
+) -> Photometry:
     """Return the photometry with known camera values in place of the measured ones."""
     if noise_std_dn is not None:
         look = replace(look, noise_std_dn=noise_std_dn)

@@ -1,4 +1,4 @@
-"""What a rule can ask of a reading: per sensor, names of numbers. Pure."""
+"""Quantities of a reading that conditions can use, by sensor type. Pure."""
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter
@@ -17,7 +17,7 @@ Values = float | NDArray[np.float32]
 """One number for the whole reading, or one per element."""
 
 Quantity = Callable[[Any], Values | None]
-"""None: the reading does not tell."""
+"""Returns None where the reading does not have it."""
 
 
 def _rms_pa(reading: Any) -> float:
@@ -31,7 +31,7 @@ def _speed_of(velocity: Any) -> float | None:
 
 
 def _numbers_of(kind: type) -> Mapping[str, Quantity]:
-    """Return the numbers of a reading that has nothing else."""
+    """Return the numeric fields of a reading type as quantities."""
     return {name: attrgetter(name) for name in number_fields(kind)}
 
 
@@ -75,4 +75,4 @@ _OF_TYPES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
 QUANTITIES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
     {name: _OF_TYPES.get(name) or _numbers_of(kind) for name, kind in SENSOR_TYPES.items()}
 )
-"""Sensor type, to the names of what can be asked: per element where that is many."""
+"""Quantities by name, by sensor type; an array where the reading has many elements."""

@@ -1,4 +1,4 @@
-"""Lidar scans: whether two have the same beams, and how to give one the beams of another."""
+"""Lidar scans: comparison of the beams of two, and resampling to the beams of another."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ from recipes.working import CannotMixError, Masked
 from vehicles.readings import LidarScanReading
 
 _SAME_RAD = 1e-4
-"""Beams that differ by less look at the same place: 1 mm at 10 m."""
+"""Beams that differ by less are the same: 1 mm at 10 m."""
 
 
 def refuse_other_beams(name: str, a: LidarScanReading, b: LidarScanReading) -> None:
@@ -36,8 +36,8 @@ def with_beams(
 ) -> Masked[LidarScanReading]:
     """Return the scan resampled to other beams: each takes the old beam nearest in angle.
 
-    A new beam farther than half a step of the old ones (and half of the new) from any of them
-    looks where the scan did not: it has infinity, no object, and is not kept.
+    A new beam farther than half a step of the old ones (and half of the new) from any of them is
+    outside of the scan: it has infinity, no object, and is not kept.
     """
     old = work.reading
     angles = start_angle_rad + np.arange(count) * step_rad

@@ -1,4 +1,4 @@
-"""Soft edges: a layer fades into the ground within its own kept part, so nothing leaks out."""
+"""Soft edges: blend a layer over the ground, with a weight that rises from the layer's edge."""
 
 import cv2
 import numpy as np
@@ -12,9 +12,9 @@ class SoftEdge:
     """Blends a layer with soft edges over the ground, its weight rising from its edge inward.
 
     width_px: from the edge of the kept part (weight near 0) to where the layer is opaque. Weight
-    is the distance to the edge over the width, so that no pixel beyond the mask, which shows the
-    layer's background, ever has one: no halo. The edges of the picture are no edges of the
-    object. Works on the box around the mask only.
+    is the distance to the edge over the width. Pixels outside of the mask, which show the layer's
+    background, have none: there is no halo. The edges of the image are no edges of the object.
+    Works on the box around the mask only.
     """
 
     def __init__(self, width_px: float) -> None:
@@ -23,7 +23,7 @@ class SoftEdge:
     def __call__(self, layer_bgr: BgrImage, shown: Mask | None, ground_bgr: BgrImage) -> None:
         """Write the soft-edged blend into `ground_bgr`; shown: kept and unhidden layer pixels.
 
-        Where a nearer thing of the ground cuts the layer, its edge fades likewise.
+        Where a nearer surface of the ground hides the layer, its edge fades as well.
         """
         if shown is None:
             np.copyto(ground_bgr, layer_bgr)
@@ -38,10 +38,10 @@ class SoftEdge:
         part[:] = np.rint(part + (upper - part) * weight[:, :, None]).astype(np.uint8)
 
     def _weights(self, shown: Mask, rows: slice, columns: slice) -> NDArray[np.float32]:
-        """Return the soft edge's weights, 0 to 1 per pixel of the box around what is shown."""
+        """Return the soft edge's weights, 0 to 1 per pixel of the box around the shown pixels."""
         box = shown[rows, columns]
         height_px, width_px = shown.shape
-        # A border of zeros where the box ends within the picture; none where the picture ends.
+        # A border of zeros where the box ends within the image; none where the image ends.
         framed = cv2.copyMakeBorder(box, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
         if rows.start > 0:
             framed[0] = 0

@@ -15,7 +15,7 @@ from worlds.frames import (
     quat_normalize,
 )
 
-PICTURES = ("camera", "depth")
+IMAGE_SENSORS = ("camera", "depth")
 RANGING = ("depth", "lidar", "lidar_points", "rangefinder")
 
 SizePx = Annotated[int, Field(ge=1, le=16384)]
@@ -43,7 +43,7 @@ class RotationPart(Part):
 
     @model_validator(mode="after")
     def _one_form(self) -> "RotationPart":
-        """Refuse a step's rotation that is given in more than one form, or is none."""
+        """Refuse a step's rotation that is given in more than one form, or is not a rotation."""
         angles = {"roll_deg", "pitch_deg", "yaw_deg"} & self.model_fields_set
         forms = [bool(angles), self.q_wxyz is not None, self.matrix is not None]
         if sum(forms) > 1:
@@ -72,9 +72,9 @@ class IntrinsicsPart(Part):
     """A pinhole camera in a step's parameters; cx_px, cy_px: the middle, fy_px: fx_px.
 
     distortion: OpenCV's coefficients (k1, k2, p1, p2[, k3[, k4, k5, k6]]). width_px, height_px:
-    size of the image. fx_px: focal length along the width. fy_px: focal length along the height;
-    fx_px without. cx_px: principal point, from the left; the middle without. cy_px: principal
-    point, from the top; the middle without.
+    size of the image. fx_px: focal length along the width. fy_px: focal length along the height; by
+    default fx_px. cx_px: principal point, from the left; by default the middle. cy_px: principal
+    point, from the top; by default the middle.
     """
 
     width_px: SizePx

@@ -1,4 +1,4 @@
-"""Units: how much of ours one of another is.
+"""Conversion factors of units into those used here: m, rad, m/s, m/s2, Pa.
 
 Factors are exact by definition (SI brochure, 2019; international yard and pound agreement, 1959).
 """

@@ -1,1 +1,1 @@
-"""The mixing pipeline: a recipe and the readings of both worlds in, the mixture out."""
+"""The mixing pipeline: mixes the readings of both worlds by a recipe."""

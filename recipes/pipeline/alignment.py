@@ -1,4 +1,4 @@
-"""Align the worlds in time: from which pose the twin's picture is to be taken."""
+"""Align the worlds in time: from which pose the twin's image is to be taken."""
 
 from recipes.working import AlignedPose, PoseRequest
 from vehicles.poses.pose_history import PoseHistory
@@ -9,15 +9,15 @@ def align_pose(
 ) -> AlignedPose | None:
     """Return the body's pose aligned with an image's exposure; None when no sample is near.
 
-    history: of the vehicle that the request names. now_s: what is known by now counts for
-    `latest`. The result's time is that of the pose, so that the skew of a mixture shows it.
+    history: of the vehicle that the request names. now_s: `latest` uses the samples known by then.
+    The result's time is that of the pose, so that the skew of a mixture shows it.
     """
     if request.align == "interpolate":
-        found = _interpolate_pose(history, exposure_s)
+        aligned = _interpolate_pose(history, exposure_s)
     else:
-        found = _hold_pose(history, exposure_s if request.align == "hold" else now_s, exposure_s)
-        found = found and AlignedPose(found.pose, found.t_s, request.align, found.gap_s)
-    return found if found is not None and found.gap_s <= request.max_gap_s else None
+        aligned = _hold_pose(history, exposure_s if request.align == "hold" else now_s, exposure_s)
+        aligned = aligned and AlignedPose(aligned.pose, aligned.t_s, request.align, aligned.gap_s)
+    return aligned if aligned is not None and aligned.gap_s <= request.max_gap_s else None
 
 
 def _interpolate_pose(history: PoseHistory, exposure_s: float) -> AlignedPose | None:

@@ -1,4 +1,4 @@
-"""What an autonomy gets: readings, and nothing that only a simulator knows."""
+"""Readings as an autonomy receives them, without the simulator's ground truth."""
 
 from dataclasses import replace
 
@@ -13,20 +13,19 @@ from vehicles.readings import (
 
 def autonomy_reading(reading: Reading, real: Reading, now_s: float, sensor: str) -> Reading:
     """Return a mixture as the autonomy receives it: the real's time, and sensor values only."""
-    made = replace(
+    mixed = replace(
         reading, t_s=real.t_s, arrived_s=now_s, seq=real.seq, source="mixed", sensor=sensor
     )
-    if isinstance(made, CameraReading | DepthReading):
+    if isinstance(mixed, CameraReading | DepthReading):
         rendered = isinstance(real, CameraReading | DepthReading) and real.rendered
-        made = replace(made, rendered=rendered)
-    return without_knowledge(made)
+        mixed = replace(mixed, rendered=rendered)
+    return without_ground_truth(mixed)
 
 
-def without_knowledge(reading: Reading) -> Reading:
-    """Return an autonomy's reading without the simulator's knowledge: ids, poses, depth.
+def without_ground_truth(reading: Reading) -> Reading:
+    """Return an autonomy's reading without the simulator's ground truth of the scene.
 
-    Depth beside a picture, ids and the pose that was rendered from are the simulator's knowledge
-    of the scene.
+    That is the depth of a camera image, object ids, and the pose of the rendering camera.
     """
     if isinstance(reading, CameraReading):
         return replace(reading, depth_m=None, object_ids=None, camera_pose=None)

@@ -1,8 +1,8 @@
-"""Budgets of mixing: when its figures say that a flight proves nothing. Pure.
+"""Budgets of mixing: limits of skew, latency, rate and registration error. Pure.
 
-A reading beyond its skew or latency loses its overlay in the mixer already, and is counted there.
-What is here judges one reading, the rate over a window, and the figures of a whole run; who calls
-it turns a breach into the verdict INVALID.
+The mixer itself leaves out, and counts, the overlay of a reading beyond its skew or latency. This
+module checks one reading, and the rate over a window; the caller turns a breach into the verdict
+INVALID.
 """
 
 from collections import deque
@@ -26,72 +26,32 @@ class Breach:
         return f"{self.what}: {self.actual:.4g}, the limit is {self.limit:g}"
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """The figures of a run that are compared with mixing budgets; None where there are none.
+def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
+    """Return the first mixing budget that one mixed reading exceeds; None when it exceeds none.
 
-    skew_ms, latency_ms, registration_error_px: the 99th percentiles. rate_hz: mean. Without a
-    reference the bound stands for the registration error.
+    A missing figure exceeds nothing: the registration error is None by definition where there is
+    neither a reference nor a bound.
     """
-
-    rate_hz: float | None
-    skew_ms: float | None
-    latency_ms: float | None
-    registration_error_px: float | None
-
-
-def breaches(budget: Budget, figures: Figures) -> tuple[Breach, ...]:
-    """Return each mixing budget that the figures of a run exceed.
-
-    A limit without its figure is left too: what was not measured is not shown to be good. But the
-    registration error is null by definition where there is no reference and no bound.
-    """
+    error_px = provenance.registration_error_px
     limits = (
-        ("max_skew_ms", figures.skew_ms, budget.max_skew_s * 1000.0),
-        ("max_latency_ms", figures.latency_ms, _ms(budget.max_latency_s)),
+        ("max_skew_ms", provenance.skew_ms, budget.max_skew_s * 1000.0),
+        ("max_latency_ms", provenance.latency_ms, _ms(budget.max_latency_s)),
         (
             "max_registration_error_px",
-            figures.registration_error_px,
+            provenance.registration_bound_px if error_px is None else error_px,
             budget.max_registration_error_px,
         ),
     )
-    found = [
-        Breach(what, actual, limit)
-        for what, actual, limit in limits
-        if actual is not None and limit is not None and not actual <= limit + _SLACK
-    ]
-    if budget.min_rate_hz is not None:
-        rate_hz = figures.rate_hz or 0.0
-        if rate_hz < budget.min_rate_hz - _SLACK:
-            found.append(Breach("min_rate_hz", rate_hz, budget.min_rate_hz))
-    return tuple(found)
-
-
-def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:
-    """Return the mixing budget that one mixed reading exceeds; None when it exceeds none."""
-    found = breaches(
-        Budget(
-            max_skew_s=budget.max_skew_s,
-            max_latency_s=budget.max_latency_s,
-            max_registration_error_px=budget.max_registration_error_px,
-        ),
-        Figures(
-            rate_hz=None,
-            skew_ms=provenance.skew_ms,
-            latency_ms=provenance.latency_ms,
-            registration_error_px=provenance.registration_bound_px
-            if provenance.registration_error_px is None
-            else provenance.registration_error_px,
-        ),
-    )
-    return found[0] if found else None
+    for what, actual, limit in limits:
+        if actual is not None and limit is not None and not actual <= limit + _SLACK:
+            return Breach(what, actual, limit)
+    return None
 
 
 class RateWatch:
     """Watches the mixing rate over a sliding window against the budget's least rate.
 
-    window_s: long enough for a lost reading not to count: by default one second, and at least
-    five readings.
+    window_s: at least five readings long, so that a single lost reading is no breach.
     """
 
     def __init__(self, budget: Budget, *, window_s: float = 1.0) -> None:
@@ -101,7 +61,7 @@ class RateWatch:
         self._times: deque[float] = deque()
 
     def start(self, now_s: float) -> None:
-        """Start to watch the mixing rate: earlier deliveries do not count."""
+        """Start watching the mixing rate; earlier deliveries do not count."""
         self._started_s = now_s
         self._times.clear()
 
@@ -116,7 +76,7 @@ class RateWatch:
         begin_s = now_s - self._window_s
         while self._times and self._times[0] <= begin_s:
             self._times.popleft()
-        # A window may begin just after a delivery and end just before the next: one is forgiven.
+        # A window may begin just after a delivery and end just before the next: one may be missing.
         rate_hz = (len(self._times) + 1) / self._window_s
         if begin_s < self._started_s or rate_hz >= self._min_rate_hz - _SLACK:
             return None

@@ -1,4 +1,4 @@
-"""What is let into a mixture: readings of the right type, whole, and not from the past."""
+"""The check of readings before they are mixed: type, values, and order in time."""
 
 from collections import Counter, deque
 
@@ -11,10 +11,10 @@ _REMEMBERED = 64
 class Intake:
     """The intake check of one side's readings, each by itself and against the one before.
 
-    A reading that is older than the one before is refused, as long as it takes; one that differs
-    in size or intrinsics is refused once, so that the change is counted, and then let in. One
-    that was let in may come again, also behind newer ones: a slow source is held, and a mixture
-    may choose an older reading. tolerated: kinds of fault that the first steps are there to mend.
+    A reading that is older than the newest accepted one is always refused. One that differs in size
+    or intrinsics is refused once, so that the change is counted, and accepted from then on. An
+    accepted reading may come again, also after newer ones: a slow source is held, and a mixture
+    may use an older reading. tolerated: kinds of fault that the first steps correct.
     """
 
     def __init__(self, side: str, kind: str, tolerated: frozenset[str] = frozenset()) -> None:
@@ -23,31 +23,31 @@ class Intake:
         self._side = side
         self._tolerated = tolerated
         self._previous: Reading | None = None
-        self._let_in: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
+        self._accepted: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
 
     def fault_of(self, reading: Reading) -> str | None:
-        """Return what is wrong with an arriving reading; None when nothing is."""
-        # Not the reading itself: a picture that is remembered is memory that is held.
+        """Return the fault of an arriving reading in words; None for a good one."""
+        # A key instead of the reading itself, which would keep the memory of its image.
         key = (id(reading), reading.t_s)
-        if key in self._let_in:
+        if key in self._accepted:
             return None
-        fault = self._of_kind(reading) or self._in_itself(reading) or self._after(reading)
+        fault = self._type_fault(reading) or self._own_fault(reading) or self._order_fault(reading)
         if fault is None:
             self._previous = reading
-            self._let_in.append(key)
+            self._accepted.append(key)
             return None
         self.faults[f"{self._side} {fault.kind}"] += 1
         return f"{self.kind} reading of {self._side}: {fault.detail}"
 
-    def _of_kind(self, reading: Reading) -> Fault | None:
+    def _type_fault(self, reading: Reading) -> Fault | None:
         kind = sensor_type_of(reading)
         return None if kind == self.kind else Fault("type", f"is of type {kind}")
 
-    def _in_itself(self, reading: Reading) -> Fault | None:
+    def _own_fault(self, reading: Reading) -> Fault | None:
         fault = fault_of(reading)
         return None if fault is not None and fault.kind in self._tolerated else fault
 
-    def _after(self, reading: Reading) -> Fault | None:
+    def _order_fault(self, reading: Reading) -> Fault | None:
         previous = self._previous
         fault = fault_after(reading, previous)
         if fault is None or previous is None or reading.t_s == previous.t_s:

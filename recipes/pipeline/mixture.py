@@ -1,4 +1,4 @@
-"""What a mixture is, and what is told of it."""
+"""A mixture with its provenance, and the counts of mixtures."""
 
 from dataclasses import dataclass
 from typing import Generic
@@ -23,17 +23,16 @@ class StageTime:
 class Provenance:
     """The provenance of a mixture: the readings, times and alignment it is made of.
 
-    real_*, twin_*: number and middle of exposure (run clock) of the inputs, where a step chose
-    among several of the one chosen; None when there was none. skew_ms: by how much the exposures
-    differ, without sign; None when one is missing. latency_ms: from the real exposure to now; None
-    without a real reading. alignment: how the pose of the twin's reading was found, as the caller
-    says. dropped: why nothing of the twin is in the mixture, or why there is no mixture; None when
-    all is in. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
-    repeat to the byte. registration_error_px: RMS distance between where what is virtual was drawn
-    and where an independent reference puts it, as the caller measured; None without one.
-    registration_bound_px: without a reference, what that error is within by all that is known of
-    the pose. mixed_s:
-    when it was mixed, run clock. given_*: numbers of the readings that the mixer was handed.
+    real_*, twin_*: number and middle of exposure (run clock) of the inputs, of the selected one
+    where a step selects among several; None without one. skew_ms: absolute difference of the
+    exposures; None when one is missing. latency_ms: from the real exposure to now; None without a
+    real reading. alignment: how the pose of the twin's reading was determined, from the caller.
+    dropped: why the twin's reading is not in the mixture, or why there is no mixture; None for a
+    full one. detail: the same in a sentence. stages: empty without a clock, so that virtual runs
+    repeat to the byte. registration_error_px: RMS distance between virtual objects as drawn and an
+    independent reference, as the caller measured; None without one. registration_bound_px: without
+    a reference, the bound of that error from the accuracy of the pose. mixed_s: time of mixing, run
+    clock. given_*: numbers of the readings that the mixer received.
     """
 
     real_seq: int | None
@@ -55,7 +54,7 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True)
 class Mixed(Generic[R]):
-    """A mixture, or None where there is nothing to show, with its provenance."""
+    """A mixture with its provenance. reading: None where nothing could be mixed."""
 
     reading: R | None
     provenance: Provenance
@@ -65,9 +64,9 @@ class Mixed(Generic[R]):
 class MixCounts:
     """The counts of a mixture's frames: all, fully mixed, dropped by reason.
 
-    frames: calls. mixed: with everything in. dropped: each reason and how often; such a frame
-    shows the real reading alone, or nothing where that is what was missing. faults: what was
-    wrong with readings that were refused, as "twin not_finite", and how often.
+    frames: calls. mixed: full mixtures. dropped: number by reason; such a frame is the real reading
+    alone, or none where that was missing. faults: number of refused readings by fault, such as
+    "twin not_finite".
     """
 
     frames: int

@@ -1,7 +1,7 @@
-"""The mixing pipeline: a recipe and the readings of both worlds in, the mixed reading out.
+"""The mixing pipeline: mixes the readings of both worlds by a recipe.
 
-Pure but for its buffers and for what its steps remember: what `mix` returns depends on the
-readings that it was given and on nothing else, unless a clock is handed in to measure the steps.
+Pure except for its buffers and the memory of its steps: the result of `mix` depends on the readings
+alone, unless a clock is given to measure the steps.
 """
 
 from collections import Counter
@@ -31,7 +31,7 @@ __all__ = ["Mixer", "Stopwatch", "compile_recipe"]
 R = TypeVar("R", bound=Reading)
 
 _STAMP_S = 1e-6
-"""MAVLink stamps count microseconds: a skew at its limit is within it."""
+"""Resolution of MAVLink's time stamps; a skew at its limit is within it."""
 
 
 def compile_recipe(
@@ -43,10 +43,10 @@ def compile_recipe(
 ) -> tuple["Mixer", ...]:
     """Return the mixing pipelines of a recipe: one Mixer per combination, in order.
 
-    object_ids: what `object_ids` of the twin's readings mean. stopwatch: seconds, to measure the
-    steps; None leaves the provenance without durations. observer: is shown what each step made,
-    and the two sides before the first. Raises ValueError for an object that
-    the world has not (`Recipe.unknown_objects` says it with its place).
+    object_ids: ids of the objects in the twin's readings. stopwatch: seconds, to measure the
+    steps; None leaves the provenance without durations. observer: receives the two sides before
+    the first step, and the result of each step. Raises ValueError for an object that the world
+    lacks (`Recipe.unknown_objects` reports it with its place).
     """
     context = Context(object_ids, recipe.document.path.parent)
     return tuple(_compile(one, context, recipe, stopwatch, observer) for one in recipe.combinations)
@@ -73,10 +73,10 @@ def _compile(
 
 
 class Mixer:
-    """The mixing pipeline of one sensor of whatever type.
+    """The mixing pipeline of one sensor.
 
-    Hand it one pair at a time: its steps keep buffers. What it returns shares no buffer with it,
-    but may share the real reading, unchanged, where nothing is laid over it.
+    Not reentrant: its steps keep buffers. The result shares no buffer with it, but may be the real
+    reading itself, unchanged, where nothing is laid over it.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Mixer:
 
     @property
     def publish(self) -> tuple[Side, ...]:
-        """Return the vehicles to whose autonomy the pipeline's mixture goes."""
+        """Return the vehicles whose autonomy receives the pipeline's mixture."""
         return self.combination.publish
 
     def counts(self) -> MixCounts:
@@ -123,18 +123,18 @@ class Mixer:
         return MixCounts(self._frames, self._mixed, dropped, tuple(faults))
 
     def offer(self, side: Side, reading: Reading) -> str | None:
-        """Offer an arriving reading to the pipeline: a step or the pairing may choose it later.
+        """Offer an arriving reading to the pipeline; a step or the pairing may select it later.
 
-        Readings that `mix` is given need not be offered. Returns what is wrong with one that is
-        at fault; it is counted, and must not be mixed.
+        Readings that are passed to `mix` need not be offered. Returns the fault of a bad one in
+        words; it is counted, and must not be mixed.
         """
         intake = self._real if side == "real" else self._twin
         fault = intake.fault_of(reading)
         if fault is None:
-            seen: Reading | None = reading
+            passed: Reading | None = reading
             for stage in self._stages:
-                # Steps that choose by time stand before all others, so none is left out here.
-                seen = stage.offer(side, seen) if seen is not None else None
+                # Steps that select by time come before all others, so none is left out here.
+                passed = stage.offer(side, passed) if passed is not None else None
         return fault
 
     def mix(
@@ -147,12 +147,11 @@ class Mixer:
     ) -> Mixed[R]:
         """Return the mixture of two readings, delivered at `now_s` on the run clock.
 
-        The real reading sets the time: without one there is no mixture, for a vehicle whose
-        sensor is silent must not be told that it senses. Without a usable one of the twin (none,
-        too far in time, too late, wrong size) the real one passes through; both are counted and
-        said. alignment: how the pose of the twin's reading was found, for the record, or what there
-        is none of ("no pose for the exposure"). Raises StepError when a step fails by a fault of
-        its own.
+        The real reading sets the time. Without one there is no mixture, as a vehicle whose sensor
+        is silent must not receive readings. Without a usable one of the twin (none, too far in
+        time, too late, wrong size) the real one passes through. Both are counted, with the reason
+        in the provenance. alignment: how the pose of the twin's reading was determined, or what is
+        missing ("no pose for the exposure"). Raises StepError when a step itself fails.
         """
         run = _Frame(self._stages, self._merging, self._stopwatch, self._frames, self._observer)
         self._frames += 1
@@ -167,7 +166,7 @@ class Mixer:
             if reading is None or used is None
             else autonomy_reading(reading, used.reading, now_s, self.sensor)
         )
-        told = _provenance(
+        provenance = _provenance(
             real=run.used("real", real),
             twin=run.used("twin", twin),
             now_s=now_s,
@@ -176,7 +175,7 @@ class Mixer:
             times=run.times,
             given=(_seq(real), _seq(twin)),
         )
-        return Mixed(cast("R | None", mixed), told)
+        return Mixed(cast("R | None", mixed), provenance)
 
     def _run(
         self,
@@ -204,11 +203,11 @@ class Mixer:
             fault = run.apply() or fault
             fault = self._overdue(run.sides, now_s) or fault
             return run.merged(fault)
-        except CannotMixError as nothing:
-            return None, nothing
+        except CannotMixError as error:
+            return None, error
 
     def _overdue(self, sides: dict[Side, AnyMasked], now_s: float) -> CannotMixError | None:
-        """Drop the twin's reading from the pipeline when its skew or age is beyond the limit."""
+        """Remove the twin's reading from the frame when its skew or age exceeds the limit."""
         if "twin" not in sides:
             return None
         real_s, twin_s = sides["real"].reading.t_s, sides["twin"].reading.t_s
@@ -216,18 +215,18 @@ class Mixer:
         skew_s, age_s = abs(real_s - twin_s), now_s - min(real_s, twin_s)
         if skew_s > budget.max_skew_s + _STAMP_S:
             reason: DropReason = "stale"
-            said = f"exposures {_ms(skew_s)} apart, more than {_ms(budget.max_skew_s)}"
+            message = f"exposures {_ms(skew_s)} apart, more than {_ms(budget.max_skew_s)}"
         elif budget.max_latency_s is not None and age_s > budget.max_latency_s + _STAMP_S:
             reason = "late"
-            said = f"{_ms(age_s)} old at delivery, more than {_ms(budget.max_latency_s)}"
+            message = f"{_ms(age_s)} old at delivery, more than {_ms(budget.max_latency_s)}"
         else:
             return None
         del sides["twin"]
-        return CannotMixError(reason, said)
+        return CannotMixError(reason, message)
 
 
 class _Frame:
-    """One frame in the pipeline: the two sides as steps change them, and the steps' times."""
+    """One frame in the pipeline: the two sides after each step, and the steps' durations."""
 
     __slots__ = ("_frame", "_merging", "_observer", "_stages", "_stopwatch", "sides", "times")
 
@@ -248,14 +247,14 @@ class _Frame:
         self.times: list[StageTime] = []
 
     def used(self, side: Side, given: Reading | None) -> Reading | None:
-        """Return the reading of a side in this frame: a step's choice, or the given one."""
+        """Return the reading of a side in this frame: the one a step selected, or the given one."""
         work = self.sides.get(side)
         return given if work is None else cast("Reading", work.reading)
 
     def apply(self) -> CannotMixError | None:
         """Run the pipeline's steps on the frame; return why the twin's reading was left out.
 
-        Raises CannotMixError when it is the real side that cannot be worked on.
+        Raises CannotMixError when a step cannot work on the real side.
         """
         left_out: CannotMixError | None = None
         for side in self.sides:
@@ -277,7 +276,7 @@ class _Frame:
         return left_out
 
     def merged(self, fault: CannotMixError | None) -> tuple[Reading, CannotMixError | None]:
-        """Return the frame's merged reading; the real's alone, and why, when the two do not fit."""
+        """Return the merged reading, and the fault; the real's alone when the two do not fit."""
         started_s = self._now()
         try:
             reading = self._merging.apply(self.sides, self._frame)
@@ -292,7 +291,7 @@ class _Frame:
         return reading, fault
 
     def _show(self, name: str, side: Side) -> None:
-        """Show the frame after a step to the pipeline's observer."""
+        """Pass the frame after a step to the pipeline's observer."""
         if self._observer is not None:
             self._observer(StageView(name, side, self.sides[side]))
 
@@ -301,7 +300,7 @@ class _Frame:
         return self._stopwatch() if self._stopwatch is not None else 0.0
 
     def _note(self, name: str, started_s: float) -> None:
-        """Note how long a step of the pipeline took on this frame."""
+        """Store the duration of a step of the pipeline on this frame."""
         if self._stopwatch is not None:
             self.times.append(StageTime(name, self._stopwatch() - started_s))
 

@@ -1,6 +1,6 @@
-"""Whether readings of given sizes pass the steps of a combination and fit each other; pure.
+"""Check that readings of given sizes pass the steps of a combination and fit each other; pure.
 
-The same operators run on blank readings that run in flight, so that both agree on what fits.
+It runs the operators of the flight on blank readings, so that both agree on what fits.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class ShapeMismatch:
-    """A step that does not take what reaches it. path: in the recipe's document."""
+    """A step that does not accept the size of its input. path: in the recipe's document."""
 
     path: Path
     message: str
@@ -31,9 +31,9 @@ def shape_mismatch(
 ) -> ShapeMismatch | None:
     """Return the first step, or the merge, that refuses readings of these sizes; None for none.
 
-    blank: a reading of each side, of which only the shape counts. folder: what files in the recipe
-    are relative to. Steps that keep the shape are left out; nothing is known of what a step of the
-    user's, or a conversion into another type, makes of it.
+    blank: a reading of each side, of which only the shape counts. folder: to which files in the
+    recipe are relative. Steps that keep the shape are skipped. With a step of the user's own, or a
+    conversion into another type, the shape is unknown and nothing is checked.
     """
     steps = (*combination.steps, combination.merge)
     sensor = combination.sensor
@@ -43,30 +43,30 @@ def shape_mismatch(
     context = Context(folder=folder)
     sides: dict[Side, AnyMasked] = {side: Masked(one) for side, one in blank.items()}
     for step in combination.steps:
-        if step.parameters.reshapes and (found := _reshape(step, sides, context)) is not None:
-            return found
+        if step.parameters.reshapes and (mismatch := _reshape(step, sides, context)) is not None:
+            return mismatch
     merge = cast("Merge", combination.merge.kind.build(combination.merge.parameters, context))
     merged = _attempt(combination.merge, partial(merge, sides))
     return merged if isinstance(merged, ShapeMismatch) else None
 
 
 def _reshape(step: Step, sides: dict[Side, AnyMasked], context: Context) -> ShapeMismatch | None:
-    """Give each side of a step the shape that the step makes of it."""
+    """Replace each side of a step by the step's result; return a mismatch, if any."""
     for side in step.parameters.sides():
         built = step.kind.build(step.parameters, replace(context, side=side))
         other = sides["twin" if side == "real" else "real"]
-        found = _attempt(step, partial(cast("Operator", built), sides[side], other))
-        if isinstance(found, ShapeMismatch):
-            return found
-        if found is not None:
-            sides[side] = found
+        reshaped = _attempt(step, partial(cast("Operator", built), sides[side], other))
+        if isinstance(reshaped, ShapeMismatch):
+            return reshaped
+        if reshaped is not None:
+            sides[side] = reshaped
     return None
 
 
 def _attempt(step: Step, work: Callable[[], T]) -> T | ShapeMismatch | None:
-    """Return what comes of it, that it does not fit, or None where a blank reading cannot say."""
+    """Return the result of a step, its mismatch, or None where a blank reading has no result."""
     try:
         return work()
     except CannotMixError as error:
-        # What it lacks beside its shape (depth, ids) says nothing.
+        # A blank reading may lack depth or ids, which is no mismatch.
         return ShapeMismatch(step.path, str(error)) if error.reason == "mismatch" else None

@@ -1,4 +1,4 @@
-"""Steps made ready to run: an operator for each side, and the place to name when one fails."""
+"""Compiled steps: an operator for each side, and the step's place in the recipe for errors."""
 
 import traceback
 from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ Stopwatch = Callable[[], float]
 
 @dataclass(frozen=True, slots=True)
 class StageView:
-    """A view of what one stage's step produced. side: None for a merge. work: until next frame."""
+    """The result of one stage. side: None for a merge. work: valid until the next frame."""
 
     name: str
     side: Side | None
@@ -42,14 +42,14 @@ Observer = Callable[[StageView], None]
 
 @dataclass(frozen=True, slots=True)
 class StepPlace:
-    """Where a stage's step stands in its recipe, and its name in messages."""
+    """The place of a stage's step in its recipe, and its name in messages."""
 
     file: str
     line: int
     label: str
 
     def failed(self, error: Exception, frame: int) -> StepError:
-        """Return the error that says where a stage's step failed."""
+        """Return the error of a stage's step with its place."""
         return StepError(
             file=self.file, line=self.line, step=self.label, frame=frame, detail=_error_text(error)
         )
@@ -82,7 +82,7 @@ class Stage:
             raise self.place.failed(error, frame) from error
 
     def offer(self, side: Side, reading: Reading) -> Reading | None:
-        """Offer a reading to a stage that selects by time; return what the next stage gets."""
+        """Offer a reading to a stage that selects by time; return the input of the next stage."""
         operator = self.operators.get(side)
         return operator.offer(reading) if isinstance(operator, TimedOperator) else reading
 
@@ -159,6 +159,6 @@ def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
 
 
 def _place(step: Step, document: Document) -> StepPlace:
-    """Return where a stage's step stands in the recipe."""
+    """Return the place of a stage's step in the recipe."""
     line, _ = document.place(step.path, key=True)
     return StepPlace(document.name, line, step.label)

@@ -19,7 +19,7 @@ _READINGS = tuple(SENSOR_TYPES.values())
 
 
 class BadResultError(TypeError):
-    """A user's own step returned what is no reading, or a bad one."""
+    """A user's own step returned no reading, or an invalid one."""
 
 
 def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
@@ -33,7 +33,7 @@ def _load_function(use: str, folder: FilePath) -> Callable[..., Any]:
 def _function_faults(
     use: str, given: dict[str, JsonValue], folder: FilePath, arguments: tuple[str, ...]
 ) -> tuple[ParameterFault, ...]:
-    """Return what is wrong with the reference of a user's own step: where it leads, its call."""
+    """Return the faults of a user's own step: a missing reference, or a wrong signature."""
     try:
         found = _load_function(use, folder)
     except BadReferenceError as error:
@@ -46,8 +46,8 @@ def _function_faults(
             inspect.signature(found).bind(*arguments, **given)
     except (TypeError, ValueError) as error:
         wanted = ", ".join(arguments)
-        said = f"'{use}' cannot be called with ({wanted}) and what 'with' gives: {error}"
-        return (ParameterFault(("with",) if given else ("use",), said),)
+        message = f"'{use}' cannot be called with ({wanted}) and the arguments in 'with': {error}"
+        return (ParameterFault(("with",) if given else ("use",), message),)
     return ()
 
 
@@ -83,11 +83,11 @@ class UseParameters(SidedParameters):
 @step("use", stage="filter", sensors=_ANY, parameters=UseParameters)
 @step("use", stage="transform", sensors=_ANY, parameters=UseParameters)
 def use(parameters: UseParameters, context: Context) -> Operator:
-    """Call a function of the user's own: (work, other, **with) to a reading, or to work anew.
+    """Call a function of the user's own: (work, other, **with), returns a reading or a Masked.
 
-    work, other: recipes.working.Masked, this side and the other (None when it is missing). What
-    it returns must be whole, and of the same type; a returned reading keeps the mask. A class is
-    made once, with what `with` gives, and called as the function would be.
+    work, other: recipes.working.Masked, this side and the other (None when it is missing). The
+    returned reading must be valid and of the same type; a reading without a Masked keeps the mask.
+    A class is instantiated once, with the arguments in `with`, and its instance is called.
     """
     called = _prepare_function(parameters.use, parameters.with_, context)
 
@@ -127,10 +127,10 @@ class UseMergeParameters(StepParameters):
 
 @step("use", stage="merge", sensors=_ANY, parameters=UseMergeParameters)
 def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
-    """Call a function of the user's own: (sides, **with) to the mixed reading.
+    """Call a function of the user's own: (sides, **with), returns the mixed reading.
 
     sides: a mapping of "real" and "twin" to recipes.working.Masked; "twin" is missing when there is
-    nothing to mix.
+    no reading of it to mix.
     """
     called = _prepare_function(parameters.use, parameters.with_, context)
 

@@ -15,9 +15,9 @@ Work = Masked[MicrophoneReading]
 
 
 class BandPassParameters(SidedParameters):
-    """low_hz, high_hz: the band of sound, None: open end. taps: length of the filter, odd.
+    """low_hz, high_hz: limits of the band; None: no limit. taps: length of the filter, odd.
 
-    The more taps, the sharper: the edges are about 5.5 / taps of the sample rate wide.
+    More taps give sharper edges: these are about 5.5 / taps of the sample rate wide.
     """
 
     low_hz: Annotated[float, Field(gt=0)] | None = None
@@ -47,7 +47,7 @@ def band_pass(parameters: BandPassParameters, context: Context) -> Operator:  # 
     """Keep the frequencies of a band, such as those of human speech, 300 to 3400 Hz.
 
     samples (samples,) int16 of a block to as many; t_s moves back by half of the filter's length,
-    which is when the samples sounded. Blocks that follow each other join without a click.
+    to the time at which the samples sounded. Consecutive blocks join without a click.
     """
     p = parameters
     filters: dict[int, Filter] = {}
@@ -58,8 +58,8 @@ def band_pass(parameters: BandPassParameters, context: Context) -> Operator:  # 
             filters.clear()
             low, high = (p.low_hz or 0.0) / rate, min(0.5, (p.high_hz or rate) / rate)
             if low >= 0.5:
-                said = f"band_pass: {p.low_hz} Hz is beyond sound of {rate} Hz"
-                raise CannotMixError("mismatch", said)
+                message = f"band_pass: {p.low_hz} Hz is beyond sound of {rate} Hz"
+                raise CannotMixError("mismatch", message)
             filters[rate] = Filter(band_pass_kernel(low, high, p.taps))
         return Masked(filters[rate].filtered(work.reading), work.mask)
 
@@ -67,7 +67,7 @@ def band_pass(parameters: BandPassParameters, context: Context) -> Operator:  # 
 
 
 class DecimateSoundParameters(SidedParameters):
-    """every: takes each n-th sample, after a low-pass at 0.45 of the new rate."""
+    """every: keeps each n-th sample, after a low-pass at 0.45 of the new rate."""
 
     shorthand = "every"
 
@@ -76,7 +76,7 @@ class DecimateSoundParameters(SidedParameters):
 
 @step("decimate_sound", stage="filter", sensors=("microphone",), parameters=DecimateSoundParameters)
 def decimate_sound(parameters: DecimateSoundParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Lower the sample rate by a whole factor, without aliases of what was above it.
+    """Lower the sample rate by a whole factor, without aliasing.
 
     samples (n,) int16 to (n / every,), rounded up. A rate that the factor does not divide is a
     mismatch.
@@ -87,8 +87,8 @@ def decimate_sound(parameters: DecimateSoundParameters, context: Context) -> Ope
     def operator(work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG001 - the interface
         block = work.reading
         if block.sample_rate_hz % every or len(block.samples) % every:
-            said = f"{len(block.samples)} samples at {block.sample_rate_hz} Hz by {every}"
-            raise CannotMixError("mismatch", f"decimate_sound: cannot divide {said}")
+            message = f"{len(block.samples)} samples at {block.sample_rate_hz} Hz by {every}"
+            raise CannotMixError("mismatch", f"decimate_sound: cannot divide {message}")
         made = smooth.filtered(block)
         samples = np.ascontiguousarray(made.samples[::every])
         return Masked(replace(made, samples=samples, sample_rate_hz=block.sample_rate_hz // every))

@@ -1,1 +1,1 @@
-"""Whether a mixture shows what stands only in the virtual world, measured in the mixture itself."""
+"""Visibility: whether a mixture shows the virtual objects, measured in the mixture itself."""

@@ -1,4 +1,4 @@
-"""What the mixtures of a run showed of each virtual object, and when that proves nothing. Pure."""
+"""Visibility coverage of a run: how often its mixtures showed each virtual object. Pure."""
 
 from array import array
 from collections import Counter
@@ -8,24 +8,24 @@ from dataclasses import dataclass, field
 from recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
 
 _SHARE_FRAMES = 5
-"""In fewer measured frames the share that shows an object is no share: one frame at the edge of the
-picture decides it."""
+"""Least number of measured frames for a share: with fewer, one frame at the edge of the image would
+decide it."""
 _BLIND_S = 2.0
-"""How long an object may be in view at first, and not shown, until the flight is ended."""
+"""How long an object may be in view without being shown before the flight is ended."""
 _LEAST_SHARE = 0.5
-"""In how many of the frames in which it is in view an object has to be shown."""
+"""Least share of the frames with an object in view that have to show it."""
 _MOST_DISPLACED = 1 / 3
-"""In how many of the frames with an object in view it may be displaced, one at a time."""
+"""Largest share of the frames with an object in view that may show it displaced."""
 _IN_A_ROW = 2
-"""How many measured frames have to be wrong: what crosses the edge of the picture in one of them
-may be taken for displaced or missed."""
+"""Number of wrong frames in a row that make a fault. In a single one, an object that crosses the
+edge of the image may look displaced or missing."""
 
 
 @dataclass(slots=True)
 class ObjectCoverage:
-    """The coverage of one object: in view, shown. offsets: of frames that show it, in `unit`.
+    """The coverage of one object. in_view, shown: frames. offsets: of shown ones, in `unit`.
 
-    displaced, missed: of the last frames in a row. displaced_in_all: of all frames in view.
+    displaced, missed: latest frames in a row. displaced_in_all: of all frames in view.
     """
 
     unit: Unit = "px"
@@ -45,9 +45,9 @@ class ObjectCoverage:
 
     @property
     def is_often_displaced(self) -> bool:
-        """Return whether too many of the frames with the object in view show it elsewhere.
+        """Return whether too many of the frames with the object in view show it displaced.
 
-        One by one they are no two in a row: as where every second picture comes late.
+        These need not be in a row, as when every second image is late.
         """
         return (
             self.in_view >= _SHARE_FRAMES and self.displaced_in_all > _MOST_DISPLACED * self.in_view
@@ -56,7 +56,7 @@ class ObjectCoverage:
 
 @dataclass(frozen=True, slots=True)
 class VisibilityFault:
-    """What a mixture fails to show, and the exposure since when (run clock)."""
+    """An object that mixtures fail to show. t_s: the first such exposure, run clock."""
 
     t_s: float
     text: str
@@ -65,8 +65,9 @@ class VisibilityFault:
 class Coverage:
     """The coverage of virtual objects by one combination's mixtures while the goal is flown.
 
-    frames: measured ones. not_mixed: objects that the combination leaves out by name, and in how
-    many measured frames they were in view. shower: what shows them, as faults name it.
+    frames: number of measured ones. not_mixed: objects that the combination leaves out by name,
+    each with the number of measured frames in which it was in view. shower: what shows the objects,
+    as named in faults.
     """
 
     def __init__(self, shower: str = "the mixture") -> None:
@@ -88,9 +89,11 @@ class Coverage:
         faults = [self._take(one, frame.t_s) for one in frame.objects]
         if self._unexpected >= _IN_A_ROW:
             share = f"{frame.elsewhere * 100:.1f} % of the reading"
-            said = f"something virtual in {share} at {frame.t_s:.3f} s, where geometry puts nothing"
-            faults.append(VisibilityFault(frame.t_s, f"{self._shower} shows {said}"))
-        faults.append(self._blind())
+            extra = (
+                f"something virtual in {share} at {frame.t_s:.3f} s, where geometry expects nothing"
+            )
+            faults.append(VisibilityFault(frame.t_s, f"{self._shower} shows {extra}"))
+        faults.append(self._lasting_blindness())
         return next((fault for fault in faults if fault is not None), None)
 
     def why_not_measured(self) -> str:
@@ -102,9 +105,9 @@ class Coverage:
     def is_suspect(self) -> bool:
         """Return whether the last mixture was wrong, so that the next one has to confirm it.
 
-        It missed an object in view, showed one elsewhere, or something where nothing is due. Two
-        in a row confirm it: an object that stays missed is measured at the usual pace again, for
-        its share would else be counted more often while it is missed than while it is shown.
+        It missed an object in view, displaced one, or showed something where nothing is expected.
+        Two in a row confirm it. An object that stays missed is then measured at the usual rate:
+        otherwise it would be counted more often while it is missed than while it is shown.
         """
         if self._unexpected:
             return True
@@ -114,14 +117,14 @@ class Coverage:
         )
 
     def is_due(self, one: ObjectCoverage) -> bool:
-        """Return whether an object of which no frame shows anything has to be shown.
+        """Return whether an object that no frame shows was in view often enough to be a fault.
 
-        It was in view in two measured frames, or in the only one.
+        That is in two measured frames, or in the only one.
         """
         return one.in_view >= min(_IN_A_ROW, max(1, self.frames))
 
     def never_shown(self) -> VisibilityFault | None:
-        """Return the fault of a combination that shows nothing of what is in view; or None."""
+        """Return the fault of a combination that shows no object in view; None without one."""
         due = [name for name, one in self.objects.items() if one.in_view >= _SHARE_FRAMES]
         if not due or any(one.shown for one in self.objects.values()):
             return None
@@ -146,10 +149,11 @@ class Coverage:
         if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
         off = f"{one.offset:.3g} {one.unit} from its place at {t_s:.3f} s"
-        said = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
-        return VisibilityFault(t_s, said)
+        text = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
+        return VisibilityFault(t_s, text)
 
-    def _blind(self) -> VisibilityFault | None:
+    def _lasting_blindness(self) -> VisibilityFault | None:
+        """Return the fault that nothing in view was shown, once it has lasted long enough."""
         fault = self.never_shown()
         if fault is None:
             return None
@@ -162,15 +166,15 @@ def never_shown(
     objects: dict[str, list[ObjectCoverage]], *, shower: str = "the mixture"
 ) -> VisibilityFault:
     """Return the coverage fault of objects that no mixture, or too few, showed."""
-    said = []
+    details = []
     for name, each in objects.items():
         best = max(each, key=lambda one: one.in_view)
-        said.append(
+        details.append(
             f"{name}: it was in view in {best.in_view} measured frames, {best.shown} showed it"
         )
     word = "never" if not any(one.shown for each in objects.values() for one in each) else "hardly"
     times = [one.first_in_view_s or 0.0 for each in objects.values() for one in each]
-    return VisibilityFault(min(times), f"{shower} {word} showed {'; '.join(said)}")
+    return VisibilityFault(min(times), f"{shower} {word} showed {'; '.join(details)}")
 
 
 def uncovered(
@@ -178,7 +182,7 @@ def uncovered(
 ) -> VisibilityFault | None:
     """Return the objects without coverage by any combination in which they were in view.
 
-    A lidar may show what a camera's recipe leaves out, and the other way round.
+    A lidar may show an object that a camera's recipe leaves out, and the other way round.
     """
     each: dict[str, list[tuple[Coverage, ObjectCoverage]]] = {}
     for coverage in combinations:
@@ -191,7 +195,7 @@ def uncovered(
 def _is_uncovered(seen: list[tuple[Coverage, ObjectCoverage]]) -> bool:
     """Return whether combinations with an object in view never showed it, or too seldom.
 
-    One of them speaks for the others where the object was in view in enough of its frames.
+    One combination that covers the object in enough frames suffices.
     """
     if not any(one.shown for _, one in seen):
         return any(coverage.is_due(one) for coverage, one in seen)

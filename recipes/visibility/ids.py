@@ -1,4 +1,4 @@
-"""Where a picture of object ids shows each object, against geometry from the same pose. Pure."""
+"""Visibility of objects in an image of object ids, compared with geometry. Pure."""
 
 from collections.abc import Mapping
 
@@ -18,10 +18,10 @@ def compare_ids(
     limits_px: Mapping[int, float],
     px_per_sample: int,
 ) -> FrameVisibility:
-    """Return the visibility of objects in a picture of ids: each as white on black.
+    """Return the visibility of objects in an image of ids: each as white on black.
 
     shown, expected: (height, width). names: of the objects by id. limits_px: of each one's
-    offset, in pixels of the full picture; one sample comes on top.
+    offset, in pixels of the full image; one sample is added.
     """
     found = []
     for object_id, name in names.items():

@@ -1,9 +1,9 @@
-"""Where a mixed picture shows the virtual objects: what the recipe changed, against outlines. Pure.
+"""Visibility of virtual objects in a mixed image: changed pixels against expected outlines. Pure.
 
-A recipe that isolates objects leaves the rest of the real picture bit by bit as it was, so that
-the changed pixels *are* the virtual objects as the autonomy sees them, whatever their colours.
-Where a recipe changes more than that (a blend, a replaced picture), the expected picture is
-sought in the mixture instead (`recipes.visibility.matching`).
+A recipe that isolates objects leaves the other pixels of the real image exactly as they were, so
+that the changed pixels *are* the virtual objects as the autonomy sees them, whatever their colours.
+Where a recipe changes more than that (a blend, a replaced image), the expected image is searched in
+the mixture instead (`recipes.visibility.matching`).
 """
 
 import math
@@ -20,41 +20,41 @@ from vehicles.readings import BgrImage
 Distances = NDArray[np.float32]
 
 IN_VIEW_SHARE = 1e-3
-"""An object that takes less of the picture is not in view: 18 x 17 pixels of 640 x 480."""
+"""Least share of the image of an object in view: 18 x 17 pixels of 640 x 480."""
 SHOWN_SHARE = 0.25
-"""How much of an object a picture has to show to show it: light and colours hide parts of it."""
+"""Least share of an object that has to be visible: light and colours may hide parts of it."""
 CONTRAST_SHARE = 0.2
-"""How much of the contrast between an object and the real picture a mixture has to have to show it.
-An even blend halves the contrast, a simulator's light may halve it again, and grey levels are whole
-numbers; of a blend of 2 % nobody sees anything."""
+"""Least share of the contrast between an object and the real image that a mixture has to have. An
+even blend halves the contrast, a simulator's light may halve it again, and grey levels are whole
+numbers; a blend of 2 % is invisible."""
 LIMIT_SHARE_OF_WIDTH = 0.015
-"""Default limit of the offset: 9.6 px of 640, 1 degree of a 69 degree camera. That is twice what
-`pose_accuracy` takes for an attitude (0.5 degrees)."""
+"""Default limit of the offset: 9.6 px of 640, 1 degree of a 69 degree camera. That is twice the
+default attitude accuracy in `pose_accuracy` (0.5 degrees)."""
 LIMIT_SHARE_OF_SIZE = 0.1
-"""Where an object looms large: a tenth of its apparent size, as centimetres are many pixels then.
-A gate of 1 m is off by a decimetre at it, about the clearance that such a flight is about."""
+"""For a large object: a tenth of its apparent size, as a centimetre is many pixels then. For a gate
+of 1 m this is a decimetre, about the clearance of such a flight."""
 _BROAD = 3.0
-"""A recipe that changes more than this many times what objects take changes more than objects."""
+"""If the changed area exceeds that of the objects so many times, a recipe changes other pixels."""
 _MOST = 0.5
-"""The same of the picture, where no object is in view."""
+"""The same as a share of the image, where no object is in view."""
 _OUTER, _INNER = 0.9, 0.5
-"""Which part of the shown outline, and of the expected one, lies within the offset. The expected
-one may be missing in parts."""
+"""Share of the shown outline, and of the expected one, that lies within the offset. Parts of the
+expected one may be missing."""
 _AROUND = 3
 _MATCHED = 0.5
-"""Least correlation with the expected picture for it to be found."""
+"""Least correlation with the expected image for it to be found."""
 _HIDDEN_OUTLINE = 0.25
-"""How much of an object's outline may lie before other virtual objects for the outline to tell
-where it is: all is changed on both sides of it there."""
+"""Largest share of an object's outline that may be in front of other virtual objects: there, the
+pixels on both sides are changed and the outline is not visible."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImagePair:
     """The compared pixels of one mixed image, and what geometry expects there; of one size.
 
-    t_s: exposure. real_bgr: the real picture as the merge took it. limit_px: of the offset, in
-    pixels of the full picture; None for the default. is_like: whether the twin's picture is drawn
-    like `expected`, so that an object that is not found in it is not there.
+    t_s: exposure. real_bgr: the real image as the merge received it. limit_px: of the offset, in
+    pixels of the full image; None for the default. is_like: whether the twin's image is rendered
+    like `expected`, so that an object that is not found in it is missing.
     """
 
     t_s: float
@@ -112,7 +112,7 @@ def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> 
             inner = _quantile(to_changed[_outline(own)], _INNER)
             offset = max(outer, inner) * per_sample
         if offset is not None and _is_before_others(own, ids):
-            is_shown, offset = _seek(pair, object_id, offset)
+            is_shown, offset = _find_object(pair, object_id, offset)
         extent, limit = count / size, _limit_px(own, pair)
         seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
         objects.append(seen)
@@ -123,28 +123,28 @@ def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> 
 
 
 def _is_before_others(own: Mask, ids: NDArray[np.uint8]) -> bool:
-    """Return whether changed areas alone cannot show where an object is, for what is behind it."""
+    """Return whether virtual objects behind an object hide the outline of its changed area."""
     outline = _outline(own)
     others = cv2.dilate(((ids != 0) & ~own).astype(np.uint8), np.ones((3, 3), np.uint8)) != 0
     length = int(np.count_nonzero(outline))
     return int(np.count_nonzero(outline & others)) > _HIDDEN_OUTLINE * length
 
 
-def _seek(pair: ImagePair, object_id: int, offset: float) -> tuple[bool, float | None]:
-    """Return whether a mixed image shows an object as it is drawn, and how far from its place.
+def _find_object(pair: ImagePair, object_id: int, offset: float) -> tuple[bool, float | None]:
+    """Return whether a mixed image shows an object's texture, and how far from its place.
 
-    offset: of its outline, in pixels. A picture that we did not draw may look different, and one
-    without contrast cannot be sought: the outline counts where the expected picture is not found.
+    offset: of its outline, in pixels, which counts where the expected image is not found: an
+    external simulator's image may look different, and one without contrast cannot be searched.
     """
     own: Mask = pair.expected.ids == object_id
     if pair.expected.unknown is not None:
         own &= ~pair.expected.unknown
-    found = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)
-    if found is None or (found.correlation < _MATCHED and not pair.is_like):
+    shift = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)
+    if shift is None or (shift.correlation < _MATCHED and not pair.is_like):
         return True, offset
-    if found.correlation < _MATCHED or found.contrast < CONTRAST_SHARE:
+    if shift.correlation < _MATCHED or shift.contrast < CONTRAST_SHARE:
         return False, None
-    return True, max(offset, found.samples * pair.expected.px_per_sample)
+    return True, max(offset, shift.samples * pair.expected.px_per_sample)
 
 
 def _has_contrast(
@@ -152,7 +152,7 @@ def _has_contrast(
 ) -> Mask:
     """Return where a part of a mixed image has enough of the contrast of the nearest object.
 
-    Where an object is expected, its contrast at that pixel counts, else its mean contrast.
+    Where an object is expected, its contrast at that pixel counts, otherwise its mean contrast.
     """
     real = pair.real_bgr[part]
     contrast = CONTRAST_SHARE * _change(real, pair.expected.image_bgr[part]).astype(np.float32)
@@ -166,16 +166,16 @@ def _has_contrast(
 
 
 def _change(one_bgr: BgrImage, other_bgr: BgrImage) -> NDArray[np.uint8]:
-    """Return by how many grey levels two images differ, in the channel that differs most."""
+    """Return the difference of two images in grey levels, in the channel that differs most."""
     one, other = np.ascontiguousarray(one_bgr), np.ascontiguousarray(other_bgr)
     blue, green, red = cv2.split(cv2.absdiff(one, other))
     return np.asarray(cv2.max(cv2.max(blue, green), red), np.uint8)
 
 
 def _inner(ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the ids of an image without its edge, as wide as the default limit of the offset.
+    """Return the ids of an image without a border, as wide as the default limit of the offset.
 
-    What is expected in the edge alone may as well lie out of the picture.
+    An object that is expected in the border alone may be outside of the image.
     """
     edge = math.ceil(LIMIT_SHARE_OF_WIDTH * ids.shape[1])
     return ids[edge:-edge, edge:-edge]
@@ -184,7 +184,7 @@ def _inner(ids: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _without_edge(changed: Mask, reach: float) -> Mask:
     """Return the changed area farther than `reach` samples from the image's edge.
 
-    An object whose place is just out of the picture may reach into it by as much.
+    An object whose place is just outside of the image may reach into it by as much.
     """
     edge = math.ceil(reach)
     within = np.zeros_like(changed)
@@ -215,9 +215,9 @@ def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> Fr
             continue
         found = best_shift(pair.real_bgr, pair.mixed_bgr, pair.expected.image_bgr, own)
         if found is None or (found.correlation < _MATCHED and not pair.is_like):
-            why = "the recipe changes the whole picture, and the twin's is not drawn by us"
+            why = "the recipe changes the whole image, and the twin's is not rendered by us"
             return FrameVisibility(pair.t_s, changed=float(changed.mean()), not_measured=why)
-        # A hole of its shape in what was changed shows the real world, not the object.
+        # A hole of its shape in the changed area shows the real world, not the object.
         is_there = float(changed[own].mean()) >= SHOWN_SHARE
         is_visible = found.correlation >= _MATCHED and found.contrast >= CONTRAST_SHARE
         is_shown = is_there and is_visible

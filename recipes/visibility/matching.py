@@ -1,4 +1,4 @@
-"""Where an expected picture is found in a mixture of which everything was changed. Pure."""
+"""Template matching of an expected object in a mixture all of whose pixels are changed. Pure."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,18 @@ from vehicles.readings import BgrImage
 Gray = NDArray[np.float32]
 
 _SEARCHED = 0.2
-"""How far a picture is sought, of its width."""
+"""Largest searched offset, as a share of the image's width."""
 _MARGIN = 4
-"""How much of what surrounds an object is sought with it, in pixels: its edges tell it apart."""
+"""Margin around an object that is matched with it, in pixels: its edges distinguish it."""
 _ALIKE = 0.02
-"""Correlations that differ by less are alike: the nearer shift is taken."""
+"""Correlations that differ by less count as equal: the nearest shift is taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """Where an image matches best. correlation: -1 to 1. samples: its offset there, in pixels.
+    """The shift at which an image matches best. correlation: -1 to 1. samples: offset in pixels.
 
-    contrast: of what is found there, as a share of that of the expected picture; 0 or more.
+    contrast: of the match, as a share of that of the expected image; 0 or more.
     """
 
     correlation: float
@@ -36,8 +36,8 @@ def best_shift(
 ) -> Shift | None:
     """Return the shift at which a mixture matches the expected object; None without texture.
 
-    own: where the object is expected. What both pictures share with the real one (the same room,
-    a blend) is taken out of them first, so that the object remains.
+    own: where the object is expected. The part that both images share with the real one (the same
+    room, a blend) is subtracted first, so that the object remains.
     """
     real = _gray(real_bgr)
     mixed, expected = _without(real, _gray(mixed_bgr)), _without(real, _gray(expected_bgr))
@@ -50,10 +50,10 @@ def best_shift(
     top, left = part[0].start, part[1].start
     high, wide = template.shape
     searched = padded[top : top + high + 2 * reach, left : left + wide + 2 * reach]
-    found = cv2.matchTemplate(searched, template, cv2.TM_CCOEFF_NORMED)
-    found[~np.isfinite(found)] = -1.0
-    best = float(found.max())
-    rows, columns = np.nonzero(found >= best - _ALIKE)
+    correlation = cv2.matchTemplate(searched, template, cv2.TM_CCOEFF_NORMED)
+    correlation[~np.isfinite(correlation)] = -1.0
+    best = float(correlation.max())
+    rows, columns = np.nonzero(correlation >= best - _ALIKE)
     offsets = np.hypot(rows - reach, columns - reach)
     nearest = int(offsets.argmin())
     row, column = int(rows[nearest]), int(columns[nearest])
@@ -61,10 +61,10 @@ def best_shift(
     return Shift(best, float(offsets[nearest]), max(0.0, contrast))
 
 
-def _slope(template: Gray, picture: Gray) -> float:
-    """Return how strongly a picture has what a template shows: 0.5 for half of its contrast."""
+def _slope(template: Gray, image: Gray) -> float:
+    """Return the contrast of an image relative to a template: 0.5 for half of it."""
     centred = template - template.mean()
-    return float((centred * (picture - picture.mean())).sum() / (centred * centred).sum())
+    return float((centred * (image - image.mean())).sum() / (centred * centred).sum())
 
 
 def _gray(image: BgrImage) -> Gray:
@@ -73,9 +73,9 @@ def _gray(image: BgrImage) -> Gray:
     return np.asarray(gray, np.float32)
 
 
-def _without(real: Gray, picture: Gray) -> Gray:
-    """Return the part of an image to match that is no linear function of the real one."""
-    centred, mean = real - real.mean(), picture - picture.mean()
+def _without(real: Gray, image: Gray) -> Gray:
+    """Return the part of an image that is no linear function of the real one."""
+    centred, mean = real - real.mean(), image - image.mean()
     power = float((centred * centred).sum())
     weight = float((centred * mean).sum()) / power if power > 0.0 else 0.0
     return np.asarray(mean - np.float32(weight) * centred, np.float32)

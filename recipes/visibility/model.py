@@ -1,4 +1,4 @@
-"""What is compared, and what is found, of one mixture. Pure."""
+"""Visibility of virtual objects in one mixture: expected images and ranges, and results. Pure."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -22,15 +22,15 @@ SHOWING_KINDS = frozenset({"camera", "depth", "lidar", "lidar_points", "rangefin
 class Virtual:
     """The objects that exist only in the virtual world, by the ids that images carry.
 
-    names: those that a mixture has to show. not_mixed: the others, which a recipe leaves out that
-    isolates objects by name.
+    names: those that a mixture has to show. not_mixed: the others, which a recipe that isolates
+    objects by name leaves out.
     """
 
     names: dict[int, str]
     not_mixed: dict[int, str] = field(default_factory=dict)
 
     def everything(self) -> "Virtual":
-        """Return all of them as objects to be shown."""
+        """Return all of these objects as objects to be shown."""
         return Virtual({**self.names, **self.not_mixed})
 
     def mask_of(self, ids: Ids) -> Mask:
@@ -40,7 +40,7 @@ class Virtual:
         return wanted[ids]
 
     def not_mixed_in(self, ids: Ids, *, least: float) -> tuple[str, ...]:
-        """Return the objects left out that take so many of these ids; 1 at least."""
+        """Return the left-out objects with at least so many of these ids; 1 at least."""
         if not self.not_mixed:
             return ()
         counts = np.bincount(ids.reshape(-1), minlength=256)
@@ -49,11 +49,11 @@ class Virtual:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedImage:
-    """What geometry expects in an image of (height, width) pixels, from an independent pose.
+    """The expected image from geometry and an independent pose, (height, width) pixels.
 
-    ids: of all that stands in the virtual world. image_bgr: how our renderer draws that.
-    unknown: where something physical may hide what is virtual; neither counts there.
-    px_per_sample: pixels of the full picture from one of these to the next.
+    ids: of all objects in the virtual world. image_bgr: as our renderer draws these. unknown: where
+    a physical object may hide a virtual one; pixels there do not count. px_per_sample: pixels of
+    the full image from one of these to the next.
     """
 
     ids: Ids
@@ -64,9 +64,9 @@ class ExpectedImage:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedRanges:
-    """What geometry expects before each beam, depth pixel or point, (elements,) each.
+    """The expected ranges from geometry, of each beam, depth pixel or point, (elements,) each.
 
-    ranges_m: to what is met first, inf for nothing. ids: of that.
+    ranges_m: to the nearest surface, inf without one. ids: of the object there.
     """
 
     ranges_m: Ranges
@@ -77,9 +77,9 @@ class ExpectedRanges:
 class ObjectVisibility:
     """The visibility of one virtual object in one mixture.
 
-    expected: how much of the reading it should take, 0 to 1. shown: how much of that the mixture
-    has, 0 to 1. offset: how far from its place the mixture shows it, in `unit`; None where it is
-    not shown. limit: of the offset.
+    expected: expected share of the reading, 0 to 1. shown: share of that in the mixture, 0 to 1.
+    offset: distance of the shown object from its place, in `unit`; None where it is not shown.
+    limit: of the offset.
     """
 
     name: str
@@ -103,9 +103,9 @@ class FrameVisibility:
 
     t_s: exposure of the real reading, run clock. changed: share of the reading that the recipe
     changed. elsewhere: share of the reading that shows something virtual farther than the limit
-    from all that geometry puts there; is_unexpected: where geometry puts nothing at all and that
-    is more than what counts as in view. not_mixed: in view, and left out by the recipe by name.
-    not_measured: why this frame says nothing; "" when it does.
+    from all expected objects; is_unexpected: whether no object is expected and that share is large
+    enough to count as in view. not_mixed: objects in view that the recipe leaves out by name.
+    not_measured: why this frame was not measured; "" when it was.
     """
 
     t_s: float

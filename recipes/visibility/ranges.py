@@ -1,4 +1,4 @@
-"""Whether mixed ranges show the virtual objects: beams, pixels of depth, points. Pure."""
+"""Visibility of virtual objects in mixed ranges: beams, depth pixels, points. Pure."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,15 @@ from recipes.visibility.model import (
 )
 
 SHOWN_SHARE = 0.5
-"""How many of the beams that should meet an object have to show its range."""
+"""Least share of the beams expected on an object that have to show its range."""
 LIMIT_M, LIMIT_SHARE = 0.2, 0.05
 """Default limit of a range's error: 20 cm, or 5 % of the range: noise of 1 % (RPLIDAR A2M8), and
-half a degree of attitude at a surface that stands oblique."""
-TELLING_SHARE = 0.5
-"""Of that limit: a real surface nearer than this to a virtual one does not tell one from the other:
-its range would show the virtual object, whatever was mixed in."""
+half a degree of attitude at an oblique surface."""
+AMBIGUOUS_SHARE = 0.5
+"""Share of that limit: a real surface nearer than this to a virtual one makes a beam ambiguous, as
+its range would show the virtual object even without mixing."""
 LEAST_ELEMENTS = 2
-"""A thing that fewer beams meet is not in view, where there are several."""
+"""Least number of beams on an object in view, for a sensor with several."""
 
 
 def limits_m(ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,27 +43,27 @@ def compare_ranges(
 ) -> FrameVisibility:
     """Return the visibility of virtual objects in mixed ranges; arrays are (elements,).
 
-    real_m: the real ranges as the merge took them: what they show nearer hides what is virtual.
-    reach_m: least and greatest range of the sensor. least: how many elements are in view.
-    nearest_m: what geometry puts nearest around the beams, where that is nearer than in them.
+    real_m: the real ranges as the merge received them; a nearer real surface hides a virtual one.
+    reach_m: least and greatest range of the sensor. least: number of elements of an object in view.
+    nearest_m: the nearest surface around the beams, where that is nearer than those in them.
     """
     due = np.asarray(expected.ranges_m, np.float64)
     limit = limits_m(due)
     is_clear = (due >= reach_m[0]) & (due <= reach_m[1]) & ~(real_m < due - limit)
     with np.errstate(invalid="ignore"):
         error = np.abs(mixed_m - due)
-        tells = ~(np.abs(real_m - due) <= TELLING_SHARE * limit)
+        is_distinct = ~(np.abs(real_m - due) <= AMBIGUOUS_SHARE * limit)
         is_real = np.abs(mixed_m - real_m) < error
         nearer = mixed_m < real_m - limits_m(mixed_m)
         away = nearer & (mixed_m < np.minimum(due, nearest_m) - limit)
-    visible = virtual.mask_of(expected.ids) & is_clear & tells
+    visible = virtual.mask_of(expected.ids) & is_clear & is_distinct
     elements = _Elements(error, nearer, (error <= limit) & ~is_real, limit)
     objects = tuple(
         _object(name, visible & (expected.ids == object_id), elements, least)
         for object_id, name in virtual.names.items()
     )
     not_mixed = virtual.not_mixed_in(np.where(is_clear, expected.ids, np.uint8(0)), least=least)
-    # Beside an object in view, beams at its edge may meet it that should not.
+    # Some beams beside the edge of an object in view may hit it unexpectedly.
     due_any = any(one.in_view for one in objects)
     own = float(np.count_nonzero(visible)) if due_any else 0.0
     most = max(2.0 * least, 0.5 * own)
@@ -83,8 +83,8 @@ def compare_points(
 ) -> FrameVisibility:
     """Return the visibility of virtual objects in a mixed point cloud, by its ranges.
 
-    real_m, mixed_m: (points, 3) in one sensor frame, the real cloud as the merge took it.
-    expected_m: (elements, 3), what geometry puts there, in the same frame; ids: (elements,).
+    real_m, mixed_m: (points, 3) in one sensor frame, the real cloud as the merge received it.
+    expected_m: (elements, 3), the points expected from geometry, in that frame; ids: (elements,).
     """
     added = _added_points(real_m, mixed_m)
     due = virtual.mask_of(ids)
@@ -104,7 +104,7 @@ def compare_points(
 
 
 def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return how far the nearest point of a cloud is from each point, metres; both are (n, 3)."""
+    """Return the distance of each point to the nearest point of a cloud, metres; both (n, 3)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import; only 3-D lidars need it
 
     found: NDArray[np.float64] = cKDTree(cloud_m).query(points_m)[0]

@@ -1,12 +1,12 @@
-"""At which pixels of a picture virtual objects are compared with geometry. Pure."""
+"""Samples of an image: the pixels at which virtual objects are compared with geometry. Pure."""
 
 from dataclasses import replace
 
 from worlds.camera import Intrinsics
 
 _SAMPLES = 160
-"""How many columns of a picture are compared, at most: outlines are found to a few pixels, for a
-twentieth of what rendering the picture takes."""
+"""Largest number of compared columns of an image: outlines are accurate to a few pixels, for a
+twentieth of the time of rendering the image."""
 
 
 def samples_of(intrinsics: Intrinsics) -> slice:

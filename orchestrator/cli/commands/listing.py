@@ -13,7 +13,7 @@ import campaigns
 from campaigns.setup.autonomy_under_test import shipped_autonomies
 from orchestrator.cli.standard_streams import out
 from orchestrator.cli.text_table import table
-from recipes.language.step_docs import StepDoc, describe_steps
+from recipes.language.step_docs import StepDoc, describe_step
 from recipes.model.registry import steps
 from safety.oracles import registry
 from safety.oracles.oracle_docs import ParameterDoc, common_parameters, describe_oracles
@@ -46,7 +46,7 @@ def list_available(
     elif what == "oracles":
         out(_oracle_text())
     elif what == "operators":
-        out("\n".join(line for kind in steps() for line in _step_lines(describe_steps(kind))))
+        out("\n".join(line for kind in steps() for line in _step_lines(describe_step(kind))))
     elif rows:
         out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
     return 0
@@ -71,7 +71,7 @@ def _campaign(path: Path) -> Row:
 
 def _operators() -> list[Row]:
     """Return the listing of recipe steps."""
-    return [asdict(describe_steps(kind)) for kind in steps()]
+    return [asdict(describe_step(kind)) for kind in steps()]
 
 
 def _autonomies() -> list[Row]:

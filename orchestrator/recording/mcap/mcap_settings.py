@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.schema import PictureFormat, RecordPart
+from campaigns.schema import ImageFormat, RecordPart
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,7 @@ class ImageSettings:
     too, always exactly. `none` records no images of that source, and nothing with them.
     """
 
-    format: PictureFormat = "jpeg"
+    format: ImageFormat = "jpeg"
     quality: int = 85
     depth: bool = False
     object_ids: bool = False

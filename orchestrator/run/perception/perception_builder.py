@@ -22,7 +22,7 @@ from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
 from orchestrator.state.signal_faults import SignalFaults
 from orchestrator.state.vehicle_context import VehicleContext
-from recipes.pipeline.autonomy_readings import without_knowledge
+from recipes.pipeline.autonomy_readings import without_ground_truth
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from vehicles.readings import CameraReading, Reading
 from vehicles.readings.copies import restamp_reading
@@ -250,7 +250,7 @@ def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, filmed
     receivers = (runner.context.name,)
 
     def take(reading: Reading) -> None:
-        reading = without_knowledge(reading)
+        reading = without_ground_truth(reading)
         watchers.perceived(reading, receivers)
         if filmed and isinstance(reading, CameraReading):
             watchers.shown(PreviewImages(reading, reading if reading.source == "real" else None))
@@ -264,7 +264,7 @@ def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
     if raw:
         for reading in (frame.real, frame.twin):
             if reading is not None:
-                runner.perceive_raw(without_knowledge(reading))
+                runner.perceive_raw(without_ground_truth(reading))
     if frame.mixed.reading is not None:
         runner.perceive(frame.mixed.reading)
 

@@ -54,7 +54,7 @@ class Pair:
             loop = asyncio.get_running_loop()
             for context in self.contexts:
                 link = links.get(context.name)
-                for blackout in () if link is None else link.blackouts:
+                for blackout in () if link is None else link.outages:
                     if blackout.stage == stage:
                         loop.call_later(
                             blackout.after_s, self.guard.start_outage, context.name, blackout.for_s

@@ -1,4 +1,4 @@
-"""Filter by change: what was not there before, or not in an empty picture."""
+"""Filter by change: subtract a background that is learned, or given as an image."""
 
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from recipes.model.registry import Context, ParameterFault, SidedParameters, step
-from recipes.operations.masks import both
+from recipes.operations.masks import intersect_masks
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from vehicles.perception.hsv import Mask
 from vehicles.readings import BgrImage, CameraReading
@@ -22,10 +22,10 @@ Work = Masked[CameraReading]
 class SubtractBackgroundParameters(SidedParameters):
     """method: `mog2` and `knn` learn the background; `picture` compares with an empty scene.
 
-    picture: a file beside the recipe. threshold: of the picture's difference in grey levels; of
-    the learning methods, their squared distance. history: frames that learning looks back on.
-    learn: frames in which nothing is kept, for there is nothing known yet. remove_specks_px: radius
-    of a morphological opening.
+    picture: an image file beside the recipe. threshold: of the difference from the picture in grey
+    levels; of the learning methods, their squared distance. history: frames that learning uses.
+    learn: first frames, in which nothing is kept as the background is not known yet.
+    remove_specks_px: radius of a morphological opening.
     """
 
     method: Literal["mog2", "knn", "picture"] = "mog2"
@@ -44,15 +44,15 @@ class SubtractBackgroundParameters(SidedParameters):
         return self
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Return why the background picture cannot be used."""
+        """Return why the background image cannot be used."""
         if self.picture is None:
             return ()
-        said = _unreadable_fault(folder / self.picture)
-        return (ParameterFault(("picture",), said),) if said else ()
+        message = _unreadable_fault(folder / self.picture)
+        return (ParameterFault(("picture",), message),) if message else ()
 
 
 def _unreadable_fault(path: FilePath) -> str:
-    """Return why the background picture's file cannot be read; "" when it can."""
+    """Return why the background image's file cannot be read; "" when it can."""
     if not is_file(path):
         return f"there is no file '{path.name}' beside the recipe"
     try:
@@ -69,10 +69,10 @@ def _unreadable_fault(path: FilePath) -> str:
     parameters=SubtractBackgroundParameters,
 )
 def subtract_background(parameters: SubtractBackgroundParameters, context: Context) -> Operator:
-    """Keep what differs from the background, learned from earlier frames or given as a picture.
+    """Keep pixels that differ from the background, which is learned or given as an image.
 
     image_bgr (height, width, 3) uint8. Learning: OpenCV's MOG2 (Zivkovic 2004) or KNN; shadows
-    are background. A picture of another size is a mismatch.
+    are background. An image of another size is a mismatch.
     """
     p = parameters
     if p.picture is not None:
@@ -99,7 +99,7 @@ class _FixedBackground:
         apart = cv2.absdiff(image, self._empty)
         largest = cv2.max(cv2.max(apart[:, :, 0], apart[:, :, 1]), apart[:, :, 2])
         mask: Mask = cv2.compare(largest, self._threshold, cv2.CMP_GT)
-        return Masked(work.reading, both(_open_mask(mask, self._specks_px), work.mask))
+        return Masked(work.reading, intersect_masks(_open_mask(mask, self._specks_px), work.mask))
 
 
 class _LearnedBackground:
@@ -121,7 +121,7 @@ class _LearnedBackground:
         if self._seen < self._learn:
             mask[:] = 0
         self._seen += 1
-        return Masked(work.reading, both(_open_mask(mask, self._specks_px), work.mask))
+        return Masked(work.reading, intersect_masks(_open_mask(mask, self._specks_px), work.mask))
 
 
 _SHADOW = 127.0

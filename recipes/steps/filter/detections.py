@@ -1,4 +1,4 @@
-"""Filter by detection: what a neural network finds in the picture."""
+"""Filter by detection: the boxes of objects that a neural network detects in an image."""
 
 from pathlib import Path as FilePath
 from typing import Annotated
@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from recipes.model.registry import Context, ParameterFault, SidedParameters, step
-from recipes.operations.masks import both
+from recipes.operations.masks import intersect_masks
 from recipes.working import AnyMasked, Masked, Operator
 from vehicles.perception.detector import DetectorError, Layout, OnnxDetector
 from vehicles.readings import CameraReading
@@ -19,9 +19,9 @@ InputPx = Annotated[int, Field(ge=16, le=4096)]
 class IsolateDetectionsParameters(SidedParameters):
     """model: an ONNX file beside the recipe. names: its classes, in order. keep: which of them.
 
-    input_width_px, input_height_px: the network's input. threshold: least score; overlap: of two
-    boxes of one class that share more (intersection over union) the better stays. layout: of the
-    output. grow_px: how far each box is widened.
+    input_width_px, input_height_px: the network's input. threshold: least score. overlap: of two
+    boxes of one class with more (intersection over union) the one with the higher score is kept.
+    layout: of the output. grow_px: by how much each box is enlarged on each side.
     """
 
     model: str
@@ -38,8 +38,8 @@ class IsolateDetectionsParameters(SidedParameters):
     def _require_known_classes(self) -> "IsolateDetectionsParameters":
         for index, name in enumerate(self.keep):
             if name not in self.names:
-                said = f"'{name}' is not a class of the detector"
-                raise KeyFaultError(("keep", index), said, closest(name, self.names))
+                message = f"'{name}' is not a class of the detector"
+                raise KeyFaultError(("keep", index), message, closest(name, self.names))
         return self
 
     def detector(self, folder: FilePath) -> OnnxDetector:
@@ -54,11 +54,11 @@ class IsolateDetectionsParameters(SidedParameters):
         )
 
     def reference(self) -> str:
-        """Return the network: what it does with memory and time is its maker's to say."""
+        """Return the network's file, which counts as the user's code."""
         return self.model
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:
-        """Load the detector and run it once on an empty image; return what is wrong."""
+        """Load the detector and run it once on an empty image; return its faults."""
         empty = np.zeros((self.input_height_px, self.input_width_px, 3), np.uint8)
         try:
             self.detector(folder).detect(empty)
@@ -74,7 +74,7 @@ class IsolateDetectionsParameters(SidedParameters):
     parameters=IsolateDetectionsParameters,
 )
 def isolate_detections(parameters: IsolateDetectionsParameters, context: Context) -> Operator:
-    """Keep the boxes of what a detector (an ONNX file of the YOLO family) finds in a picture.
+    """Keep the boxes that a detector (an ONNX file of the YOLO family) finds in an image.
 
     image_bgr (height, width, 3) uint8; boxes in pixels. Classes not in `keep` are not kept; an
     empty `keep` keeps all.
@@ -89,13 +89,13 @@ def isolate_detections(parameters: IsolateDetectionsParameters, context: Context
     ) -> Masked[CameraReading]:
         image = work.reading.image_bgr
         mask = np.zeros(image.shape[:2], np.uint8)
-        for found in detector.detect(image):
-            if found.name in wanted:
-                top, left = (max(0, round(edge - grow)) for edge in (found.top_px, found.left_px))
+        for box in detector.detect(image):
+            if box.name in wanted:
+                top, left = (max(0, round(edge - grow)) for edge in (box.top_px, box.left_px))
                 bottom, right = (
-                    max(0, round(edge + grow)) for edge in (found.bottom_px, found.right_px)
+                    max(0, round(edge + grow)) for edge in (box.bottom_px, box.right_px)
                 )
                 mask[top:bottom, left:right] = 255
-        return Masked(work.reading, both(mask, work.mask))
+        return Masked(work.reading, intersect_masks(mask, work.mask))
 
     return operator

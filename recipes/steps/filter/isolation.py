@@ -1,4 +1,4 @@
-"""Filters that keep a part of a reading: by colour, or by the objects that a simulator marks."""
+"""Filters that keep a part of a reading: by colour, or by a simulator's object ids."""
 
 from typing import Annotated
 
@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import both
+from recipes.operations.masks import intersect_masks
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange, Mask
 from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, LidarScanReading
@@ -51,10 +51,10 @@ class RangePart(Part):
 
 
 class IsolateColorParameters(SidedParameters):
-    """name: a colour of the table; ranges: colours of one's own; at least one of both.
+    """name: a colour of the table; ranges: own colours; at least one of both.
 
-    remove_specks_px, fill_holes_px: radius of morphological opening and closing; shrink_px: how
-    far the edge is taken in, for a picture whose edges are blended with what is behind.
+    remove_specks_px, fill_holes_px: radius of morphological opening and closing. shrink_px: radius
+    of an erosion, for an image whose edges are blended with the background.
     """
 
     shorthand = "name"
@@ -94,13 +94,13 @@ def isolate_color(parameters: IsolateColorParameters, context: Context) -> Opera
     ) -> Masked[CameraReading]:
         mask = finder.of(work.reading.image_bgr)
         _clean(mask, parameters)
-        return Masked(work.reading, both(mask, work.mask))
+        return Masked(work.reading, intersect_masks(mask, work.mask))
 
     return operator
 
 
 def _clean(mask: Mask, parameters: IsolateColorParameters) -> None:
-    """Return the isolated colour's mask after opening, closing and erosion."""
+    """Apply opening, closing and erosion to the isolated colour's mask, in place."""
     for radius_px, operation in (
         (parameters.remove_specks_px, cv2.MORPH_OPEN),
         (parameters.fill_holes_px, cv2.MORPH_CLOSE),
@@ -113,7 +113,7 @@ def _clean(mask: Mask, parameters: IsolateColorParameters) -> None:
 
 
 class IsolateObjectsParameters(SidedParameters):
-    """names: of objects in the world of the side that the step works on, the twin's."""
+    """names: of objects in the world of the twin, the side that the step works on."""
 
     shorthand = "names"
     needs = frozenset({"ids"})
@@ -139,7 +139,7 @@ class IsolateObjectsParameters(SidedParameters):
     parameters=IsolateObjectsParameters,
 )
 def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> Operator:
-    """Keep the pixels, beams or points of objects, by the ids that the simulator gives with them.
+    """Keep the pixels, beams or points of objects, by the object ids of the simulator.
 
     object_ids: (height, width), (beams,) or (points,) uint8. Drops the overlay ("no_ids") when
     the reading has none.
@@ -155,9 +155,9 @@ def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> O
         ids = work.reading.object_ids
         if ids is None:
             raise CannotMixError("no_ids", "isolate_objects: the reading has no object ids")
-        # OpenCV is quicker for pictures, and makes nothing of an empty cloud.
+        # OpenCV is faster for images, but does not accept an empty cloud.
         kept = cv2.LUT(ids, table) if ids.ndim == 2 else table[ids]
-        return Masked(work.reading, both(kept, work.mask))
+        return Masked(work.reading, intersect_masks(kept, work.mask))
 
     return operator
 

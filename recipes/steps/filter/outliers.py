@@ -1,4 +1,4 @@
-"""Filters against noise: outliers, and medians."""
+"""Filters against noise: removal of outliers, and medians."""
 
 from dataclasses import replace
 from typing import Annotated, Any, Literal
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import narrowed
+from recipes.operations.masks import narrow_mask
 from recipes.operations.scans import is_full_turn
 from recipes.working import AnyMasked, Masked, Operator
 from vehicles.readings import (
@@ -23,10 +23,11 @@ from vehicles.readings import (
 
 
 class RemoveOutliersParameters(SidedParameters):
-    """Parameters of `remove_outliers`: an element stays with enough near neighbours.
+    """Parameters of `remove_outliers`: an element is kept if it has enough near neighbours.
 
-    window: neighbours looked at to each side, beams or pixels (depth: 1 or 2). within_m: how near a
-    neighbour must be; of points, the side of the cube it must share or touch. neighbours: how many.
+    window: neighbours to each side, beams or pixels (depth: 1 or 2). within_m: largest distance of
+    a neighbour; of points, the side of the cube that it must share or touch. neighbours: least
+    number of near ones.
     """
 
     window: Annotated[int, Field(ge=1, le=50)] = 2
@@ -41,10 +42,10 @@ class RemoveOutliersParameters(SidedParameters):
     parameters=RemoveOutliersParameters,
 )
 def remove_outliers(parameters: RemoveOutliersParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Drop lone returns of a lidar or depth camera: those with too few neighbours at hand.
+    """Drop isolated returns of a lidar or depth camera: those with too few near neighbours.
 
-    Distances in metres. Beams that met nothing stay: that is no return. Points are counted in
-    cubes of `within_m` and their 26 neighbours, each point itself left out.
+    Distances in metres. Beams without a return are kept. Points are counted in cubes of `within_m`
+    and their 26 neighbours, without the point itself.
     """
     p = parameters
 
@@ -55,12 +56,12 @@ def remove_outliers(parameters: RemoveOutliersParameters, context: Context) -> O
         elif isinstance(reading, DepthReading):
             near = _near(reading.depth_m, p.window, p.within_m, wraps=False)
             near += _near(reading.depth_m.T, p.window, p.within_m, wraps=False).T
-            return narrowed(work, (near >= p.neighbours) | np.isinf(reading.depth_m))
+            return narrow_mask(work, (near >= p.neighbours) | np.isinf(reading.depth_m))
         else:
             wraps = is_full_turn(reading)
             near = _near(reading.ranges_m, p.window, p.within_m, wraps=wraps)
-            return narrowed(work, (near >= p.neighbours) | np.isinf(reading.ranges_m))
-        return narrowed(work, near >= p.neighbours)
+            return narrow_mask(work, (near >= p.neighbours) | np.isinf(reading.ranges_m))
+        return narrow_mask(work, near >= p.neighbours)
 
     return operator
 
@@ -82,7 +83,7 @@ def _near(
 
 
 def _near_points(points: NDArray[np.float32], within_m: float) -> NDArray[np.int64]:
-    """Return how many points of a cloud lie near each one, to find outliers."""
+    """Return the number of near points of each point of a cloud, to find outliers."""
     if not len(points):
         return np.zeros(0, np.int64)
     cells = np.floor(points.astype(np.float64) / within_m).astype(np.int64)
@@ -101,7 +102,7 @@ def _near_points(points: NDArray[np.float32], within_m: float) -> NDArray[np.int
 
 
 class MedianParameters(SidedParameters):
-    """window: how many elements the median against outliers takes, odd."""
+    """window: number of elements of the median, odd."""
 
     shorthand = "window"
 
@@ -131,8 +132,8 @@ class MedianParameters(SidedParameters):
 def median(parameters: MedianParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
     """Replace each value by the median of those around it; of a rangefinder, of the last ones.
 
-    Pictures: window x window pixels; scans: beams, around the turn where it is a full one, with
-    infinity as the largest value; rangefinder: metres over time. Shapes stay.
+    Images: window x window pixels; scans: beams, across the ends of a full turn, with infinity as
+    the largest value; rangefinder: metres over time. Shapes do not change.
     """
     return _Median(parameters.window)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import narrowed
+from recipes.operations.masks import narrow_mask
 from recipes.operations.step_parameters import RANGING
 from recipes.working import AnyMasked, Operator
 from vehicles.readings import (
@@ -21,7 +21,7 @@ Ranging = DepthReading | LidarScanReading | LidarPointsReading | RangefinderRead
 
 
 class ValueRangeParameters(SidedParameters):
-    """min_m, max_m: metres, both ends included; keep: what lies inside of them, or outside."""
+    """min_m, max_m: metres, both included; keep: distances inside of these, or outside."""
 
     min_m: Annotated[float, Field(ge=0, le=1e9)] = 0.0
     max_m: Annotated[float, Field(gt=0, le=1e9)] = 1e9
@@ -38,15 +38,15 @@ class ValueRangeParameters(SidedParameters):
 def value_range(parameters: ValueRangeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep, or drop, the distances that lie in a range of metres.
 
-    Per beam, point (its distance from the sensor), pixel, or the one range of a rangefinder.
-    Nothing met (infinity) lies outside of every range.
+    Per beam, point (its distance from the sensor), pixel, or the one range of a rangefinder. A beam
+    without a return (infinity) is outside of every range.
     """
     low, high = parameters.min_m, parameters.max_m
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG001 - the interface
         distances = distances_of(work.reading)
         inside = (distances >= low) & (distances <= high)
-        return narrowed(work, inside == (parameters.keep == "inside"))
+        return narrow_mask(work, inside == (parameters.keep == "inside"))
 
     return operator
 
@@ -85,6 +85,6 @@ def decimate(parameters: DecimateParameters, context: Context) -> Operator:  # n
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG001 - the interface
         chosen = np.zeros(len(distances_of(work.reading)), np.bool_)
         chosen[parameters.offset :: parameters.every] = True
-        return narrowed(work, chosen)
+        return narrow_mask(work, chosen)
 
     return operator

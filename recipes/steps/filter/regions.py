@@ -1,4 +1,4 @@
-"""Filters by place: a region of a picture, a sector of a lidar, a box of points."""
+"""Filters by place: a region of an image, a sector of a lidar, a box of points."""
 
 import math
 from typing import Annotated
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import both, narrowed
-from recipes.operations.optics import Picture, size_of
-from recipes.operations.step_parameters import PAIR, PICTURES, Fraction
+from recipes.operations.masks import intersect_masks, narrow_mask
+from recipes.operations.optics import ImageReading, size_of
+from recipes.operations.step_parameters import IMAGE_SENSORS, PAIR, Fraction
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from vehicles.perception.hsv import Mask
 from vehicles.readings import LidarPointsReading, LidarScanReading
@@ -23,9 +23,9 @@ Point = Annotated[list[Fraction], PAIR]
 class BoxPart(Part):
     """A rectangular image region, as fractions of width and height from the top left.
 
-    left: where it begins, from the left edge of the image, 0 to 1. right: where it ends, from the
-    left edge. top: where it begins, from the upper edge of the image, 0 to 1. bottom: where it
-    ends, from the upper edge.
+    left: its left side, from the left edge of the image, 0 to 1. right: its right side, from the
+    left edge. top: its upper side, from the upper edge of the image, 0 to 1. bottom: its lower
+    side, from the upper edge.
     """
 
     left: Fraction = 0.0
@@ -37,7 +37,7 @@ class BoxPart(Part):
     def _of_some_size(self) -> "BoxPart":
         """Refuse an image region's box whose corners are swapped."""
         if self.left >= self.right or self.top >= self.bottom:
-            raise ValueError("a box has its left before its right, and its top above its bottom")
+            raise ValueError("left must be less than right, and top less than bottom")
         return self
 
     def corners(self) -> list[list[float]]:
@@ -54,7 +54,7 @@ class IsolateRegionParameters(SidedParameters):
     """The region of the image that is kept: a box or a polygon.
 
     polygon: corners [x, y] as fractions of width and height, at least three. box: a rectangle, in
-    place of a polygon. outside: keep what is outside.
+    place of a polygon. outside: keep the pixels outside instead.
     """
 
     box: BoxPart | None = None
@@ -74,22 +74,22 @@ class IsolateRegionParameters(SidedParameters):
         return self.polygon or []
 
 
-@step("isolate_region", stage="filter", sensors=PICTURES, parameters=IsolateRegionParameters)
+@step("isolate_region", stage="filter", sensors=IMAGE_SENSORS, parameters=IsolateRegionParameters)
 def isolate_region(parameters: IsolateRegionParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Keep a part of a picture: a box or a polygon, or what lies outside of it.
+    """Keep a part of an image: a box or a polygon, or the pixels outside of it.
 
-    Corners are fractions of width and height, so that the step is good for any size. A pixel is
-    kept when its centre lies within.
+    Corners are fractions of width and height, so that the step works for any size. A pixel is kept
+    when its centre is inside.
     """
     corners, outside = parameters.corners(), parameters.outside
     masks: dict[tuple[int, int], Mask] = {}
 
-    def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
+    def operator(work: Masked[ImageReading], other: AnyMasked | None) -> Masked[ImageReading]:  # noqa: ARG001 - the interface
         size = size_of(work.reading)
         if size not in masks:
             masks.clear()
             masks[size] = region_mask(corners, size, outside=outside)
-        return Masked(work.reading, both(masks[size].copy(), work.mask))
+        return Masked(work.reading, intersect_masks(masks[size].copy(), work.mask))
 
     return operator
 
@@ -125,19 +125,19 @@ class IsolateDepthParameters(SidedParameters):
         return self
 
 
-@step("isolate_depth", stage="filter", sensors=PICTURES, parameters=IsolateDepthParameters)
+@step("isolate_depth", stage="filter", sensors=IMAGE_SENSORS, parameters=IsolateDepthParameters)
 def isolate_depth(parameters: IsolateDepthParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
     """Keep the pixels whose depth lies in a range of metres along the optical axis.
 
-    depth_m (height, width) float32. Drops the overlay ("no_depth") when a picture tells none.
+    depth_m (height, width) float32. Drops the overlay ("no_depth") when an image has no depth.
     """
     low, high = parameters.min_m, parameters.max_m
 
-    def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
+    def operator(work: Masked[ImageReading], other: AnyMasked | None) -> Masked[ImageReading]:  # noqa: ARG001 - the interface
         depth_m = work.reading.depth_m
         if depth_m is None:
             raise CannotMixError("no_depth", "isolate_depth: the image has no depth")
-        return Masked(work.reading, both(cv2.inRange(depth_m, low, high), work.mask))
+        return Masked(work.reading, intersect_masks(cv2.inRange(depth_m, low, high), work.mask))
 
     return operator
 
@@ -146,7 +146,7 @@ class IsolateSectorParameters(SidedParameters):
     """A sector region: clockwise from from_deg to to_deg seen from above; 0 is forward.
 
     from_deg: its first direction, right of forward. to_deg: its last direction, right of forward.
-    outside: keep what is outside.
+    outside: keep the beams or points outside instead.
     """
 
     from_deg: Annotated[float, Field(ge=-360, le=360)]
@@ -172,7 +172,7 @@ def isolate_sector(parameters: IsolateSectorParameters, context: Context) -> Ope
         other: AnyMasked | None,  # noqa: ARG001 - the interface
     ) -> AnyMasked:
         inside = in_sector(angles_of(work.reading), p.from_deg, p.to_deg)
-        return narrowed(work, inside != p.outside)
+        return narrow_mask(work, inside != p.outside)
 
     return operator
 
@@ -191,7 +191,7 @@ def in_sector(angles_rad: NDArray[np.float64], from_deg: float, to_deg: float) -
         return np.ones(len(angles_rad), np.bool_)
     width = math.radians((to_deg - from_deg) % 360.0)
     past = np.mod(angles_rad - math.radians(from_deg), math.tau)
-    # A beam on the very first ray may come out just below a full turn.
+    # By rounding, a beam on the very first ray may be just below a full turn.
     inside = (past <= width + _RAY_RAD) | (past >= math.tau - _RAY_RAD)
     return np.asarray(inside, np.bool_)
 
@@ -205,8 +205,8 @@ Reach = Annotated[float, Field(ge=-1e9, le=1e9)]
 class IsolateBoxParameters(SidedParameters):
     """A box region in the sensor's frame.
 
-    forward_m, right_m, down_m: [from, to] from the sensor; unbounded without. outside: keep what is
-    outside.
+    forward_m, right_m, down_m: [from, to] from the sensor; by default unbounded. outside: keep the
+    points outside instead.
     """
 
     forward_m: Annotated[list[Reach], PAIR] = Field(default_factory=lambda: [-1e9, 1e9])
@@ -236,6 +236,6 @@ def isolate_box(parameters: IsolateBoxParameters, context: Context) -> Operator:
     ) -> Masked[LidarPointsReading]:
         points = work.reading.points_frd_m
         inside = ((points >= low) & (points <= high)).all(axis=1)
-        return narrowed(work, inside != parameters.outside)
+        return narrow_mask(work, inside != parameters.outside)
 
     return operator

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from recipes.model.registry import Context, StepParameters, step
 from recipes.operations.interpolation import between
-from recipes.operations.masks import is_kept, with_mask
+from recipes.operations.masks import is_kept, kept_elements
 from recipes.operations.scans import refuse_other_beams
 from recipes.steps.merge.overlays import refuse_mismatch
 from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Sides
@@ -54,7 +54,7 @@ class AggregateParameters(StepParameters):
     def refuses(self, kind: str) -> str:
         """Return why an aggregation makes no sense for a sensor type."""
         if kind in _PLACES and self.by in ("min", "max"):
-            return f"of two readings of a {kind} none is the {self.by}"
+            return f"readings of a {kind} have no {self.by}; use mean, median or weighted"
         return ""
 
 
@@ -67,10 +67,10 @@ class AggregateParameters(StepParameters):
 def aggregate(parameters: AggregateParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Combine the values of both sides: mean, median, minimum, maximum, weighted mean.
 
-    Per pixel and channel, beam, axis or range, of what each side keeps; what one does not keep is
-    the other's. Ranges and depths in metres: infinity (nothing met) enters no mean. The median of
-    two is their mean. Attitudes along the shortest arc; places on WGS-84 linearly, across the
-    date line too.
+    Per pixel and channel, beam, axis or range. An element that one side does not keep is the
+    other's. Ranges and depths in metres: infinity (no return) enters no mean. The median of two is
+    their mean. Attitudes along the shortest arc; positions on WGS-84 linearly, also across the date
+    line.
     """
     weights = (
         (parameters.real_weight, parameters.twin_weight)
@@ -111,7 +111,7 @@ def _combiner(by: By, weights: tuple[float, float]) -> Combine:
         sums = np.where(wa > 0, a, 0.0) * wa + np.where(wb > 0, b, 0.0) * wb
         with np.errstate(invalid="ignore", divide="ignore"):
             made = sums / total
-        # Where neither is a finite number of any weight: nothing met, or nothing kept.
+        # Neither is a finite number with a weight: no return, or not kept.
         return np.where(total > 0.0, made, np.fmin(a, b))
 
     return extreme if by in ("min", "max") else mean
@@ -142,7 +142,7 @@ def _merge_values(real: AnyMasked, twin: AnyMasked, combine: Combine, share: flo
 def _merge_images(
     real: Masked[CameraReading], twin: Masked[CameraReading], by: By, share: float
 ) -> CameraReading:
-    """Return two images aggregated where both are kept; where one is, that one; else the real."""
+    """Return two images aggregated where both are kept; else the kept one; else the real one."""
     refuse_mismatch(twin, real)
     a, b = real.reading.image_bgr, twin.reading.image_bgr
     if by in ("min", "max"):
@@ -159,9 +159,9 @@ def _merge_images(
 def _distances(
     real: AnyMasked, of_real: NDArray[Any], twin: AnyMasked, of_twin: NDArray[Any], combine: Combine
 ) -> NDArray[np.float32]:
-    """Return aggregated distances; infinity where neither side keeps anything."""
-    a = np.where(with_mask(real), of_real, np.nan).astype(np.float64)
-    b = np.where(with_mask(twin), of_twin, np.nan).astype(np.float64)
+    """Return aggregated distances; infinity where neither side is kept."""
+    a = np.where(kept_elements(real), of_real, np.nan).astype(np.float64)
+    b = np.where(kept_elements(twin), of_twin, np.nan).astype(np.float64)
     made = combine(a, b)
     return np.where(np.isnan(made), np.inf, made).astype(np.float32)
 
@@ -192,5 +192,5 @@ def _place(real: AnyMasked, one: Any, twin: AnyMasked, share: float) -> PoseRead
         return kept_twin
     made = between(replace(one, t_s=0.0), replace(twin.reading, t_s=1.0), share)
     if not isinstance(made, PoseReading | GpsReading):
-        raise CannotMixError("mismatch", "aggregate: the two readings are not of one type")
+        raise CannotMixError("mismatch", "aggregate: the two readings differ in type")
     return made

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from recipes.model.registry import Context, StepParameters, step
-from recipes.operations.masks import is_kept, with_mask
+from recipes.operations.masks import is_kept, kept_elements
 from recipes.operations.optics import disagreement_px
 from recipes.operations.scans import refuse_other_beams
 from recipes.operations.soft_edges import SoftEdge
@@ -22,7 +22,7 @@ from vehicles.readings import (
 )
 
 MAX_DISAGREEMENT_PX = 1.0
-"""How far apart two cameras may see the same point and still be laid over each other."""
+"""Largest distance of the same point in two images that may be laid over each other."""
 
 OVERLAID = ("camera", "depth", "lidar", "rangefinder", "gps", "pose", "imu")
 
@@ -31,12 +31,12 @@ TWIN_FIRST: tuple[Side, Side] = ("twin", "real")
 
 
 class OverlayParameters(StepParameters):
-    """priority: the sides of the overlay from the top down; the last fills what is left.
+    """priority: the sides of the overlay from the top down; the last one is the ground.
 
     soft_edge_px: width of the band within the kept part in which it fades into the ground, for
-    cameras. occlusion: `by_depth` draws a pixel of a picture only where it is not farther than
-    what the ground shows, and drops the overlay when a depth is missing; `where_known` does so
-    when both depths happen to be there; `none` never.
+    cameras. occlusion: `by_depth` draws a pixel of an image only where it is not farther than the
+    ground's, and drops the overlay when a depth is missing; `where_known` does so only when both
+    depths are available; `none` never.
     """
 
     shorthand = "priority"
@@ -71,8 +71,8 @@ class OverlayParameters(StepParameters):
 def overlay(parameters: OverlayParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Lay the kept elements of one reading over the other, by priority.
 
-    Pictures of one size and camera (within 1 px); scans of the same beams; of a reading of one
-    value the first that is kept. Depth in metres along the optical axis decides what hides what.
+    Images of one size and camera (within 1 px); scans of the same beams; of readings of one value
+    the first that is kept. Occlusion is decided by depth, metres along the optical axis.
     """
     soften = SoftEdge(parameters.soft_edge_px) if parameters.soft_edge_px else None
     occlusion = parameters.occlusion
@@ -115,7 +115,7 @@ def _lay_images(
 
 
 def _visible_mask(layer: AnyMasked, ground: AnyMasked, occlusion: str) -> Mask | None:
-    """Return the overlay layer's mask without what lies behind the ground's surfaces."""
+    """Return the overlay layer's mask without the pixels behind the ground's surfaces."""
     if occlusion == "none":
         return layer.mask
     upper, lower = layer.reading.depth_m, ground.reading.depth_m
@@ -141,7 +141,7 @@ def _plain(layers: list[AnyMasked], ground: AnyMasked, occlusion: str) -> Readin
             reading = replace(reading, depth_m=depth_m)
         elif isinstance(reading, LidarScanReading):
             refuse_other_beams("overlay", upper, reading)
-            ranges_m = np.where(with_mask(layer), upper.ranges_m, reading.ranges_m)
+            ranges_m = np.where(kept_elements(layer), upper.ranges_m, reading.ranges_m)
             reading = replace(reading, ranges_m=ranges_m)
         elif is_kept(layer):
             reading = upper

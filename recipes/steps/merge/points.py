@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from recipes.model.registry import Context, StepParameters, step
-from recipes.operations.masks import with_mask
+from recipes.operations.masks import kept_elements
 from recipes.steps.transform.frames import remounted
 from recipes.working import AnyMasked, Merge, Sides
 from vehicles.readings import LidarPointsReading
@@ -26,23 +26,23 @@ def concatenate(parameters: ConcatenateParameters, context: Context) -> Merge:  
 
     def merge(sides: Sides) -> LidarPointsReading:
         real: LidarPointsReading = sides["real"].reading
-        parts = [chosen(sides[side], real.mount) for side in ("real", "twin") if side in sides]
-        return joined(real, parts)
+        parts = [kept_points(sides[side], real.mount) for side in ("real", "twin") if side in sides]
+        return join_clouds(real, parts)
 
     return merge
 
 
-def chosen(work: AnyMasked, mount: Pose) -> LidarPointsReading:
+def kept_points(work: AnyMasked, mount: Pose) -> LidarPointsReading:
     """Return the kept points of a side, in the frame of a sensor mounted at `mount`."""
     reading: LidarPointsReading = remounted(work.reading, mount)
     if work.mask is None:
         return reading
-    keep = with_mask(work)
+    keep = kept_elements(work)
     ids = None if reading.object_ids is None else reading.object_ids[keep]
     return replace(reading, points_frd_m=reading.points_frd_m[keep], object_ids=ids)
 
 
-def joined(real: LidarPointsReading, parts: list[LidarPointsReading]) -> LidarPointsReading:
+def join_clouds(real: LidarPointsReading, parts: list[LidarPointsReading]) -> LidarPointsReading:
     """Return the points of several clouds in the same frame as one cloud."""
     points = np.concatenate([part.points_frd_m for part in parts])
     return replace(real, points_frd_m=points, object_ids=None, mount=parts[0].mount)

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from recipes.model.registry import Context, StepParameters, step
-from recipes.operations.masks import with_mask
+from recipes.operations.masks import kept_elements
 from recipes.operations.optics import size_of
 from recipes.operations.quantities import QUANTITIES
 from recipes.operations.scans import refuse_other_beams
-from recipes.operations.step_parameters import PICTURES
+from recipes.operations.step_parameters import IMAGE_SENSORS
 from recipes.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
 from recipes.steps.merge.overlays import refuse_mismatch
-from recipes.steps.merge.points import chosen, joined
+from recipes.steps.merge.points import join_clouds, kept_points
 from recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
 from vehicles.readings import (
     SENSOR_TYPES,
@@ -44,8 +44,8 @@ class SectorPart(Part):
 class ConditionPart(Part):
     """A replacement's condition: a quantity of a side's reading within limits.
 
-    of: whose reading is measured. what: which quantity of that reading is measured. above: it has
-    to be over this value. below: it has to be under this value.
+    of: the side whose reading is measured. what: the measured quantity of that reading. above: the
+    quantity has to be above this value. below: it has to be below this value.
     """
 
     of: Side
@@ -58,18 +58,18 @@ class ConditionPart(Part):
         """Require a known quantity and a limit in a replacement's condition."""
         known = [name for kind in QUANTITIES.values() for name in kind]
         if self.what not in known:
-            said = f"there is no value '{self.what}'"
-            raise KeyFaultError("what", said, closest(self.what, known))
+            message = f"unknown quantity '{self.what}'"
+            raise KeyFaultError("what", message, closest(self.what, known))
         if self.above is None and self.below is None:
             raise ValueError("a condition needs 'above' or 'below'")
         return self
 
 
 class ReplaceParameters(StepParameters):
-    """source: whose reading replaces the other's, where all that is given holds.
+    """source: the side whose reading replaces the other's, where all given keys hold.
 
-    sector: of a lidar, region: of a picture (fractions of its size); when: a condition. Of a
-    filtered source only what is kept replaces.
+    sector: of a lidar. region: of an image (fractions of its size). when: a condition. Of a
+    filtered source only the kept elements replace.
     """
 
     shorthand = "source"
@@ -83,7 +83,7 @@ class ReplaceParameters(StepParameters):
         """Return why a replacement rule makes no sense for a sensor type."""
         if self.sector is not None and kind not in ("lidar", "lidar_points"):
             return f"a sector applies to lidars, not to {kind}"
-        if self.region is not None and kind not in PICTURES:
+        if self.region is not None and kind not in IMAGE_SENSORS:
             return f"a region applies to images, not to {kind}"
         if self.when is not None and self.when.what not in QUANTITIES[kind]:
             known = ", ".join(QUANTITIES[kind])
@@ -100,7 +100,7 @@ class ReplaceParameters(StepParameters):
 def replacement(parameters: ReplaceParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Replace one side's reading by the other's: all of it, in a sector or region, or by a rule.
 
-    Per pixel, beam or point where the rule tells them apart, else as a whole. Pictures of one
+    Per pixel, beam or point where the rule applies to elements, otherwise as a whole. Images of one
     size and camera, scans of the same beams; angles in degrees from forward to the right.
     """
     source: Side = parameters.source
@@ -155,7 +155,7 @@ def _condition(part: ConditionPart, sides: Sides) -> bool | Bools:
     reading = sides[part.of].reading
     values = QUANTITIES[sensor_type_of(reading)][part.what](reading)
     if values is None:
-        raise CannotMixError("no_depth", f"replace: {part.of} does not tell its {part.what}")
+        raise CannotMixError("no_depth", f"replace: the reading of {part.of} has no {part.what}")
     found: Any = np.ones(np.shape(values), np.bool_)
     if part.above is not None:
         found = found & (np.asarray(values) > part.above)
@@ -175,7 +175,7 @@ def _replace_reading(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> Readi
         return _replace_in_image(source, ground, where)
     if isinstance(below, LidarScanReading):
         refuse_other_beams("replace", source.reading, below)
-        chosen_beams = with_mask(source) if where is None else where & with_mask(source)
+        chosen_beams = kept_elements(source) if where is None else where & kept_elements(source)
         ranges_m = np.where(chosen_beams, source.reading.ranges_m, below.ranges_m)
         return replace(below, ranges_m=ranges_m)
     whole: Reading = source.reading
@@ -185,7 +185,7 @@ def _replace_reading(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> Readi
 def _replace_in_image(source: AnyMasked, ground: AnyMasked, where: Bools | None) -> Reading:
     refuse_mismatch(source, ground)
     below, above = ground.reading, source.reading
-    chosen_px = with_mask(source) if where is None else where & with_mask(source)
+    chosen_px = kept_elements(source) if where is None else where & kept_elements(source)
     if isinstance(below, DepthReading):
         return replace(below, depth_m=np.where(chosen_px, above.depth_m, below.depth_m))
     image = below.image_bgr.copy()
@@ -196,13 +196,13 @@ def _replace_in_image(source: AnyMasked, ground: AnyMasked, where: Bools | None)
 
 def _replace_points(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> LidarPointsReading:
     mount = ground.reading.mount
-    new, old = chosen(source, mount), chosen(ground, mount)
+    new, old = kept_points(source, mount), kept_points(ground, mount)
     if rule.sector is None:
-        return joined(ground.reading, [new])
+        return join_clouds(ground.reading, [new])
     ends = rule.sector.from_deg, rule.sector.to_deg
     inside, outside = in_sector(angles_of(new), *ends), ~in_sector(angles_of(old), *ends)
     parts = [
         replace(part, points_frd_m=part.points_frd_m[keep], object_ids=None)
         for part, keep in ((old, outside), (new, inside))
     ]
-    return joined(ground.reading, parts)
+    return join_clouds(ground.reading, parts)

@@ -1,4 +1,4 @@
-"""Transform of a scan's shape: which beams it has."""
+"""Transform of a scan to other beams."""
 
 import math
 from typing import Annotated, Literal
@@ -19,8 +19,8 @@ Work = Masked[LidarScanReading]
 class BeamsPart(Part):
     """Lidar beams: count, the first at start_deg right of forward, each step_deg further.
 
-    count: how many beams there are. start_deg: direction of the first beam, right of forward.
-    step_deg: from one beam to the next.
+    count: number of beams. start_deg: direction of the first beam, right of forward. step_deg: from
+    one beam to the next.
     """
 
     count: Annotated[int, Field(ge=1, le=100_000)]
@@ -29,7 +29,7 @@ class BeamsPart(Part):
 
 
 class ResampleBeamsParameters(SidedParameters):
-    """to: the other side, whose beams to take, or beams."""
+    """to: the other side, whose beams are used, or beams."""
 
     shorthand = "to"
     reshapes = True
@@ -46,7 +46,7 @@ class ResampleBeamsParameters(SidedParameters):
 def resample_beams(parameters: ResampleBeamsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
     """Give a scan other beams, each with the range of the old beam nearest in angle.
 
-    ranges_m (beams,) float32 metres to (beams',). Where the old scan did not look: infinity, and
+    ranges_m (beams,) float32 metres to (beams',). A beam outside of the old scan is infinity, and
     not kept.
     """
     to = parameters.to

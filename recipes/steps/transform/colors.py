@@ -1,4 +1,4 @@
-"""Transforms of a picture's colours: their space, and the look of the other camera."""
+"""Transforms of an image's colours: colour space, and matching to the other camera."""
 
 from dataclasses import replace
 from typing import Annotated, Literal
@@ -7,7 +7,13 @@ import cv2
 from pydantic import Field, model_validator
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.photometry import Correction, Corrector, correction, look_of, with_known
+from recipes.operations.photometry import (
+    Correction,
+    Corrector,
+    correction,
+    measure_photometry,
+    with_known,
+)
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from vehicles.readings import BgrImage, CameraReading
 
@@ -22,7 +28,7 @@ _TO_BGR: dict[str, int] = {
 
 
 class ColorSpaceParameters(SidedParameters):
-    """given: what the three channels of a source are; shown: in colours, or in shades of grey."""
+    """given: the colour space of the source's channels; shown: in colours, or in shades of grey."""
 
     shorthand = "given"
 
@@ -32,10 +38,10 @@ class ColorSpaceParameters(SidedParameters):
 
 @step("color_space", stage="transform", sensors=("camera",), parameters=ColorSpaceParameters)
 def color_space(parameters: ColorSpaceParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Turn a picture's channels into blue, green, red; or its colours into shades of grey.
+    """Convert an image's channels into blue, green, red; or its colours into shades of grey.
 
-    image_bgr stays (height, width, 3) uint8. hsv, lab and ycrcb as OpenCV writes them in 8 bits
-    (hue 0 to 179). Grey is ITU-R BT.601 luma in all three channels.
+    image_bgr stays (height, width, 3) uint8. hsv, lab and ycrcb in OpenCV's 8-bit form (hue 0 to
+    179). Grey is ITU-R BT.601 luma in all three channels.
     """
     turn = _TO_BGR.get(parameters.given)
 
@@ -56,12 +62,12 @@ def _with_image(work: Work, image_bgr: BgrImage) -> Work:
 
 
 class MatchPhotometryParameters(SidedParameters):
-    """Which colour properties of the other side's camera to match, and known ones.
+    """Which photometric properties of the other side's camera to match, and known ones.
 
-    gains_bgr, noise_std_dn, blur_sigma_px: in place of what would be measured in the other side's
-    pictures. max_gain: bound of each measured gain and of its inverse. measure_every: frames
-    between two measurements; smoothing: share of the old correction that each leaves. seed: of the
-    noise. exposure, white_balance, noise, blur: whether this property is matched.
+    gains_bgr, noise_std_dn, blur_sigma_px: known values in place of those measured in the other
+    side's images. max_gain: bound of each measured gain and of its inverse. measure_every: frames
+    between two measurements. smoothing: weight of the old correction at each measurement. seed: of
+    the noise. exposure, white_balance, noise, blur: whether this property is matched.
     """
 
     exposure: bool = True
@@ -80,7 +86,7 @@ class MatchPhotometryParameters(SidedParameters):
     def _one_side(self) -> "MatchPhotometryParameters":
         """Require one side whose colours are matched, and positive gains."""
         if self.on == "both":
-            raise ValueError("one side is matched to the other; 'on' must be real or twin")
+            raise ValueError("one side is matched to the other: 'on' must be real or twin")
         if self.gains_bgr is not None and min(self.gains_bgr) <= 0:
             raise ValueError("gains_bgr must be positive")
         return self
@@ -94,16 +100,16 @@ class MatchPhotometryParameters(SidedParameters):
     parameters=MatchPhotometryParameters,
 )
 def match_photometry(parameters: MatchPhotometryParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Give a picture the exposure, white balance, noise and blur of the other side's camera.
+    """Give an image the exposure, white balance, noise and blur of the other side's camera.
 
-    image_bgr (height, width, 3) uint8, grey levels 0 to 255. Among the filters, after what
-    isolates an object, blur takes in nothing of the object's old background.
+    image_bgr (height, width, 3) uint8, grey levels 0 to 255. As a filter after the step that
+    isolates an object, its blur does not include the object's old background.
     """
     return _Matcher(parameters)
 
 
 class _Matcher:
-    """Matches colours to the other side's camera: measures now and then, applies always."""
+    """Matches an image to the other side's camera: measures sometimes, corrects every frame."""
 
     def __init__(self, parameters: MatchPhotometryParameters) -> None:
         self._p = parameters
@@ -131,12 +137,12 @@ class _Matcher:
         """Return the correction that matches this side's colours to the other camera's."""
         p = self._p
         theirs = with_known(
-            look_of(other.reading.image_bgr),
+            measure_photometry(other.reading.image_bgr),
             noise_std_dn=p.noise_std_dn,
             blur_sigma_px=p.blur_sigma_px,
         )
         wanted = correction(
-            look_of(work.reading.image_bgr),
+            measure_photometry(work.reading.image_bgr),
             theirs,
             max_gain=p.max_gain,
             exposure=p.exposure,

@@ -55,10 +55,10 @@ class AxesParameters(SidedParameters):
     parameters=AxesParameters,
 )
 def axes(parameters: AxesParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Turn a source's axes into ours: the world's ENU into NED, the body's FLU into FRD.
+    """Convert a source's axes: the world's ENU into NED, the body's FLU into FRD.
 
-    Positions and velocities by the world's axes; specific force, rates, points and the sense of a
-    scan's angles by the body's; an attitude (body to world) by both.
+    Positions and velocities by the world's axes; specific force, rates, points and the direction of
+    a scan's angles by the body's; an attitude (body to world) by both.
     """
     enu, flu = parameters.world == "enu", parameters.body == "flu"
 
@@ -114,7 +114,7 @@ def _positive(q: Quat) -> Quat:
 
 
 class AttitudeParameters(SidedParameters):
-    """How a source writes an attitude between frames. order: of its numbers. of: direction."""
+    """The convention of a source's attitude. order: of its numbers. of: direction."""
 
     tolerates = frozenset({"out_of_range"})
 
@@ -124,10 +124,10 @@ class AttitudeParameters(SidedParameters):
 
 @step("attitude", stage="transform", sensors=("pose",), parameters=AttitudeParameters)
 def attitude(parameters: AttitudeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Read a pose's attitude as its source wrote it: order of the parts, Euler angles, direction.
+    """Convert a pose's attitude from its source's convention: order, Euler angles, direction.
 
-    Four numbers stand in q_wxyz: (w, x, y, z), (x, y, z, w), or (roll, pitch, yaw, anything) in
-    radians or degrees; they become the quaternion (w, x, y, z) from body to world.
+    The source's four numbers are in q_wxyz: (w, x, y, z), (x, y, z, w), or (roll, pitch, yaw,
+    anything) in radians or degrees; they become the quaternion (w, x, y, z) from body to world.
     """
     unit = math.pi / 180.0 if parameters.order == "euler_deg" else 1.0
 
@@ -154,9 +154,8 @@ def attitude(parameters: AttitudeParameters, context: Context) -> Operator:  # n
 class OffsetParameters(SidedParameters):
     """north_m, east_m, up_m: the shift of the world frame. rotation: turn of the heading.
 
-    about: `body` turns the vehicle where it stands; `origin` turns the whole frame about its
-    origin, and moves then. yaw_deg: turn of the heading, clockwise seen from above; or give
-    `rotation`.
+    about: `body` turns the vehicle at its place; `origin` turns the whole frame about its origin,
+    and then shifts it. yaw_deg: turn of the heading, clockwise seen from above; or give `rotation`.
     """
 
     north_m: Metres = 0.0
@@ -259,7 +258,7 @@ class RemountParameters(SidedParameters):
 
 @step("remount", stage="transform", sensors=("lidar_points",), parameters=RemountParameters)
 def remount(parameters: RemountParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Give points in the frame of a sensor that is mounted elsewhere on the body.
+    """Convert points into the frame of a sensor that is mounted elsewhere on the body.
 
     points_frd_m (points, 3) float32, metres forward, right, down of the sensor.
     """
@@ -275,7 +274,8 @@ def remount(parameters: RemountParameters, context: Context) -> Operator:  # noq
         if mount is None:
             if other is None:
                 raise CannotMixError(
-                    "no_real" if to == "real" else "no_twin", f"remount to {to}: no reading of it"
+                    "no_real" if to == "real" else "no_twin",
+                    f"remount to {to}: there is no reading of {to}",
                 )
             mount = other.reading.mount
         return Masked(remounted(work.reading, mount), work.mask)

@@ -1,21 +1,21 @@
-"""Transforms of a picture's geometry."""
+"""Transforms of an image's geometry: size, crop, camera model."""
 
 from typing import Literal
 
 from pydantic import model_validator
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.optics import Picture, cropped, remapped, resized, size_of
-from recipes.operations.step_parameters import PICTURES, IntrinsicsPart, RotationPart, SizePx
+from recipes.operations.optics import ImageReading, cropped, remapped, resized, size_of
+from recipes.operations.step_parameters import IMAGE_SENSORS, IntrinsicsPart, RotationPart, SizePx
 from recipes.working import CannotMixError, DropReason, Masked, Operator, Side
 from worlds.files.documents import KeyFaultError, Part
 from worlds.frames import IDENTITY
 
-Work = Masked[Picture]
+Work = Masked[ImageReading]
 
 
 class Size(Part):
-    """An image size in pixels, to which a transform scales.
+    """An image size in pixels, the target of a transform.
 
     width_px, height_px: of the image after the step.
     """
@@ -27,11 +27,12 @@ class Size(Part):
 def refuse_own(parameters: SidedParameters, to: object, what: str) -> None:
     """Raise KeyFaultError when an image transform's target is the side that it works on."""
     if to in parameters.sides():
-        raise KeyFaultError("to", f"{to} would be given its own {what}; 'on' is {parameters.on}")
+        message = f"{to} would get its own {what}, as 'on' is {parameters.on}; name the other side"
+        raise KeyFaultError("to", message)
 
 
-def the_other(name: str, to: Side, other: Work | None) -> Work:
-    """Return the other side, whose geometry is taken. Raises CannotMixError without it."""
+def require_other(name: str, to: Side, other: Work | None) -> Work:
+    """Return the other side, whose geometry is used. Raises CannotMixError if it is missing."""
     if other is None:
         missing: DropReason = "no_real" if to == "real" else "no_twin"
         raise CannotMixError(missing, f"{name} to {to}: there is no reading of {to}")
@@ -53,9 +54,9 @@ class ResizeParameters(SidedParameters):
         return self
 
 
-@step("resize", stage="transform", sensors=PICTURES, parameters=ResizeParameters)
+@step("resize", stage="transform", sensors=IMAGE_SENSORS, parameters=ResizeParameters)
 def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Scale a picture to a size, or to the other side's, with its intrinsics, depth and ids.
+    """Scale an image to a size, or to the other side's, with its intrinsics, depth and ids.
 
     image_bgr (h, w, 3) uint8 to (h', w', 3); depth_m in metres and object_ids take the nearest.
     """
@@ -64,13 +65,13 @@ def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa:
     def operator(work: Work, other: Work | None) -> Work:
         if isinstance(to, Size):
             return resized(work, to.width_px, to.height_px)
-        return resized(work, *size_of(the_other("resize", to, other).reading))
+        return resized(work, *size_of(require_other("resize", to, other).reading))
 
     return operator
 
 
 class CropParameters(SidedParameters):
-    """left_px, top_px: of the image part's first pixel; None puts the part into the middle.
+    """left_px, top_px: of the first pixel of the part; None centres the part.
 
     width_px, height_px: size of the part that is kept.
     """
@@ -83,12 +84,12 @@ class CropParameters(SidedParameters):
     top_px: int | None = None
 
 
-@step("crop", stage="transform", sensors=PICTURES, parameters=CropParameters)
+@step("crop", stage="transform", sensors=IMAGE_SENSORS, parameters=CropParameters)
 def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Cut a part out of a picture; its intrinsics say where it was.
+    """Cut a part out of an image, and adapt its intrinsics.
 
     image_bgr (h, w, 3) to (height_px, width_px, 3), likewise depth_m and object_ids. A part that
-    does not lie within the picture is a mismatch.
+    is not inside the image is a mismatch.
     """
     p = parameters
 
@@ -105,9 +106,9 @@ def crop(parameters: CropParameters, context: Context) -> Operator:  # noqa: ARG
 
 
 class CameraModelParameters(SidedParameters):
-    """to: the camera to imitate, the other side's or one given; turn: how that one is turned.
+    """to: the camera to imitate, the other side's or a given one.
 
-    turn: attitude of the camera to imitate in the FRD frame of the one that took the picture.
+    turn: attitude of the camera to imitate in the FRD frame of the one that took the image.
     """
 
     shorthand = "to"
@@ -123,13 +124,13 @@ class CameraModelParameters(SidedParameters):
         return self
 
 
-@step("camera_model", stage="transform", sensors=PICTURES, parameters=CameraModelParameters)
+@step("camera_model", stage="transform", sensors=IMAGE_SENSORS, parameters=CameraModelParameters)
 def camera_model(parameters: CameraModelParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Show a picture as another camera would: its size, intrinsics and lens distortion.
+    """Convert an image to another camera's size, intrinsics and lens distortion.
 
-    Each pixel (u, v) of the new picture is traced through both models (OpenCV's pinhole with
-    Brown distortion). What the old camera did not see is not kept. depth_m: metres along the new
-    optical axis. `turn` rotates the view; no warp can move it.
+    Each pixel (u, v) of the new image is traced through both models (OpenCV's pinhole with
+    Brown distortion). Pixels that the old camera did not see are not kept. depth_m: metres along
+    the new optical axis. `turn` rotates the view; the camera's place cannot be changed.
     """
     to, angles = parameters.to, parameters.turn.quaternion()
     turn = IDENTITY if parameters.turn == RotationPart() else angles
@@ -137,6 +138,6 @@ def camera_model(parameters: CameraModelParameters, context: Context) -> Operato
     def operator(work: Work, other: Work | None) -> Work:
         if isinstance(to, IntrinsicsPart):
             return remapped(work, to.intrinsics(), turn)
-        return remapped(work, the_other("camera_model", to, other).reading.intrinsics, turn)
+        return remapped(work, require_other("camera_model", to, other).reading.intrinsics, turn)
 
     return operator

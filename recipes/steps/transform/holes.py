@@ -1,4 +1,4 @@
-"""Transform that mends what depth cameras miss: small holes in their distances."""
+"""Transform that fills small holes in depth images."""
 
 from dataclasses import replace
 from typing import Annotated, Any
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.optics import Picture
-from recipes.operations.step_parameters import PICTURES
+from recipes.operations.optics import ImageReading
+from recipes.operations.step_parameters import IMAGE_SENSORS
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
 
 Depth = NDArray[np.float32]
@@ -25,18 +25,18 @@ class FillDepthParameters(SidedParameters):
     holes_px: Annotated[int, Field(ge=1, le=200)] = 7
 
 
-@step("fill_depth", stage="transform", sensors=PICTURES, parameters=FillDepthParameters)
+@step("fill_depth", stage="transform", sensors=IMAGE_SENSORS, parameters=FillDepthParameters)
 def fill_depth(parameters: FillDepthParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Fill small holes in a depth picture, so that nothing virtual shines through them.
+    """Fill small holes in a depth image, so that no virtual object behind shows through them.
 
-    depth_m (height, width) float32 metres; a hole is where it is infinite and what is seen lies
-    around it. It takes the nearest distance that closes it; wide openings stay as they are. Drops
-    the overlay ("no_depth") when a picture has no depth.
+    depth_m (height, width) float32 metres; a hole is infinite, with finite depths around it. It is
+    filled with the nearest distance that closes it; wide openings do not change. Drops the overlay
+    ("no_depth") when an image has no depth.
     """
     width = parameters.holes_px + 1 + parameters.holes_px % 2
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
 
-    def operator(work: Masked[Picture], other: AnyMasked | None) -> Masked[Picture]:  # noqa: ARG001 - the interface
+    def operator(work: Masked[ImageReading], other: AnyMasked | None) -> Masked[ImageReading]:  # noqa: ARG001 - the interface
         depth_m = work.reading.depth_m
         if depth_m is None:
             raise CannotMixError("no_depth", "fill_depth: the image has no depth")
@@ -46,9 +46,9 @@ def fill_depth(parameters: FillDepthParameters, context: Context) -> Operator:  
 
 
 def _fill_holes(depth_m: Depth, disc: NDArray[Any]) -> Depth:
-    """Return the depth with its holes closed, as a morphological closing of nearness closes them.
+    """Return the depth with its holes filled by a morphological closing of the inverse depth.
 
-    What is known stays to the bit.
+    Finite depths do not change.
     """
     holes = np.isinf(depth_m)
     if not holes.any():
@@ -61,4 +61,4 @@ def _fill_holes(depth_m: Depth, disc: NDArray[Any]) -> Depth:
 
 
 _NEAREST_M = np.float32(1e-3)
-"""What a depth of 0 counts as: nearness is finite."""
+"""Least depth in the inverse, which has to be finite."""

@@ -1,4 +1,4 @@
-"""Transforms between ways to say where: geodetic and local; scans and depth as points."""
+"""Transforms between geodetic and local positions, and of scans and depth images into points."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import with_mask
+from recipes.operations.masks import kept_elements
 from recipes.working import AnyMasked, Masked, Operator
 from vehicles.readings import (
     DepthReading,
@@ -53,9 +53,9 @@ class GeodeticParameters(OriginParameters):
     gives={"pose": "gps"},
 )
 def geodetic(parameters: GeodeticParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Turn a local position into a fix: NED metres into latitude, longitude (deg), altitude (m).
+    """Convert a local position into a fix: NED metres into latitude, longitude (deg), altitude (m).
 
-    The attitude is left out, for a fix has none; a pose without velocity gives 0 m/s.
+    The attitude is dropped; a pose without velocity gives 0 m/s.
     """
     frame = parameters.frame()
 
@@ -87,10 +87,10 @@ def geodetic(parameters: GeodeticParameters, context: Context) -> Operator:  # n
     gives={"gps": "pose"},
 )
 def local(parameters: OriginParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Turn a fix into a local position: latitude, longitude (deg), altitude (m) into NED metres.
+    """Convert a fix into a local position: latitude, longitude (deg), altitude (m) into NED metres.
 
-    A fix has no attitude: the pose is level, and points along the velocity over ground, or north
-    when that is below 0.5 m/s.
+    A fix has no attitude: the pose is level, with the direction of the velocity over ground, or
+    north when that is below 0.5 m/s.
     """
     frame = parameters.frame()
 
@@ -99,12 +99,12 @@ def local(parameters: OriginParameters, context: Context) -> Operator:  # noqa: 
         position = frame.to_ned(fix.latitude_deg, fix.longitude_deg, fix.altitude_m)
         north, east, _ = fix.velocity_ned_m_s
         moving = math.hypot(north, east) > _MOVING_M_S
-        course = quat_from_euler(0.0, 0.0, math.atan2(east, north)) if moving else IDENTITY
+        attitude = quat_from_euler(0.0, 0.0, math.atan2(east, north)) if moving else IDENTITY
         pose = PoseReading(
             t_s=fix.t_s,
             arrived_s=fix.arrived_s,
             source=fix.source,
-            pose=Pose(position, course),
+            pose=Pose(position, attitude),
             velocity_ned_m_s=fix.velocity_ned_m_s,
             seq=fix.seq,
         )
@@ -117,7 +117,7 @@ _MOVING_M_S = 0.5
 
 
 class ToPointsParameters(SidedParameters):
-    """every: takes each n-th beam, or each n-th pixel of each n-th row."""
+    """every: uses each n-th beam, or each n-th pixel of each n-th row."""
 
     every: Annotated[int, Field(ge=1, le=1000)] = 1
 
@@ -130,10 +130,10 @@ class ToPointsParameters(SidedParameters):
     gives={"lidar": "lidar_points", "depth": "lidar_points"},
 )
 def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Turn a scan or a depth picture into points: metres forward, right, down of the sensor.
+    """Convert a scan or a depth image into points: metres forward, right, down of the sensor.
 
-    ranges_m (beams,) or depth_m (height, width) to points_frd_m (points, 3) float32; what is not
-    kept, or met nothing, has no point.
+    ranges_m (beams,) or depth_m (height, width) to points_frd_m (points, 3) float32; an element
+    that is not kept, or has no return, has no point.
     """
     every = parameters.every
 
@@ -141,20 +141,20 @@ def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # 
         work: Masked[LidarScanReading] | Masked[DepthReading],
         other: AnyMasked | None,  # noqa: ARG001 - the interface
     ) -> Masked[LidarPointsReading]:
-        reading, keep = work.reading, with_mask(work)
+        reading, keep = work.reading, kept_elements(work)
         if isinstance(reading, LidarScanReading):
-            found = _of_scan(reading, keep, every)
+            cloud = _points_of_scan(reading, keep, every)
             mount = reading.mount
         else:
-            found, mount = _of_depth(reading, keep, every), Pose((0.0, 0.0, 0.0))
+            cloud, mount = _points_of_depth(reading, keep, every), Pose((0.0, 0.0, 0.0))
         return Masked(
             LidarPointsReading(
                 t_s=reading.t_s,
                 arrived_s=reading.arrived_s,
                 seq=reading.seq,
                 source=reading.source,
-                points_frd_m=found.points,
-                object_ids=found.ids,
+                points_frd_m=cloud.points,
+                object_ids=cloud.ids,
                 mount=mount,
             )
         )
@@ -163,23 +163,23 @@ def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # 
 
 
 @dataclass(frozen=True, slots=True)
-class _PointSlopes:
+class _Points:
     """The points of a scan or depth image with their object ids."""
 
     points: NDArray[np.float32]
     ids: NDArray[np.uint8] | None
 
 
-def _of_scan(scan: LidarScanReading, keep: NDArray[np.bool_], every: int) -> _PointSlopes:
+def _points_of_scan(scan: LidarScanReading, keep: NDArray[np.bool_], every: int) -> _Points:
     """Return the points of a scan's kept beams in the sensor's frame."""
     chosen = (keep & np.isfinite(scan.ranges_m))[::every]
     angles, ranges = scan.angles_rad[::every][chosen], scan.ranges_m[::every][chosen]
     points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))], 1)
     ids = None if scan.object_ids is None else scan.object_ids[::every][chosen]
-    return _PointSlopes(points.astype(np.float32), ids)
+    return _Points(points.astype(np.float32), ids)
 
 
-def _of_depth(reading: DepthReading, keep: NDArray[np.bool_], every: int) -> _PointSlopes:
+def _points_of_depth(reading: DepthReading, keep: NDArray[np.bool_], every: int) -> _Points:
     """Return the points of a depth image in the camera's FRD frame, ignoring distortion."""
     steps = (slice(None, None, every), slice(None, None, every))
     depth = reading.depth_m[steps]
@@ -190,7 +190,7 @@ def _of_depth(reading: DepthReading, keep: NDArray[np.bool_], every: int) -> _Po
     below = np.broadcast_to(down[::every, None], depth.shape)[chosen]
     points = np.stack([forward, forward * across, forward * below], 1).astype(np.float32)
     ids = None if reading.object_ids is None else reading.object_ids[steps][chosen]
-    return _PointSlopes(points, ids)
+    return _Points(points, ids)
 
 
 def _slopes(camera: Intrinsics) -> tuple[NDArray[Any], NDArray[Any]]:

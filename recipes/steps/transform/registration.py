@@ -1,7 +1,7 @@
-"""Register the worlds: say from which pose the twin's picture is to be taken.
+"""Register the worlds: request the twin's reading from the pose of the real exposure.
 
-The worlds are aligned by the reading that is asked for, not by warping one that is there: no
-warp knows what a nearer object hides.
+The worlds are aligned by the pose of the requested reading, not by warping another one, as a warp
+cannot show what a nearer object hides.
 """
 
 from typing import Annotated
@@ -12,11 +12,11 @@ from recipes.model.registry import Context, StepParameters, step
 from recipes.working import Align, PoseRequest, Side
 
 _FROM_A_PLACE = ("camera", "depth", "lidar", "lidar_points", "rangefinder")
-"""Sensors whose readings are of a place, so that a simulator can be asked for them from one."""
+"""Sensors of the surroundings, which a simulator can render from a requested pose."""
 
 
 class RegisterParameters(StepParameters):
-    """pose: whose it is. align: see PoseRequest. max_gap_ms: to the nearest pose sample."""
+    """pose: of which vehicle. align: see PoseRequest. max_gap_ms: to the nearest pose sample."""
 
     pose: Side = "real"
     align: Align = "interpolate"

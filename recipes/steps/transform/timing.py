@@ -1,4 +1,4 @@
-"""Transforms in time: readings of two rates brought together, and delay."""
+"""Transforms in time: resampling to the other side's times, and delay."""
 
 from bisect import bisect_left, bisect_right
 from typing import Annotated
@@ -18,11 +18,11 @@ from vehicles.readings import (
 
 _ANY = tuple(SENSOR_TYPES)
 _KEPT = 4096
-"""How many readings are remembered at most: 10 s, the longest delay, of an IMU at 400 Hz."""
+"""Largest number of stored readings: 10 s, the longest delay, of an IMU at 400 Hz."""
 _KEPT_BIG = 320
-"""Of pictures and clouds that are delayed: 10 s at 30 Hz, and never more than the delay spans."""
+"""The same of delayed images and clouds: 10 s at 30 Hz, and never more than the delay spans."""
 _KEPT_AROUND = 16
-"""Of pictures and clouds among which the other side's time lies."""
+"""The same of images and clouds for resampling."""
 
 
 class _Memory:
@@ -40,7 +40,7 @@ class _Memory:
             return
         self._readings.append(reading)
         self._times.append(reading.t_s)
-        # One reading beyond the span stays, for the one before a time is asked for.
+        # One reading beyond the span is kept: `around` returns the one before a time.
         old = bisect_left(self._times, reading.t_s - self._span_s) - 1
         excess = max(old, len(self._times) - self._size)
         if excess > 0:
@@ -75,7 +75,7 @@ class _Remembering(TimedOperator):
         self._memory: _Memory | None = None
 
     def offer(self, reading: Reading) -> Reading | None:
-        """Remember a reading of this side; the step after this one gets the same."""
+        """Store a reading of this side; the next step receives the same one."""
         self._remember(reading)
         return reading
 
@@ -88,10 +88,10 @@ class _Remembering(TimedOperator):
 
 
 class ResampleParameters(SidedParameters):
-    """Which reading stands for the other side's time, and how far away it may be.
+    """Which reading is used at the other side's time, and how far away it may be.
 
-    how: `latest` takes the newest reading there is; `hold` the last one at or before the other
-    side's; `interpolate` what lies between the two around it.
+    how: `latest` uses the newest reading; `hold` the last one at or before the other side's;
+    `interpolate` interpolates between the two around it.
     max_gap_ms: between the reading used and the other side's time, or between the two around it.
     """
 
@@ -112,8 +112,8 @@ class ResampleParameters(SidedParameters):
 def resample(parameters: ResampleParameters, context: Context) -> TimedOperator:  # noqa: ARG001 - the interface of steps
     """Give one side's readings at the times of the other's: latest, hold, or interpolate.
 
-    Times in seconds of the run clock. An interpolated reading stands for the other's time, others
-    keep their own, so that the skew shows what was done. Beyond the gap the overlay is dropped.
+    Times in seconds of the run clock. An interpolated reading has the other's time, others keep
+    their own, so that the skew shows the difference. Beyond the gap the overlay is dropped.
     """
     return _Resample(parameters.how, parameters.max_gap_ms / 1000.0)
 
@@ -134,11 +134,13 @@ class _Resample(_Remembering):
         found = self._find_reading(memory, t_s)
         gap_s = abs(found.t_s - t_s)
         if gap_s > self._max_gap_s:
-            raise CannotMixError("stale", f"resample: nothing within {gap_s * 1000:.0f} ms")
+            limit = f"more than max_gap_ms {self._max_gap_s * 1000:g}"
+            away = f"resample: the reading is {gap_s * 1000:.0f} ms away"
+            raise CannotMixError("stale", f"{away}, {limit}")
         return Masked(found, work.mask) if found is not work.reading else work
 
     def _find_reading(self, memory: _Memory, t_s: float) -> Reading:
-        """Return the reading for a time: latest, held, or interpolated; None without."""
+        """Return the reading for a time: latest, held, or interpolated."""
         before, after = memory.around(t_s)
         if self._how == "latest":
             before = memory.newest
@@ -160,7 +162,7 @@ def _interpolate_readings(
 
 
 class DelayParameters(SidedParameters):
-    """by_ms: how much older than the newest reading the used one must be."""
+    """by_ms: least age of the used reading relative to the newest one."""
 
     shorthand = "by_ms"
     timed = True
@@ -170,10 +172,10 @@ class DelayParameters(SidedParameters):
 
 @step("delay", stage="transform", sensors=_ANY, parameters=DelayParameters)
 def delay(parameters: DelayParameters, context: Context) -> TimedOperator:  # noqa: ARG001 - the interface of steps
-    """Use what one side sensed a while ago: the newest reading that is at least so much older.
+    """Delay one side: use its newest reading that is at least so much older than the latest.
 
     Times in seconds of the run clock; the reading keeps its own, so that skew and latency show
-    the delay. Until the side has been heard for so long there is nothing ("no_history").
+    the delay. Until the side has sent readings for so long, there is none ("no_history").
     """
     return _Delay(parameters.by_ms / 1000.0)
 
@@ -186,7 +188,7 @@ class _Delay(_Remembering):
         self._by_s = by_s
 
     def offer(self, reading: Reading) -> Reading | None:
-        """Remember a reading; the step after this one gets the newest that is old enough."""
+        """Store a reading; the next step receives the newest one that is old enough."""
         return self._remember(reading).around(reading.t_s - self._by_s + 1e-9)[0]
 
     def __call__(self, work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG002 - the interface

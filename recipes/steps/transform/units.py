@@ -1,4 +1,4 @@
-"""Transforms of what numbers mean: units."""
+"""Transform of a source's units into those used here."""
 
 import math
 from dataclasses import replace
@@ -42,11 +42,11 @@ _MEASURED = {
     "acceleration": ("imu",),
     "pressure": ("microphone",),
 }
-"""The sensor types that have a quantity; those of `converted`, and of any other it is refused."""
+"""The sensor types that have a quantity and are handled by `converted`; others are refused."""
 
 
 class UnitsParameters(SidedParameters):
-    """The units in which a source gives its numbers; they become ours. None: in ours already.
+    """The units in which a source gives its numbers; null: those used here already.
 
     length: of ranges, depth, points, positions, altitude and accuracies; ours m. angle: of a
     scan's beams and of an IMU's rates, ours rad, and of latitude and longitude, ours deg. speed:
@@ -60,7 +60,7 @@ class UnitsParameters(SidedParameters):
     pressure: PressureUnit | None = None
 
     def names_none(self) -> bool:
-        """Return whether all units are ours already."""
+        """Return whether no unit has to be converted."""
         return all(getattr(self, quantity) is None for quantity in _MEASURED)
 
     def refuses(self, kind: str) -> str:
@@ -78,9 +78,9 @@ class UnitsParameters(SidedParameters):
     parameters=UnitsParameters,
 )
 def units(parameters: UnitsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
-    """Turn the numbers of a source into our units: m, rad, m/s, m/s2, Pa.
+    """Convert the numbers of a source into the units used here: m, rad, m/s, m/s2, Pa.
 
-    Shapes stay. Latitude and longitude become degrees.
+    Shapes do not change. Latitude and longitude become degrees.
     """
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:  # noqa: ARG001 - the interface

@@ -130,14 +130,14 @@ def test_it_gives_up_when_its_time_is_over() -> None:
 def test_what_was_seen_is_remembered_for_a_time_and_noise_is_nothing() -> None:
     here = Pose((0.0, 0.0, -1.5))
     seen = ObstacleMap(look_m=6.0, half_height_m=0.5, memory_s=2.0)
-    seen.look(depth_image(here, 1.0, ((4.0, 0.0, 0.5),)), here, here.q_wxyz)
+    seen.add(depth_image(here, 1.0, ((4.0, 0.0, 0.5),)), here, here.q_wxyz)
     offsets = seen.offsets(here, 2.9)
     assert offsets[:, 0].min() == pytest.approx(3.5, abs=0.2)
     assert np.abs(offsets[:, 1]).max() < 0.7
     assert len(seen.offsets(here, 3.1)) == 0
     lone = depth_image(here, 4.0, ())
     lone.depth_m[45, 81] = 3.0
-    seen.look(lone, here, here.q_wxyz)
+    seen.add(lone, here, here.q_wxyz)
     assert len(seen.offsets(here, 4.0)) == 0
 
 

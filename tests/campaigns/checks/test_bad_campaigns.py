@@ -18,7 +18,7 @@ ONE_PLACE = [
     (
         "pose_source: mocap",
         "pose_source: mocap\n    coupling: @free",
-        "is of the twin; write it there",
+        "is a key of the twin; move it there",
     ),
     (
         "autopilot: ardupilot",
@@ -28,7 +28,7 @@ ONE_PLACE = [
     (
         "autopilot: ardupilot\n    sensors:\n",
         "autopilot: ardupilot\n    coupling: placed\n    sensors:\n      imu: @{type: imu}\n",
-        "nothing flies a placed twin, and imu is of a flight; write follow",
+        "a placed twin does not fly: it has no imu; write coupling: follow",
     ),
     (
         "start: {north_m: 0, east_m: 0}",
@@ -288,7 +288,7 @@ def test_a_gate_must_stand_in_the_world_that_is_judged(files: Any) -> None:
 def test_a_gate_outside_of_the_fence_is_reported(files: Any) -> None:
     files.change("pose: {north_m: 3.0,", "pose: {north_m: 4.1,", "world.yaml")
     assert files.faults() == [
-        "campaign.yaml:20:33: 'gate' stands 0.10 m outside of the geofence's side"
+        "campaign.yaml:20:33: 'gate' is 0.10 m outside of the geofence's side"
     ]
 
 

@@ -52,7 +52,7 @@ def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
         *(
             ("collision: {}", f"{oracle}\n  collision: {{}}", said)
             for oracle, said in (
-                ("battery: {min_percent: 0}", "no battery is charged less than that"),
+                ("battery: {min_percent: 0}", "no battery is charged to less than 0 %"),
                 ("link: {max_gap_s: 150}", "end each flight after 150 s: it cannot fail"),
                 ("estimator: {max_unsound_s: 150}", "end each flight after 150 s: it cannot fail"),
                 ("attitude: {max_tilt_deg: 180}", "no attitude is beyond 180 degrees"),
@@ -157,12 +157,14 @@ def test_a_control_that_its_oracle_cannot_fail_is_warned_of(files: Any) -> None:
     own, found = warned(files)
     assert found.startswith("campaign.yaml:38:39: ")
     assert "sync.goal_timeout_s ends the stage after 60 s: it cannot fail" in found
-    assert own.startswith("campaign.yaml:38:11: changes 'time_limit', which then fails by another")
+    assert own.startswith(
+        "campaign.yaml:38:11: changes 'time_limit', which then fails by a limit of"
+    )
 
 
 def test_a_gate_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> None:
     files.change("  reached: {}\n", "  reached: {required: false}\n")
-    text = "no required oracle asks whether gate 'gate' of the goal is flown through"
+    text = "no required oracle checks that gate 'gate' of the goal is flown through"
     assert warned(files) == [f"campaign.yaml:20:33: {text}"]
     assert files.load().caveats == (text,)
 
@@ -171,7 +173,7 @@ def test_a_position_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> 
     wanted = "reached_position: {tolerance_m: 0.3"
     files.change("  reached: {}\n", f"  {wanted}, required: false}}\n")
     files.change("gates: [gate]", "position: {north_m: 2, east_m: 0, up_m: 1.2}")
-    text = "no required oracle asks whether the goal's position is reached: `reached_position`"
+    text = "no required oracle checks that the goal's position is reached: `reached_position`"
     assert [one.partition(": ")[2] for one in warned(files)] == [text]
     files.change(", required: false}", "}")
     assert warned(files) == []
@@ -180,7 +182,7 @@ def test_a_position_that_no_required_oracle_asks_for_is_a_caveat(files: Any) -> 
 def test_a_mixture_that_the_judged_vehicle_does_not_perceive_is_a_caveat(files: Any) -> None:
     both = "    publish: [twin]\n"
     files.append(both, file="recipe.yaml")
-    text = "nothing is published to 'real': what is judged in mode wil perceives no mixture"
+    text = "nothing is published to 'real': the vehicle judged in mode wil perceives no mixture"
     assert warned(files) == [f"recipe.yaml:3:1: {text}"]
     assert files.load().caveats == (text,)
     files.change("publish: [twin]", "publish: [real]", file="recipe.yaml")
@@ -193,8 +195,8 @@ def test_a_limit_that_switches_registration_off_is_a_caveat(
 ) -> None:
     files.append(f"    max_registration_error_px: {limit_px}\n", file="recipe.yaml")
     text = (
-        f"virtual objects {limit_px} px beside their place count as in their place, of 320 px that "
-        "'camera' is wide: give at most 16, or none for the default"
+        f"accepts virtual objects {limit_px} px beside their place, in images of 'camera' that are "
+        "320 px wide: set at most 16, or remove the key for the default"
     )
     assert warned(files) == ([f"recipe.yaml:7:32: {text}"] if is_wide else [])
     assert files.load().caveats == ((text,) if is_wide else ())
@@ -206,7 +208,7 @@ INTRUDER = f"""\
     shape: {{box: {{size_m: [0.3, 0.3, 0.1]}}}}
     pose: {{north_m: 3.5, east_m: 1.0, up_m: 1.0}}
 {EXISTS}"""
-NOT_MIXED = "no combination mixes in 'intruder', which stands in the virtual world only"
+NOT_MIXED = "no combination mixes in 'intruder', which exists in the virtual world only"
 
 
 @pytest.mark.parametrize(
@@ -225,7 +227,7 @@ def test_a_virtual_object_that_a_recipe_leaves_out_by_name_is_warned_of(
     files.change("    color: orange\n", "    color: orange\n" + EXISTS, file="world.yaml")
     files.change("  reached: {}\n", "  reached: {}\n" + oracle)
     why = ", and the goal or a required oracle names it" if why else ""
-    said = f"{NOT_MIXED}{why} (`shows` says what is meant)"
+    said = f"{NOT_MIXED}{why} (list the intended objects in `shows`)"
     assert warned(files) == [f"recipe.yaml:5:5: {said}"]
     assert files.load().caveats == (), "whether it comes into view is seen in flight"
 
@@ -254,7 +256,7 @@ def test_an_object_of_the_goal_that_shows_leaves_out_is_warned_of(files: Any) ->
     files.append("    shows: [intruder]\n", file="recipe.yaml")
     text = "`shows` leaves out 'gate', which the goal or a required oracle names"
     assert [one.partition(": ")[2] for one in warned(files)] == [
-        f"{text}: nothing checks its pictures"
+        f"{text}: its images are not checked"
     ]
     files.change("shows: [intruder]", "shows: [gate]", file="recipe.yaml")
     assert warned(files) == []
@@ -267,7 +269,7 @@ def test_positions_that_may_be_missing_for_long_are_a_caveat(
     files.change(
         "autopilot: ardupilot", f"autopilot: ardupilot\n    telemetry: {{max_gap_s: {gap_s}}}"
     )
-    text = "positions of 'twin' may be missing for 20 s: what it does meanwhile is not judged"
+    text = "positions of 'twin' may be missing for 20 s: its flight meanwhile is not judged"
     assert files.load().caveats == ((text,) if said else ())
     files.change("modes: [sim, wil]", "modes: [wil]")
     files.change("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: {large: {wil: 2/3}}")
@@ -282,7 +284,7 @@ def test_objects_that_stand_nowhere_are_warned_of(files: Any) -> None:
     files.change("goal: {altitude_m: 1.2, gates: [gate]}", "goal: {altitude_m: 1.2}")
     files.change("  reached: {}\n", "")
     assert [one.partition(": ")[2] for one in warned(files)] == [
-        f"in mode {mode} no object of the world stands in Wv: nothing can be touched "
+        f"in mode {mode} no object of the world exists in Wv: no contact is possible "
         "(see exists_in)"
         for mode in ("sim", "wil")
     ]
@@ -434,4 +436,4 @@ def test_time_without_a_processor_is_not_the_autonomys(
 def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(files: Any) -> None:
     files.change("rate_hz: 15", "rate_hz: 30", file="recipe.yaml")
     (fault,) = files.faults()
-    assert "comes 15 times a second, the recipe asks for 30" in fault
+    assert "has a rate of 15 Hz, the recipe asks for 30 Hz" in fault

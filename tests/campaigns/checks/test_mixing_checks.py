@@ -101,8 +101,8 @@ def test_scans_of_other_beams_are_reported(files: Any) -> None:
 @pytest.mark.parametrize(
     ("recipe", "twin_hz", "said"),
     [
-        ("min_rate_hz: 20", 15, "comes 15 times a second, the recipe asks for at least 20"),
-        ("max_skew_ms: 60", 5, "up to 67 ms from it; the recipe asks for at most 60 ms"),
+        ("min_rate_hz: 20", 15, "has a rate of 15 Hz, the recipe asks for at least 20 Hz"),
+        ("max_skew_ms: 60", 5, "up to 67 ms from its nearest reading; the recipe allows 60 ms"),
         ("max_skew_ms: 70", 5, None),
         ("max_skew_ms: 10", 15, None),
     ],
@@ -123,7 +123,7 @@ def test_a_least_rate_above_that_of_the_mixture_itself_is_reported(files: Any) -
     files.change("rate_hz: 15", "rate_hz: 10", file="recipe.yaml")
     files.append("    min_rate_hz: 12\n", file="recipe.yaml")
     (fault,) = files.faults()
-    assert "'camera' is mixed at most 10 times a second (its rate_hz)" in fault
+    assert "'camera' is mixed at 10 Hz at most (its rate_hz)" in fault
     assert "the recipe asks for at least 12" in fault
 
 

@@ -15,8 +15,10 @@ def asking(files: Any, oracles: str) -> list[str]:
 
 def test_a_mode_that_no_required_oracle_judges_is_reported(files: Any) -> None:
     goal, oracles = asking(files, "{reached: {vehicle: real}}")
-    assert goal.startswith("campaign.yaml:20:25: in mode sim no oracle judges whether 'twin' gets")
-    assert "ask for 'reached: {}', with 'required: false' to have it reported only" in goal
+    assert goal.startswith(
+        "campaign.yaml:20:25: in mode sim no oracle judges whether 'twin' reaches"
+    )
+    assert "add 'reached: {}', with 'required: false' to report it only" in goal
     assert oracles.startswith("campaign.yaml:29:1: in mode sim no required oracle judges 'twin'")
 
 
@@ -39,7 +41,7 @@ def test_a_pair_only_oracle_leaves_the_twin_alone_unjudged(files: Any) -> None:
 def test_a_goal_of_gates_has_to_be_judged_or_reported(files: Any) -> None:
     found = asking(files, "{collision: {}}")
     assert len(found) == 2
-    assert all("gets there; ask for 'reached: {}'" in fault for fault in found)
+    assert all("reaches it; add 'reached: {}'" in fault for fault in found)
     files.change("oracles: {collision: {}}", "oracles: {collision: {}, reached: {required: false}}")
     assert files.load().runs
 
@@ -48,7 +50,7 @@ def test_a_goal_at_a_position_has_to_be_judged_or_reported(files: Any) -> None:
     files.change("gates: [gate]", "position: {north_m: 1, east_m: 0, up_m: 1.2}")
     found = asking(files, "{collision: {}}")
     assert len(found) == 2
-    assert all("ask for 'reached_position: {tolerance_m: 0.3}'" in fault for fault in found)
+    assert all("add 'reached_position: {tolerance_m: 0.3}'" in fault for fault in found)
 
 
 def test_a_misspelt_oracle_is_one_fault(files: Any) -> None:
@@ -62,8 +64,8 @@ def test_a_tolerance_within_which_a_vehicle_never_took_off_is_reported(
 ) -> None:
     files.change("seed: 7\n", f"seed: 7\nsync: {{takeoff_tolerance_m: {tolerance_m}}}\n")
     assert files.faults() == [
-        f"campaign.yaml:27:29: '{name}' climbs by 1.2 m: within {tolerance_m:g} m of that it is on "
-        "the ground, too"
+        f"campaign.yaml:27:29: '{name}' climbs by 1.2 m: the tolerance of {tolerance_m:g} m "
+        "is met on the ground"
         for name in ("twin", "real")
     ]
 

@@ -93,7 +93,7 @@ def test_faults_stand_where_they_are(both: Any) -> None:
     )
     (both.folder / "other.yaml").write_text(TEXT)
     (fault,) = faults(both)
-    assert "'other.yaml' names campaigns itself" in fault
+    assert "'other.yaml' is itself made of campaigns" in fault
     (both.folder / "other.yaml").write_text(both.path.read_text() + "nothing: 1\n")
     (fault,) = faults(both)
     assert fault.startswith("other.yaml:")
@@ -105,3 +105,41 @@ def test_published_counts_are_of_cases_that_are_there(both: Any) -> None:
     load(both, "published: {passed: {one.large: {sim: 5/5}}}\n")
     (fault,) = faults(both, "published: {passed: {large: {sim: 5/5}}}\n")
     assert "published names an unknown case 'large'" in fault
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ("between_runs: fly_back\n", "between_runs"),
+        (
+            "operator: {mqtt: {broker: 'mqtt://127.0.0.1:1883'}, on_operator_loss: abort}\n",
+            "operator.mqtt",
+        ),
+    ],
+)
+def test_what_a_composition_has_once_must_be_the_same_in_its_parts(
+    both: Any, more: str, key: str
+) -> None:
+    other = both.folder / "other.yaml"
+    other.write_text(other.read_text() + more)
+    (fault,) = faults(both)
+    assert fault.startswith("both.yaml:5:10: ")
+    assert f"differs from 'one' in {key}" in fault
+    one = both.folder / "campaign.yaml"
+    one.write_text(one.read_text() + more)
+    assert load(both).cases
+
+
+def test_parts_with_different_sequential_tests_need_repetitions_of_the_composition(
+    both: Any,
+) -> None:
+    other = both.folder / "other.yaml"
+    text = other.read_text()
+    decided = "repetitions: {until: decided, at_least: 0.95, against: 0.5, most: 20}"
+    assert "repetitions: 3" in text
+    text = (
+        text.replace("repetitions: 3", decided).replace("3/3", "decided").replace("2/3", "decided")
+    )
+    other.write_text(text)
+    (fault,) = faults(both)
+    assert "differs from 'one' in repetitions" in fault

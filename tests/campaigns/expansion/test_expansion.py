@@ -271,7 +271,7 @@ def test_an_estimate_whose_accuracy_is_given_is_still_held_to_its_own_velocity(
 def test_motion_capture_has_no_velocity_to_be_exact(files: Any) -> None:
     said = "pose_accuracy: {position_m: 0.03, attitude_deg: 1, velocity_m_s: 1}"
     files.change("profile: cage", f"profile: cage\n    {said}")
-    with pytest.raises(BadInput, match="motion capture gives positions alone"):
+    with pytest.raises(BadInput, match="motion capture has positions only"):
         files.load()
 
 

@@ -125,7 +125,7 @@ def test_keys_carry_what_docstrings_say_of_them_and_their_unit(schemas: dict[str
     models = schemas["campaign"]["$defs"]
     assert models["GeofencePart"]["properties"]["keep_m"] == {
         "default": 0.0,
-        "description": "How far inside each keeps. Unit: metres.",
+        "description": "Distance that each keeps to the fence. Unit: metres.",
         "maximum": 1000,
         "minimum": 0,
         "title": "keep_m",

@@ -20,7 +20,11 @@ WRONG = [
     ("key: goal.altitude_m", "key: ^world.objects.gate.pose.east_m", "missing key"),
     ("key: goal.altitude_m", "key: ^recipe.combine", "the campaign has no recipe"),
     ("key: goal.altitude_m", "key: ^repetitions", "is the same for all cases"),
-    ("key: goal.altitude_m", "key: [goal.altitude_m, ^goal.altitude_m]", "is varied by 'height'"),
+    (
+        "key: goal.altitude_m",
+        "key: [goal.altitude_m, ^goal.altitude_m]",
+        "is already varied by 'height'",
+    ),
     ("steps: 3", "steps: 3, ^more: 1", "unknown key 'more'"),
     ("from: 0.8, to: 2.0", "from: 2, to: ^1", "must be above from"),
     ("from: 0.8, to: 2.0", "from: ^0.5, to: 2, integer: true", "must be a whole number"),
@@ -28,7 +32,11 @@ WRONG = [
     ("objective: altitude", "objective: ^altitud", "did you mean 'altitude'?"),
     ("objective: altitude", "objective: ^landed", "judges an event and has no margin"),
     ("objective: altitude", "objective: [altitude, ^landed]", "has no margin"),
-    ("objective: altitude", "objective: altitude\n  scale: {^speed: 2}", "no oracle of the"),
+    (
+        "objective: altitude",
+        "objective: altitude\n  scale: {^speed: 2}",
+        "is not an oracle of the objective",
+    ),
     ("budget: {sim: 3}", "budget: {sim: ^0}", "must be at least 1"),
     ("budget: {sim: 3}", "budget: ^{}", "give flights for at least one mode"),
     ("budget: {sim: 3}", "budget: {^real: 3}", "mode 'real' is not flown"),
@@ -67,7 +75,7 @@ def test_a_campaign_without_a_search_and_one_of_campaigns_are_refused(tmp_path: 
         load_search(write_search(tmp_path, ""))
     whole = tmp_path / "whole.yaml"
     whole.write_text("schema: wil/campaign/1\ncampaign: all\ncampaigns: {one: hover.yaml}\n")
-    with pytest.raises(BadInput, match="a search is of one of them"):
+    with pytest.raises(BadInput, match="a search varies a single one"):
         load_search(whole)
 
 
@@ -92,5 +100,5 @@ def test_the_gate_of_the_shipped_search_cannot_stand_outside_of_the_fence() -> N
     ]
     assert not search.refuse(Variant(name="v1", values={"aside": -1.5}))
     said = search.refuse(Variant(name="v2", values={"aside": -2.8}))
-    assert re.search(r"'gate' stands .* geofence", said)
+    assert re.search(r"'gate' is .* geofence", said)
     assert not search.space.admits({"aside": 1.9, "size": 1.1})

@@ -33,7 +33,7 @@ def test_an_actor_starts_where_its_object_stands_and_has_its_motion() -> None:
         (("actors={intrudr: {link: embedded, autopilot: px4}}",), "the world has no object"),
         (("actors={cage: {link: embedded, autopilot: px4}}",), "has no motion in the world file"),
         (("actors={real: {link: embedded, autopilot: px4}}",), "is a vehicle of the pair"),
-        (("actors.intruder.system_id=2",), "'twin' has system id 2, too"),
+        (("actors.intruder.system_id=2",), "'twin' also has system id 2"),
         (("actors.intruder.params={NO_SUCH: 1}",), "has no parameter 'NO_SUCH'"),
         (("actors.intruder.profile=nowhere",), "nowhere"),
         ((f"{MOTION}.loop=true",), "repeats for ever"),

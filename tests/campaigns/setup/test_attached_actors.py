@@ -38,7 +38,7 @@ def test_an_attached_actor_does_not_fly_where_its_object_is_virtual_unless_it_sa
     mode: str,
 ) -> None:
     said = problems(HERE, mode=mode)
-    assert f"in mode {mode} 'intruder' is virtual, and an attached vehicle is physical" in said
+    assert f"in mode {mode} 'intruder' is virtual, but an attached vehicle is physical" in said
     assert "virtual: embedded" in said
 
 
@@ -54,7 +54,7 @@ def test_elsewhere_it_starts_in_the_world_where_its_object_does() -> None:
     (actor,) = setup.actors_in("wil")
     assert actor.kind == "attached"
     assert actor.start.position_ned_m == pytest.approx((2.5, 0.0, -0.05))
-    assert actor.stands.position_ned_m == (30.0, 2.0, 0.0)
+    assert actor.standing_pose.position_ned_m == (30.0, 2.0, 0.0)
     (one,) = encounters(setup, "wil")
     assert one.stated_m == pytest.approx(math.hypot(30.0, 2.0))
     # It heads east where its object heads south: its fence is turned by that, and moved with it.
@@ -66,26 +66,26 @@ def test_elsewhere_is_away_from_the_real_vehicle_whoever_answers_for_it(
     override: tuple[str, ...],
 ) -> None:
     said = problems(NEAR, *REAL, *override, mode="wil")
-    assert "they can touch" in said
+    assert "the two can touch" in said
     assert "by another `place`" in said
 
 
 def test_two_attached_vehicles_that_can_touch_need_somebody_who_answers_for_it() -> None:
     said = problems(HERE, *REAL)
-    assert "its area is 0.00 m from that of 'real', which is attached, too: they can touch" in said
+    assert "this fence is 0.00 m from that of 'real', also attached: the two can touch" in said
     assert "preflight.override: {separation: NAME}" in said
     assert campaign(HERE, *REAL, ANSWERED).setups["fast"].preflight.override
     # Beside a real vehicle that is embedded there is nothing to touch.
     assert campaign(HERE)
     # Height separates nobody: what lands comes down.
     above = HERE.replace("up_m: [-0.5, 2.3]", "up_m: [-0.5, 9]")
-    assert "they can touch" in problems(above, *REAL)
+    assert "the two can touch" in problems(above, *REAL)
 
 
 def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
     fenceless = "geofence={twin: {box: {north_m: [-1, 2], east_m: [-1, 1], up_m: [-1, 2]}}}"
     said = problems(HERE, *REAL, ANSWERED, fenceless, "oracles.geofence.required=false")
-    assert "has no geofence: nothing keeps them apart" in said
+    assert "has no geofence: nothing keeps the two apart" in said
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
         ((HERE, *REAL, ANSWERED, "vehicles.real.link=udpin://0.0.0.0:14560"), "are both on"),
         (
             (HERE, *REAL, ANSWERED, "between_runs={do: fly_back}"),
-            "has to be put back by a person",
+            "a person has to return the attached actor",
         ),
     ],
 )

@@ -83,7 +83,7 @@ def test_two_benches_of_one_name_are_refused_with_both_places(tmp_path: Path) ->
     with pytest.raises(BadInput) as caught:
         load_benches((one, other))
     (problem,) = caught.value.problems
-    assert problem.headline.startswith(f"{other}:2:8: {one}:2:8 is a bench of the name 'hall-a'")
+    assert problem.headline.startswith(f"{other}:2:8: {one}:2:8 is another bench named 'hall-a'")
 
 
 def test_a_campaign_takes_vehicle_and_fence_of_its_bench(asking: Files) -> None:
@@ -105,17 +105,17 @@ def test_a_campaign_takes_vehicle_and_fence_of_its_bench(asking: Files) -> None:
         (
             "start: {north_m: 0.5}",
             "link: embedded",
-            "vehicles.real.link is of bench hall-a (hall-a.yaml:6:5); remove it here",
+            "vehicles.real.link is defined by bench hall-a (hall-a.yaml:6:5); remove it here",
         ),
         (
             "large: {}",
             "large: {vehicles.real.autopilot: ardupilot}",
-            "vehicles.real.autopilot is of bench hall-a (hall-a.yaml:7:5); remove it here",
+            "vehicles.real.autopilot is defined by bench hall-a (hall-a.yaml:7:5); remove it here",
         ),
         (
             "bench: hall-a\n",
             f"bench: hall-a\n{GEOFENCE}",
-            "geofence is of bench hall-a (hall-a.yaml:10:1); remove it here",
+            "geofence is defined by bench hall-a (hall-a.yaml:10:1); remove it here",
         ),
         ("large: {}", "large: {bench: hall-b}", "'bench' is the same for all cases"),
     ],

@@ -99,7 +99,7 @@ def test_what_is_registered_must_be_asked_for_a_pose(files: Files) -> None:
     )
     with_source(files, "'rtp://127.0.0.1:5600'", of="twin")
     (fault,) = files.faults()
-    assert "cannot be asked for a picture from another pose" in fault
+    assert "cannot provide an image from a requested pose" in fault
     files.change("rtp://127.0.0.1:5600", "tcp://127.0.0.1:5600")
     assert setup(files).vehicles["twin"].cameras[0].source is not None
 
@@ -145,7 +145,7 @@ def test_what_a_campaign_says_itself_wins_over_the_calibration(files: Files) -> 
         (
             "calibration: cam.yaml",
             CALIBRATION.replace("320", "640"),
-            "is for 640x240, and this camera has 320x240",
+            "is for 640x240, but the camera has 320x240",
         ),
         ("calibration: cam.yaml", CALIBRATION.replace("fx_px: 250, ", ""), "missing key 'fx_px'"),
     ],
@@ -189,7 +189,7 @@ def test_motion_capture_that_nobody_uses_is_refused(files: Files) -> None:
 def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
     files.append("deliver: [{rtp: '127.0.0.1:5600'}, {zmq: 'tcp://*:5601', of: twin}]\n")
     files.change("tcp://*:5601", "tcp://127.0.0.1:5601")
-    first, second = setup(files).outside.pictures
+    first, second = setup(files).outside.outlets
     assert (first.kind, first.address, first.sensor, first.of) == (
         "rtp",
         "127.0.0.1:5600",
@@ -211,8 +211,8 @@ def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
         ("{zmq: '127.0.0.1:5601'}", "must be an address to bind"),
         ("{rtp: '127.0.0.1:5600', encoding: png}", "is for zmq, not for rtp"),
         ("{rtp: '127.0.0.1:5600', sensor: camara}", "has no camera 'camara'"),
-        ("{rtp: '127.0.0.1:5600', of: real, vehicle: twin}", "says whose picture it is"),
-        ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is used by delivery 1"),
+        ("{rtp: '127.0.0.1:5600', of: real, vehicle: twin}", "has no effect with of: real"),
+        ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is already used by delivery 1"),
     ],
 )
 def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said: str) -> None:

@@ -75,7 +75,7 @@ def test_every_key_is_read(files: Files) -> None:
     [
         ("{mqtt: {broker: http://x}}", "broker 'http://x' cannot be read"),
         ("{mqtt: {broker: mqtt://x, ca_file: ca.pem}}", ": is for TLS"),
-        ("{mqtt: {broker: mqtts://x, key_file: me.key}}", "belongs to a cert_file"),
+        ("{mqtt: {broker: mqtts://x, key_file: me.key}}", "needs the cert_file"),
         ("{mqtt: {broker: mqtts://x, ca_file: ca.pem}}", "there is no file 'ca.pem'"),
         ("{mqtt: {broker: mqtt://x, root: a/+}}", "'a/+' is not a topic"),
         ("{mqtt: {broker: mqtt://x, token_env: a b}}", "'a b' is not the name of an env"),

@@ -118,4 +118,4 @@ def test_what_makes_no_sense_is_named_at_its_place(
 def test_a_twin_that_is_placed_sends_nothing_by_mavlink(files: Files) -> None:
     with_sensor(files, "type: gps, source: mavlink", of="twin")
     files.change("    autopilot: ardupilot\n", "    autopilot: ardupilot\n    coupling: placed\n")
-    assert any("the twin is placed" in one for one in files.faults())
+    assert any("a placed twin does not fly" in one for one in files.faults())

@@ -139,7 +139,7 @@ def test_the_pace_of_a_launched_simulation_is_its_link_s(files: Any) -> None:
     outside(files, FAST, autopilot="ardupilot")
     files.change("seed:", "clock: {speed: 3}\nseed:")
     (found,) = set(files.faults())
-    assert "a launched simulation flies at 4, as its link says; leave it out" in found
+    assert "the link of a launched simulation sets the speed to 4; remove this key" in found
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_links_that_are_none(files: Any, link: str, autopilot: str, said: str) -
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("pose_source: mocap", "only the embedded vehicle brings motion capture along"),
+        ("pose_source: mocap", "only the embedded vehicle has built-in motion capture"),
         ("signing: {}", "give a file, or the name of an environment variable"),
         ("signing: {file: a, environment: b}", "give a file, or the name"),
         ("system_id: 0", "must be at least 1"),
@@ -192,7 +192,7 @@ def test_sensors_that_only_our_own_simulation_feels(files: Any) -> None:
     at = text.index("    sensors:\n") + len("    sensors:\n")
     files.path.write_text(text[:at] + "      imu: {type: imu}\n" + text[at:])
     (fault,) = files.faults()
-    assert "only the embedded vehicle's imu is modelled; say by `source`" in fault
+    assert "only the embedded vehicle's imu is modelled; give the source" in fault
 
 
 def test_the_embedded_vehicle_does_not_sign(files: Any) -> None:

@@ -128,7 +128,7 @@ async def test_a_gate_where_none_can_be_in_view_is_a_fault() -> None:
     with StandIn(always(GATE)) as stand_in:
         check = await flown(stand_in, asked=behind)
     assert "shows something virtual in " in check.fault
-    assert check.fault.endswith("where geometry puts nothing")
+    assert check.fault.endswith("where geometry expects nothing")
 
 
 async def test_a_person_may_be_another_model_and_stands_in_its_place() -> None:

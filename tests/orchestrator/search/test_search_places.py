@@ -90,7 +90,7 @@ def test_a_search_varies_no_key_of_its_bench(
     path, bench = write_asking(tmp_path, BRIEF.replace("  objective", OF_BENCH))
     assert main(["search", str(path), "--out", str(tmp_path), "--bench-file", bench]) == 2
     said = capsys.readouterr().err
-    assert "'geofence.box.up_m.1': geofence is of bench hall-a" in said
+    assert "'geofence.box.up_m.1': geofence is defined by bench hall-a" in said
     assert "hover.yaml:" in said
 
 

@@ -83,7 +83,7 @@ def test_all_faults_at_once_in_order_of_their_places() -> None:
         ({"filter": "[{isolate_color: ornge}]"}, "did you mean 'orange'?"),
         ({"filter": "[{isolate_objects: []}]"}, "must have at least 1 entries"),
         ({"filter": "[{isolate_objects: {names: [gate], on: real}}]"}, "only the twin's images"),
-        ({"transform": "[{resize: {to: twin}}]"}, "twin would be given its own size"),
+        ({"transform": "[{resize: {to: twin}}]"}, "twin would get its own size"),
         ({"transform": "[{resize: {to: {width_px: 0, height_px: 5}}}]"}, "must be at least 1"),
         ({"transform": "[{register: {pose: reel}}]"}, "did you mean 'real'?"),
         ({"transform": "[register, register]"}, "a second 'register'"),
@@ -120,7 +120,7 @@ def test_one_vehicle_cannot_get_two_mixtures_of_a_sensor() -> None:
     one = "{sensor: camera, merge: {overlay: [twin, real]}}"
     found = faults(f"combine:\n  - {one}\n  - {one}\n")
     assert len(found) == 2
-    assert "'real' gets camera from combination 1 already" in found[0]
+    assert "'real' already receives camera from combination 1" in found[0]
 
 
 def test_the_objects_that_a_mixture_has_to_show_are_known_to_the_world() -> None:

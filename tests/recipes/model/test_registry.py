@@ -2,7 +2,7 @@
 
 import pytest
 
-from recipes.language.step_docs import describe_steps
+from recipes.language.step_docs import describe_step
 from recipes.model import registry
 from recipes.model.registry import STAGES, Context, DuplicateStepError, StepParameters, step, steps
 from recipes.working import Masked, Operator
@@ -38,7 +38,7 @@ def test_a_second_step_of_a_name_is_refused() -> None:
 
 
 def test_every_step_is_described_with_its_parameters() -> None:
-    docs = {(doc.name, doc.stage): doc for doc in map(describe_steps, steps())}
+    docs = {(doc.name, doc.stage): doc for doc in map(describe_step, steps())}
     resize = docs["resize", "transform"]
     assert resize.sensors == ("camera", "depth")
     assert "(h, w, 3) uint8" in resize.details

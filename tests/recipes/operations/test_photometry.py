@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.operations.photometry import Correction, Corrector, look_of
+from recipes.operations.photometry import Correction, Corrector, measure_photometry
 from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import build, camera
 from worlds.camera import Intrinsics
@@ -44,15 +44,17 @@ def reading(image: Any, source: Any = "twin", seq: int = 0) -> Any:
 
 @pytest.mark.parametrize("noise", [2.0, 5.0, 10.0])
 def test_noise_is_measured(noise: float) -> None:
-    found = look_of(taken(hall(), noise=noise)).noise_std_dn
+    found = measure_photometry(taken(hall(), noise=noise)).noise_std_dn
     assert found == pytest.approx(noise, rel=0.1)
-    assert look_of(hall()).noise_std_dn == pytest.approx(0.0, abs=0.3)
+    assert measure_photometry(hall()).noise_std_dn == pytest.approx(0.0, abs=0.3)
 
 
 @pytest.mark.parametrize("blur", [0.8, 1.5, 2.5])
 def test_blur_is_measured(blur: float) -> None:
-    assert look_of(taken(hall(), blur=blur)).blur_sigma_px == pytest.approx(blur, rel=0.2)
-    assert (look_of(hall()).blur_sigma_px or 0.0) < 0.4
+    assert measure_photometry(taken(hall(), blur=blur)).blur_sigma_px == pytest.approx(
+        blur, rel=0.2
+    )
+    assert (measure_photometry(hall()).blur_sigma_px or 0.0) < 0.4
 
 
 @settings(max_examples=10, deadline=None)
@@ -64,7 +66,7 @@ def test_blur_is_measured(blur: float) -> None:
 def test_a_twin_takes_over_the_look_of_the_real_camera(gains: Any, noise: float, blur: Any) -> None:
     real = taken(hall(), gains, noise, blur)
     matched = build("match_photometry")(Masked(reading(hall())), Masked(reading(real, "real")))
-    made, wanted = look_of(matched.reading.image_bgr), look_of(real)
+    made, wanted = measure_photometry(matched.reading.image_bgr), measure_photometry(real)
     assert made.level_bgr == pytest.approx(wanted.level_bgr, abs=3.5)
     assert made.noise_std_dn == pytest.approx(wanted.noise_std_dn, abs=0.15 * noise + 0.4)
     smooth_made, smooth_real = (

@@ -245,7 +245,7 @@ def test_types_are_followed_through_the_steps() -> None:
     assert "a soft edge applies to camera images" in refusal(
         "lidar", "merge: {overlay: {soft_edge_px: 2}}"
     )
-    assert "none is the min" in refusal("pose", "merge: {aggregate: min}")
+    assert "have no min" in refusal("pose", "merge: {aggregate: min}")
     assert "cannot be interpolated" in refusal(
         "camera", "transform: [{resample: interpolate}], merge: overlay"
     )
@@ -258,9 +258,7 @@ def test_types_are_followed_through_the_steps() -> None:
     assert "has no 'satellites' (it has range_m" in refusal(
         "lidar", "merge: {replace: {when: {of: real, what: satellites, above: 3}}}"
     )
-    assert "has no pixels to be registered" in refusal(
-        "imu", "merge: overlay, max_registration_error_px: 2"
-    )
+    assert "which has no pixels" in refusal("imu", "merge: overlay, max_registration_error_px: 2")
 
 
 def test_what_is_asked_of_each_source() -> None:
@@ -282,7 +280,7 @@ def test_there_is_room_for_several_twins_and_one_flies() -> None:
     assert load_recipe(parse((head.format("[twin]") + body).encode(), name="r.yaml"))
     for given_twins, said in (
         ("[twin, other]", "several twins are not supported yet"),
-        ("[other]", "the one twin is called 'twin'"),
+        ("[other]", "the twin must be named 'twin'"),
         ("[]", "at least 1"),
     ):
         with pytest.raises(BadInput) as caught:

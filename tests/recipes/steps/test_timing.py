@@ -57,6 +57,7 @@ def test_a_gap_is_bounded() -> None:
     with pytest.raises(CannotMixError) as caught:
         used("hold", [0.0, 0.1], 0.5, max_gap_ms=300.0)
     assert caught.value.reason == "stale"
+    assert str(caught.value) == "resample: the reading is 400 ms away, more than max_gap_ms 300"
     # The two around it are too far apart: the one before is near enough.
     assert used("interpolate", [0.0, 0.9], 0.2, max_gap_ms=300.0).t_s == 0.0
 

@@ -217,7 +217,7 @@ def test_list_operators_tells_shapes_units_and_parameters(cli: Cli) -> None:
     rows = {row["name"]: row for row in json.loads(cli("list", "operators", "--json").out)}
     assert "(h, w, 3) uint8" in rows["resize"]["details"]
     text = cli("list", "operators").out
-    assert "geodetic (transform; pose -> gps): Turn a local position into a fix" in text
+    assert "geodetic (transform; pose -> gps): Convert a local position into a fix" in text
     lines = [line.split() for line in text.splitlines()]
     assert ["soft_edge_px", "number", "0"] in lines
 

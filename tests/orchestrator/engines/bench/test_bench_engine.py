@@ -121,8 +121,12 @@ def test_the_gate_of_a_bench_passes_what_was_consented_to_and_no_more(tmp_path: 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("127.0.0.1:14540", "127.0.0.1:14999", "vehicles.real.link is not that of bench hall-a"),
-        ("up_m: [-2, 5]", "up_m: [-2, 500]", "geofence is not that of bench hall-a"),
+        (
+            "127.0.0.1:14540",
+            "127.0.0.1:14999",
+            "vehicles.real.link differs from that of bench hall-a",
+        ),
+        ("up_m: [-2, 5]", "up_m: [-2, 500]", "geofence differs from that of bench hall-a"),
     ],
 )
 def test_the_gate_of_a_bench_knows_its_vehicle_and_its_fence(
@@ -176,7 +180,7 @@ def test_what_cannot_be_served_or_reached_is_exit_2(
     assert main(["run", str(path), "--engine", "ray://127.0.0.1:1", "--bench-file", file]) == 2
     assert "a cluster has its own benches" in capsys.readouterr().err
     assert main(["bench", "check", file, file]) == 2
-    assert "is a bench of the name 'hall-a', too" in capsys.readouterr().err
+    assert "is another bench named 'hall-a'" in capsys.readouterr().err
     assert main(["bench", "check", file]) == 0
     assert "bench hall-a (autopilot: px4, indoor: true, net: 3 m" in capsys.readouterr().out
     assert not is_for_bench(write_hover(tmp_path), Options(), "ray")

@@ -317,5 +317,5 @@ def test_where_there_are_clouds_their_search_is_imported_before_the_flight(
 
 def test_a_recipe_that_wants_more_than_its_source_gives_is_refused(tmp_path: Path) -> None:
     text = GATE.replace("ALIGN", "hold").replace("SKEW", "60").replace("rate_hz: 15", "rate_hz: 30")
-    with pytest.raises(BadInput, match="the real vehicle's 'camera' comes 15 times a second"):
+    with pytest.raises(BadInput, match="the real vehicle's 'camera' has a rate of 15 Hz"):
         load_campaign(ROOT / "campaigns" / "gate.yaml", Options(sets=(recipe(tmp_path, text),)))

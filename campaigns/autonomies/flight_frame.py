@@ -1,4 +1,4 @@
-"""The frame of a flight that keeps its heading, and velocity setpoints to places in it."""
+"""The frame of a flight that keeps its heading, and velocity setpoints to positions in it."""
 
 import math
 from dataclasses import dataclass
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 from campaigns.api import Pose, Telemetry, Vec3, VelocitySetpoint, subtract
 from campaigns.autonomies.pid import Gains, Pid
 
-_LONGEST_TURN_S = 0.2
-"""Time between two commands that counts for the integral; more is a gap."""
+_LONGEST_STEP_S = 0.2
+"""Longest time between two commands that counts for the integral; more is a gap."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightFrame:
-    """Ahead, right and down of a start pose, whatever the vehicle's attitude is later."""
+    """The frame ahead, right and down of a start pose; later attitudes do not change it."""
 
     start: Pose
 
-    def place(self, position_ned_m: Vec3) -> Vec3:
+    def position(self, position_ned_m: Vec3) -> Vec3:
         """Return a position of the world in this frame, metres."""
-        return self.turned(subtract(position_ned_m, self.start.position_ned_m))
+        return self.vector(subtract(position_ned_m, self.start.position_ned_m))
 
-    def turned(self, vector_ned: Vec3) -> Vec3:
-        """Return a NED vector along ahead, right and down."""
+    def vector(self, vector_ned: Vec3) -> Vec3:
+        """Return a NED vector in this frame: ahead, right and down."""
         cos, sin = math.cos(self.start.yaw_rad), math.sin(self.start.yaw_rad)
         north, east, down = vector_ned
         return (north * cos + east * sin, east * cos - north * sin, down)
@@ -36,18 +36,18 @@ class FlightFrame:
 
 
 class PositionController:
-    """Velocities that bring a vehicle to a place in its flight frame, axis by axis."""
+    """Flies a vehicle to a position in its flight frame, by a PID controller for each axis."""
 
     def __init__(self, gains: tuple[Gains, Gains, Gains]) -> None:
         self._pids = tuple(Pid(one) for one in gains)
         self._last_s: float | None = None
 
     def velocity(self, wanted_m: Vec3, telemetry: Telemetry, frame: FlightFrame) -> Vec3:
-        """Return the velocity ahead, right and down to a place in the frame."""
+        """Return the velocity ahead, right and down to a position in the frame."""
         last_s, self._last_s = self._last_s, telemetry.t_s
-        dt_s = 0.0 if last_s is None else min(max(telemetry.t_s - last_s, 0.0), _LONGEST_TURN_S)
-        here_m = frame.place(telemetry.pose.position_ned_m)
-        speeds = frame.turned(telemetry.velocity_ned_m_s)
+        dt_s = 0.0 if last_s is None else min(max(telemetry.t_s - last_s, 0.0), _LONGEST_STEP_S)
+        here_m = frame.position(telemetry.pose.position_ned_m)
+        speeds = frame.vector(telemetry.velocity_ned_m_s)
         ahead, right, down = (
             pid.step(wanted - here, speed, dt_s)
             for pid, wanted, here, speed in zip(self._pids, wanted_m, here_m, speeds, strict=True)
