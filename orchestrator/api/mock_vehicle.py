@@ -34,7 +34,7 @@ _OTHER_END: dict[str, Literal["udpin", "udpout", "tcpin", "tcpout"]] = {
 }
 _DEVICE = {"udpin": "udpin", "udpout": "udpout", "tcpin": "tcpin", "tcpout": "tcp"}
 """How pymavlink spells the kinds of links."""
-_PORT_TAKEN = "is taken by another program"
+_PORT_TAKEN = "is in use by another program"
 _ATTEMPTS = 3
 _END_WITHIN_S = 5.0
 _LOOK_S = 0.1
