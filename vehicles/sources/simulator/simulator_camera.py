@@ -1,4 +1,4 @@
-"""A simulator in another process, asked for pictures over ZeroMQ."""
+"""Requests images of a simulator in another process over ZeroMQ."""
 
 import asyncio
 import threading
@@ -45,8 +45,8 @@ class SimulatorTimeoutError(SimulatorError):
 class SimulatorCounts:
     """The counts of requests to the simulator's camera by outcome.
 
-    late: answers to questions that had been given up. garbage: answers that broke the protocol.
-    refused: questions that the simulator said it cannot answer.
+    late: replies to requests that had timed out. garbage: replies that broke the protocol.
+    refused: requests that the simulator answered with an error.
     """
 
     asked: int = 0
@@ -70,12 +70,12 @@ def _nothing_moves(_: float) -> Mapping[str, Pose]:
 class ZmqImageSource:
     """A simulator's camera by ZMQ as an ImageSource; an async context manager.
 
-    address: `tcp://HOST:PORT` where the simulator has bound. world: what the simulator is asked to
-    show; `disagreements` says where it shows something else. events, and moved of a time:
-    asked for before each question. `picture` blocks, for a thread (`compute=asyncio.to_thread`);
-    several threads may call it, they wait in turn.
-    Whatever the simulator answers, a picture is returned only if it is the right one: its number,
-    pose, time, size and type are checked. Wall clock only.
+    address: `tcp://HOST:PORT` that the simulator has bound. world: what the simulator is asked to
+    show; `disagreements` says where it shows something else. events, moved (at a time): called
+    before each request. `picture` blocks, for a thread (`compute=asyncio.to_thread`); several
+    threads may call it, they wait in turn.
+    An image is returned only if it is the requested one: its number, pose, time, size and type are
+    checked. Wall clock only.
     """
 
     def __init__(
@@ -98,12 +98,12 @@ class ZmqImageSource:
         self._seq = 0
         self.counts = SimulatorCounts()
         self.trouble = ""
-        """Why the last question that got no picture got none."""
+        """Why the last failed request got no image."""
         self.welcome = Welcome("")
 
     @property
     def disagreements(self) -> tuple[str, ...]:
-        """Return in words what it says that it shows otherwise than it was asked."""
+        """Return in words where the world that it shows differs from the requested one."""
         return disagreements(self._world, self.welcome.shown)
 
     async def __aenter__(self) -> Self:
@@ -122,7 +122,7 @@ class ZmqImageSource:
         await self._close()
 
     async def warm_up(self, camera_pose: Pose, intrinsics: Intrinsics, t_s: float) -> None:
-        """Have a first image drawn, which takes an engine long, and leave it out of the counts.
+        """Request a first image, which takes an engine long, and leave it out of the counts.
 
         Waits as long as for the connection. Raises SimulatorError.
         """
@@ -178,8 +178,8 @@ class ZmqImageSource:
                 raise
             except zmq.ZMQError as error:
                 raise SimulatorError(
-                    f"{self.name}: the connection is closed ({error.strerror}); ask within "
-                    "`async with`"
+                    f"{self.name}: the connection is closed ({error.strerror}); request images "
+                    "within `async with`"
                 ) from error
             self._count(answered=1)
             return picture
@@ -193,7 +193,7 @@ class ZmqImageSource:
         """Return a new socket connected to the simulator."""
         socket = self._context.socket(zmq.DEALER)
         socket.setsockopt(zmq.LINGER, 0)
-        # A question is for a simulator that is there, not for the one that comes back later.
+        # A request is for a simulator that is connected now, not queued for one that returns later.
         socket.setsockopt(zmq.IMMEDIATE, 1)
         socket.setsockopt(zmq.SNDHWM, 2)
         socket.setsockopt(zmq.MAXMSGSIZE, _MAX_MESSAGE_BYTES)
@@ -203,7 +203,7 @@ class ZmqImageSource:
         except zmq.ZMQError as error:
             socket.close()
             raise SimulatorError(
-                f"{self.name}: is not an address of a simulator: {error.strerror}; it looks like "
+                f"{self.name}: not a valid address of a simulator: {error.strerror}; an example is "
                 "tcp://127.0.0.1:5555"
             ) from error
         return socket
@@ -222,7 +222,7 @@ class ZmqImageSource:
             raise SimulatorTimeoutError(
                 f"{self.name}: no simulator is connected; start it, or check why it stopped"
             )
-        # The empty part makes us look like a REQ socket to the simulator's REP.
+        # The empty part makes this DEALER socket look like a REQ socket to the simulator's REP.
         self._socket.send_multipart([b"", *parts])
 
     def _answer(self, read: Callable[[Sequence[Buffer]], T], deadline_s: float) -> T:
@@ -239,7 +239,7 @@ class ZmqImageSource:
             except BadMessageError as error:
                 self._count(garbage=1)
                 raise SimulatorError(
-                    f"{self.name}: the simulator's answer is wrong: {error}; "
+                    f"{self.name}: the simulator's reply is wrong: {error}; "
                     "see docs/simulator-protocol.md"
                 ) from error
 
