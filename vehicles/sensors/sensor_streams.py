@@ -1,4 +1,4 @@
-"""Sensors that run: at their rate by themselves, or when they are asked from a pose."""
+"""Streams of sensor readings: at the sensor's rate, or on demand from a given pose."""
 
 import asyncio
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from worlds.frames import Pose
 Deliver = Callable[[Reading], None]
 
 TRUTH_DELAY_S = 0.01
-"""How long after a tick its truth is looked up: by then the samples around it have come."""
+"""How long after a tick its truth is looked up: by then the samples around it have arrived."""
 
 
 class Sensor(Protocol):
@@ -48,7 +48,7 @@ class OnDemand(Protocol):
 class SensorStream:
     """A stream of a sensor that samples the vehicle's truth at start + k / rate_hz.
 
-    A reading is delivered when its sensor says, in order, and never before it was made; one whose
+    A reading is delivered at its arrival time, in order, and never before it was made; one whose
     truth is not known is left out, and its number with it.
     """
 
@@ -85,13 +85,13 @@ class SensorStream:
             if truth is None:
                 self.left_out += 1
             else:
-                ready.put_nowait(replace(await self._on_sample(truth, t_s), seq=tick))
+                ready.put_nowait(replace(await self._sample(truth, t_s), seq=tick))
             behind_s = loop.time() - TRUTH_DELAY_S - start_s
             following = max(tick + 1, next_tick(behind_s, self._rate_hz))
             self.left_out += following - tick - 1
             tick = following
 
-    async def _on_sample(self, truth: Truth, t_s: float) -> Reading:
+    async def _sample(self, truth: Truth, t_s: float) -> Reading:
         return await self._compute(lambda: self._sensor.sample(truth, t_s, self._rng))
 
 
@@ -184,7 +184,7 @@ class OnDemandSensor:
         body: Pose,
         t_s: float,
         *,
-        want_depth: bool = False,  # noqa: ARG002 - a camera's; what others know they always tell
+        want_depth: bool = False,  # noqa: ARG002 - only cameras use it
         want_ids: bool = False,  # noqa: ARG002 - the same
     ) -> Reading:
         """Return the sensor's reading from a body's pose (world frame) at t_s."""
