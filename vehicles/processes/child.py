@@ -204,8 +204,10 @@ async def run_briefly(argv: Sequence[str], *, timeout_s: float = 10.0) -> None:
     """Run a child command for its effect, for a limited time. Raises OSError."""
     child = ChildProcess(argv=argv)
     child.start()
-    await child.wait(timeout_s)
-    await child.end()
+    try:
+        await child.wait(timeout_s)
+    finally:
+        await child.end()
 
 
 def how_it_ended(code: int | None) -> str:
