@@ -172,7 +172,9 @@ class ZmqImageSource:
             ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events, moved)
             self._count(asked=1)
             try:
-                picture = self._await_answer(ask, within_s or self._timeout_s)
+                image = self._request(
+                    ask_parts(ask), lambda parts: image_of(parts, ask), within_s or self._timeout_s
+                )
             except SimulatorError as error:
                 self.trouble = str(error)
                 raise
@@ -182,12 +184,7 @@ class ZmqImageSource:
                     "within `async with`"
                 ) from error
             self._count(answered=1)
-            return picture
-
-    def _await_answer(self, ask: Ask, within_s: float) -> SimulatedImage:
-        deadline_s = time.monotonic() + within_s
-        self._send(ask_parts(ask), deadline_s)
-        return self._answer(lambda parts: image_of(parts, ask), deadline_s)
+            return image
 
     def _connect(self) -> "zmq.Socket[bytes]":
         """Return a new socket connected to the simulator."""
@@ -210,10 +207,9 @@ class ZmqImageSource:
 
     def _greet(self) -> None:
         """Send the simulator hello and keep its welcome."""
-        deadline_s = time.monotonic() + self._open_timeout_s
         with self._lock:
-            self._send(hello_parts(self._world), deadline_s)
-            self.welcome = self._answer(welcome_of, deadline_s)
+            hello = hello_parts(self._world)
+            self.welcome = self._request(hello, welcome_of, self._open_timeout_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:
         """Send a request to the simulator. Raises SimulatorTimeoutError."""
@@ -225,12 +221,16 @@ class ZmqImageSource:
         # The empty part makes this DEALER socket look like a REQ socket to the simulator's REP.
         self._socket.send_multipart([b"", *parts])
 
-    def _answer(self, read: Callable[[Sequence[Buffer]], T], deadline_s: float) -> T:
-        """Return the simulator's reply to the present request; late ones are skipped."""
+    def _request(
+        self, parts: Sequence[Buffer], read: Callable[[Sequence[Buffer]], T], within_s: float
+    ) -> T:
+        """Send a request and return the simulator's reply to it; late ones are skipped."""
+        deadline_s = time.monotonic() + within_s
+        self._send(parts, deadline_s)
         while True:
-            parts = self._receive(deadline_s)
+            reply = self._receive(deadline_s, within_s)
             try:
-                return read(parts)
+                return read(reply)
             except LateAnswerError:
                 self._count(late=1)
             except RefusedError as error:
@@ -243,12 +243,12 @@ class ZmqImageSource:
                     "see docs/simulator-protocol.md"
                 ) from error
 
-    def _receive(self, deadline_s: float) -> Sequence[Buffer]:
+    def _receive(self, deadline_s: float, within_s: float) -> Sequence[Buffer]:
         """Return the simulator's next message. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLIN):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
-                f"{self.name}: the simulator did not answer in {self._timeout_s:g} s; it hangs, "
+                f"{self.name}: the simulator did not answer in {within_s:g} s; it hangs, "
                 "has stopped, or is too slow for this limit"
             )
         parts = [frame.buffer for frame in self._socket.recv_multipart(copy=False)]
