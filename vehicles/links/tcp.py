@@ -1,7 +1,6 @@
 """TCP links: `tcpout` connects, and reconnects when lost; `tcpin` listens for clients."""
 
 import asyncio
-import errno
 import socket
 import sys
 from typing import Self
@@ -10,6 +9,7 @@ from vehicles.links.byte_stream import StreamPeer
 from vehicles.links.link import LinkError, Receiver
 from vehicles.links.link_strings import LinkAddress
 from vehicles.links.reconnection import BackOff, Reconnection
+from vehicles.links.socket_errors import socket_remedy
 from vehicles.mavlink.framing import FrameSplitter
 
 _CONNECT_WITHIN_S = 5.0
@@ -78,9 +78,13 @@ class TcpOutLink:
         try:
             async with asyncio.timeout(_CONNECT_WITHIN_S):
                 await loop.create_connection(self._new_peer, self._address.host, self._address.port)
+        except TimeoutError as error:
+            raise LinkError(
+                f"{self.name}: {self._address.host} does not answer on port {self._address.port} "
+                f"within {_CONNECT_WITHIN_S:g} s; is it switched on and on this network?"
+            ) from error
         except OSError as error:
-            # TimeoutError is one of them.
-            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+            raise LinkError(f"{self.name}: {socket_remedy(error, self._address)}") from error
 
     def _new_peer(self) -> StreamPeer:
         return StreamPeer(opened=self._on_open, received=self._on_bytes, on_lost=self._on_lost)
@@ -152,7 +156,7 @@ class TcpInLink:
         try:
             self._server = await loop.create_server(self._new_peer, host, port, reuse_address=True)
         except OSError as error:
-            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+            raise LinkError(f"{self.name}: {socket_remedy(error, self._address)}") from error
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -218,29 +222,3 @@ def _notice_dead_peers(peer: StreamPeer) -> None:
     stream = peer.socket
     if stream is not None and sys.platform.startswith("linux"):
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNANSWERED_MS)
-
-
-def _remedy(error: OSError, address: LinkAddress) -> str:
-    """Return what to do about a TCP error."""
-    if isinstance(error, socket.gaierror):
-        return f"host {address.host!r} is unknown; check its name, or give its IP address"
-    listens = address.kind == "tcpin"
-    words = {
-        errno.ECONNREFUSED: f"nothing listens on port {address.port} of {address.host}; is the "
-        "vehicle running, and is the port right?",
-        errno.EHOSTUNREACH: f"{address.host} cannot be reached; check network and address",
-        errno.ENETUNREACH: f"there is no route to {address.host}; check cable, WLAN and address",
-        errno.EADDRINUSE: f"port {address.port} is in use by another program (a ground station, or "
-        "an orphaned run); end that program, or choose another port",
-        errno.EADDRNOTAVAIL: f"{address.host} is not an address of this machine; 0.0.0.0 listens "
-        "on all of them",
-        errno.EACCES: f"no permission for port {address.port}; choose one above 1023",
-    }.get(error.errno or 0)
-    if words is not None:
-        return words
-    if isinstance(error, TimeoutError) and not listens:
-        return (
-            f"{address.host} does not answer on port {address.port} within "
-            f"{_CONNECT_WITHIN_S:g} s; is it switched on and on this network?"
-        )
-    return f"{error.strerror or error}; check the network and the address"

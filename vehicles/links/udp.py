@@ -1,14 +1,13 @@
 """UDP links: `udpin` listens and replies to its senders, `udpout` sends first."""
 
 import asyncio
-import errno
-import socket
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self, cast
 
 from vehicles.links.link import LinkError, Receiver
 from vehicles.links.link_strings import LinkAddress
+from vehicles.links.socket_errors import socket_remedy
 
 _SILENT_S = 1.5
 """A heartbeat and a half: a MAVLink system is not silent for so long."""
@@ -100,7 +99,7 @@ class UdpLink(asyncio.DatagramProtocol):
             else:
                 await self._loop.create_datagram_endpoint(lambda: self, remote_addr=where)
         except OSError as error:
-            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+            raise LinkError(f"{self.name}: {socket_remedy(error, self._address)}") from error
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -169,19 +168,3 @@ def _system_of(data: bytes) -> int:
     """Return the system that sent a UDP datagram, by its first frame."""
     at = _SYSTEM_AT.get(data[0]) if data else None
     return data[at] if at is not None and len(data) > at else _NO_MAVLINK
-
-
-def _remedy(error: OSError, address: LinkAddress) -> str:
-    """Return what to do about a UDP error."""
-    if isinstance(error, socket.gaierror):
-        return f"host {address.host!r} is unknown; check its name, or give its IP address"
-    if error.errno == errno.EADDRINUSE:
-        return (
-            f"port {address.port} is in use by another program (a ground station, or an orphaned "
-            "run); end that program, or choose another port"
-        )
-    if error.errno == errno.EADDRNOTAVAIL:
-        return f"{address.host} is not an address of this machine; 0.0.0.0 listens on all of them"
-    if error.errno in {errno.EACCES, errno.EPERM}:
-        return f"no permission for port {address.port}; choose one above 1023"
-    return f"{error.strerror or error}; check the network and the address"
