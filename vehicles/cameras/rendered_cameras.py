@@ -7,7 +7,7 @@ heavy job goes through `Compute`: inline under virtual time, in a thread under t
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ __all__ = [
     "OnDemandCamera",
     "RenderedCamera",
     "RenderedImage",
+    "deliver_when_due",
     "inline",
     "next_tick",
     "sleep_until",
@@ -147,12 +148,14 @@ class RenderedCamera:
 
     async def run(self, deliver: Callable[[CameraReading], None]) -> None:
         """Render and deliver images until cancelled; what `deliver` raises ends it."""
-        ready: asyncio.Queue[tuple[float, CameraReading]] = asyncio.Queue()
+        ready: asyncio.Queue[CameraReading] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._expose(ready), name=f"{self._side} camera exposures")
-            tasks.create_task(_hand_over(ready, deliver), name=f"{self._side} camera delivery")
+            tasks.create_task(
+                deliver_when_due(ready, deliver), name=f"{self._side} camera delivery"
+            )
 
-    async def _expose(self, ready: asyncio.Queue[tuple[float, CameraReading]]) -> None:
+    async def _expose(self, ready: asyncio.Queue[CameraReading]) -> None:
         start_s, seq, earliest_s = asyncio.get_running_loop().time(), 0, 0.0
         shutter_s = self._quality.exposure_s / 2.0 + self._pose_delay_s
         while True:
@@ -169,11 +172,9 @@ class RenderedCamera:
             self.left_out += following - seq - 1
             seq = following
 
-    async def _expose_one(
-        self, exposure: _Exposure, ready: asyncio.Queue[tuple[float, CameraReading]]
-    ) -> None:
+    async def _expose_one(self, exposure: _Exposure, ready: asyncio.Queue[CameraReading]) -> None:
         try:
-            ready.put_nowait((exposure.due_s, await self._render_exposure(exposure)))
+            ready.put_nowait(await self._render_exposure(exposure))
         except NoImageError as error:
             self.left_out += 1
             if self._on_missing is not None:
@@ -298,11 +299,9 @@ def _set_result(reached: asyncio.Future[None]) -> None:
         reached.set_result(None)
 
 
-async def _hand_over(
-    ready: asyncio.Queue[tuple[float, CameraReading]], deliver: Callable[[CameraReading], None]
-) -> None:
-    """Deliver each rendered image when it is due, stamped with its exposure."""
+async def deliver_when_due(ready: asyncio.Queue[Any], deliver: Callable[[Any], None]) -> None:
+    """Deliver each queued reading at its `arrived_s`, stamped with the time of delivery."""
     while True:
-        due_s, reading = await ready.get()
-        await sleep_until(due_s)
+        reading = await ready.get()
+        await sleep_until(reading.arrived_s)
         deliver(replace(reading, arrived_s=asyncio.get_running_loop().time()))

@@ -7,7 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
-from vehicles.cameras.rendered_cameras import Compute, ImageSource, inline, next_tick, sleep_until
+from vehicles.cameras.rendered_cameras import (
+    Compute,
+    ImageSource,
+    deliver_when_due,
+    inline,
+    next_tick,
+    sleep_until,
+)
 from vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
 from vehicles.sensors.depth import DepthSensor
 from vehicles.sensors.timing import Timing
@@ -73,7 +80,7 @@ class SensorStream:
         ready: asyncio.Queue[Reading] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._sense(ready), name="sensor samples")
-            tasks.create_task(_hand_over(ready, deliver), name="sensor delivery")
+            tasks.create_task(deliver_when_due(ready, deliver), name="sensor delivery")
 
     async def _sense(self, ready: asyncio.Queue[Reading]) -> None:
         loop = asyncio.get_running_loop()
@@ -93,15 +100,6 @@ class SensorStream:
 
     async def _sample(self, truth: Truth, t_s: float) -> Reading:
         return await self._compute(lambda: self._sensor.sample(truth, t_s, self._rng))
-
-
-async def _hand_over(ready: asyncio.Queue[Reading], deliver: Deliver) -> None:
-    """Deliver each reading of the stream when it is due, stamped with its sampling time."""
-    loop = asyncio.get_running_loop()
-    while True:
-        reading = await ready.get()
-        await sleep_until(reading.arrived_s)
-        deliver(replace(reading, arrived_s=loop.time()))
 
 
 class PoseStream:
