@@ -170,7 +170,7 @@ GREY = [np.full((480, 640, 3), 90, np.uint8)] * 12
     [
         (GREY, "was seen in none of 12 pictures: count a chessboard's inner corners"),
         (lambda views: views[:5], "found in 5 images; 8 that differ are needed"),
-        (lambda views: views[:1] * 20, "20 pictures, and only 1 of them differ"),
+        (lambda views: views[:1] * 20, "20 images, and only 1 of them differ"),
         (lambda views: [*views[:9], views[9][:240]], "picture 10 has 640x240, those before it"),
     ],
 )

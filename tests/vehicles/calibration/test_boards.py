@@ -56,5 +56,5 @@ def test_what_is_no_board_is_refused() -> None:
         ChessBoard(2, 6, 0.025)
     with pytest.raises(CalibrationError, match="must be smaller than its squares"):
         CharucoBoard(8, 6, 0.03, 0.03)
-    with pytest.raises(CalibrationError, match=r"no dictionary '9x9_7' ; choose one of 4x4_50"):
+    with pytest.raises(CalibrationError, match=r"no dictionary '9x9_7'; choose one of 4x4_50"):
         CharucoBoard(8, 6, 0.03, 0.02, "9x9_7")

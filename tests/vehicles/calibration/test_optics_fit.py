@@ -53,7 +53,7 @@ def test_one_view_over_and_over_is_refused(of_charuco: list[Sighting]) -> None:
         replace(one, pixels=one.pixels + random.normal(0.0, 0.1, one.pixels.shape))
         for one in of_charuco[:2] * 30
     ]
-    with pytest.raises(CalibrationError, match="60 pictures, and only 2 of them differ"):
+    with pytest.raises(CalibrationError, match="60 images, and only 2 of them differ"):
         fit_optics(still, SIZE)
 
 
