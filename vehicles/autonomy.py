@@ -1,8 +1,8 @@
-"""The autonomy under test: takes readings and a goal, gives setpoints.
+"""The interface of the autonomy under test: it gets readings and a goal, and returns setpoints.
 
-One instance flies one vehicle. It is handed mixed readings and its own vehicle's telemetry and
-nothing else: never a scene, never the other vehicle. It is pure in this sense: what it answers
-depends only on what it was given, its parameters and the random generator it was handed.
+One instance flies one vehicle. It gets mixed readings and its own vehicle's telemetry and nothing
+else: never a scene, never the other vehicle. It is pure in this sense: its commands depend only on
+its inputs, its parameters and its seed.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What can go wrong with a vehicle: one root, and messages that say what, where, what to do."""
+"""The errors of vehicles: one root, and messages that say what, where and what to do."""
 
 
 class VehicleError(Exception):
@@ -6,7 +6,7 @@ class VehicleError(Exception):
 
 
 class AnchorError(VehicleError):
-    """The vehicle cannot be anchored in the world: too few estimates, or it moves."""
+    """The vehicle's frame cannot be anchored in the world: too few estimates, or it moves."""
 
 
 class IdentifyError(VehicleError):
@@ -32,11 +32,11 @@ class CommandError(VehicleError):
 
 
 class CommandTimeoutError(CommandError):
-    """A command was not answered, however often it was sent."""
+    """A command was not acknowledged after all repetitions."""
 
 
 class ArmRefusedError(CommandError):
-    """Arming was refused; `reasons` are the autopilot's own words."""
+    """Arming was refused; `reasons` are the autopilot's own texts."""
 
     def __init__(self, message: str, *, result: str, reasons: tuple[str, ...]) -> None:
         super().__init__(message, command="MAV_CMD_COMPONENT_ARM_DISARM", result=result)
@@ -44,7 +44,7 @@ class ArmRefusedError(CommandError):
 
 
 class StateTimeoutError(VehicleError):
-    """A state that was asked for (a mode, armed, disarmed) was not seen in time."""
+    """A commanded state (a mode, armed, disarmed) was not reached in time."""
 
 
 class ParameterError(VehicleError):

@@ -1,4 +1,4 @@
-"""Faults that are made on purpose, of a vehicle and of its signals: what there is, and when.
+"""Injected faults of a vehicle and of its signals: their kinds, times and text form.
 
 Campaigns (`faults:`), `wil-campaign vehicle --fault` and `mock_vehicle` have these in common.
 """
@@ -12,13 +12,13 @@ from typing import Generic, Literal, TypeVar, cast, get_args
 T = TypeVar("T")
 
 FaultKind = Literal["stop", "freeze"]
-"""What happens to a signal. stop: nothing comes; freeze: its last value comes again."""
+"""What happens to a signal. stop: no value is passed; freeze: its last value is repeated."""
 FaultName = Literal["kill", "mute", "unmute", "motor", "pose_source", "estimate", "camera"]
 
 LATEST_S = 86_400
-"""The latest moment at which a fault begins, after what it is counted from."""
+"""The latest begin of a fault, after its reference time."""
 LONGEST_S = 3600
-"""The longest that a fault lasts that does not last for good."""
+"""The longest duration of a temporary fault."""
 
 _SIGNALS = frozenset({"pose_source", "estimate", "camera"})
 _FOR_GOOD = frozenset({"kill", "unmute"})
@@ -36,15 +36,16 @@ Restamp = Callable[[T, T], T]
 
 
 class FaultError(ValueError):
-    """A text that names no fault to inject; says which there are."""
+    """A text is not a fault to inject; says which there are."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
     """A fault to inject into a vehicle.
 
-    motor: 0 to 3, PX4's order. factor: what part of its thrust remains. kind: of a signal's fault.
-    after_s: how long after the injection it begins. for_s: how long it lasts; None: for good.
+    motor: 0 to 3, PX4's order. factor: the remaining fraction of its thrust. kind: of a signal's
+    fault. after_s: how long after the injection it begins. for_s: how long it lasts; None: for
+    good.
     """
 
     name: FaultName
@@ -72,7 +73,7 @@ def parse_fault(text: str) -> Fault:
     name, *rest = what.split() or [""]
     after_s, for_s = _parse_moment(text, moment.strip()) if at else (0.0, None)
     if for_s is not None and name in _FOR_GOOD:
-        raise _no_fault(text)
+        raise _unknown_fault(text)
     if name == "motor":
         motor, factor = _parse_motor(text, rest)
         return Fault("motor", motor, factor, after_s=after_s, for_s=for_s)
@@ -81,7 +82,7 @@ def parse_fault(text: str) -> Fault:
         return Fault(cast("FaultName", name), kind=kind, after_s=after_s, for_s=for_s)
     if name in get_args(FaultName) and name not in _SIGNALS and not rest:
         return Fault(cast("FaultName", name), after_s=after_s, for_s=for_s)
-    raise _no_fault(text)
+    raise _unknown_fault(text)
 
 
 def _parse_motor(text: str, rest: list[str]) -> tuple[int, float]:
@@ -90,9 +91,9 @@ def _parse_motor(text: str, rest: list[str]) -> tuple[int, float]:
         motor = int(rest[0]) if rest else 0
         factor = float(rest[1]) if len(rest) > 1 else 0.0
     except ValueError:
-        raise _no_fault(text) from None
+        raise _unknown_fault(text) from None
     if len(rest) > 2 or not (0 <= motor < _MOTORS and 0.0 <= factor <= _MOST_THRUST):
-        raise _no_fault(text)
+        raise _unknown_fault(text)
     return motor, factor
 
 
@@ -103,14 +104,14 @@ def _parse_moment(text: str, moment: str) -> tuple[float, float | None]:
         after_s = float(match[1]) if match else math.nan
         for_s = float(match[2]) if match and match[2] else None
     except ValueError:
-        raise _no_fault(text) from None
+        raise _unknown_fault(text) from None
     if not after_s <= LATEST_S or not (for_s is None or 0.0 < for_s <= LONGEST_S):
-        raise _no_fault(text)
+        raise _unknown_fault(text)
     return after_s, for_s
 
 
-def _no_fault(text: str) -> FaultError:
-    return FaultError(f"{text!r} is no fault; {_THERE_ARE}")
+def _unknown_fault(text: str) -> FaultError:
+    return FaultError(f"{text!r} is not a fault; {_THERE_ARE}")
 
 
 def _digits(seconds: float) -> str:
@@ -119,16 +120,16 @@ def _digits(seconds: float) -> str:
 
 
 class FaultySignal(Generic[T]):
-    """Passes the values of a signal, but for the time in which it stops or freezes; pure."""
+    """Passes the values of a signal, except while it is stopped or frozen; pure."""
 
     def __init__(self, restamp: Restamp[T]) -> None:
         self._restamp = restamp
         self._last: T | None = None
         self.fault: FaultKind | None = None
-        """What is wrong with it now."""
+        """The present fault of the signal."""
 
     def passed(self, value: T) -> T | None:
-        """Return what comes in place of a value; None for nothing."""
+        """Return the value to pass on in place of a value; None for none."""
         if self.fault is None:
             self._last = value
             return value

@@ -1,4 +1,4 @@
-"""Memory of processes: what they hold, and a limit of the kernel on what one asks for."""
+"""Resident memory of processes, and a kernel limit on this process's allocations."""
 
 import os
 import resource
@@ -12,7 +12,7 @@ _MB = 1_000_000
 
 
 def resident_mb(process: psutil.Process | None = None) -> float:
-    """Return what a process holds in memory, in 10^6 bytes: this one; 0 for one that ended."""
+    """Return the resident memory of a process (default: this one), in 10^6 bytes; 0 if it ended."""
     try:
         return float((process or _process(os.getpid())).memory_info().rss) / _MB
     except psutil.Error:
@@ -21,17 +21,17 @@ def resident_mb(process: psutil.Process | None = None) -> float:
 
 @lru_cache(maxsize=1)
 def _process(pid: int) -> psutil.Process:
-    """Return a process, kept: to identify it costs 20 times what its memory does."""
+    """Return a process, cached: to identify it costs 20 times as much as reading its memory."""
     return psutil.Process(pid)
 
 
 @contextmanager
 def limited_allocation(growth_mb: float) -> Iterator[None]:
-    """Have what this process asks for beyond its memory of now and `growth_mb` be refused.
+    """Limit this process's allocations to its present memory plus `growth_mb`.
 
-    It then raises MemoryError, or what else the code that asks makes of it. Counted is private
-    memory that may be written to, held or not (RLIMIT_DATA); what is only reserved is not. Children
-    that are started meanwhile have the same limit. Without effect where the system does not count.
+    Beyond that they raise MemoryError, or what else the allocating code makes of it. Private
+    writable memory counts, resident or not (RLIMIT_DATA); reserved address space does not. Children
+    that are started meanwhile have the same limit. Without effect on systems that do not count it.
     """
     used = getattr(psutil.Process().memory_info(), "data", None)
     if used is None:

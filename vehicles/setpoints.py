@@ -1,4 +1,4 @@
-"""What an autonomy asks of its vehicle, in the world's local frame."""
+"""The setpoints of an autonomy for its vehicle, in the world's local frame."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,8 @@
-"""Tasks whose end somebody sees: the one module of ours that creates them.
+"""Creates asyncio tasks, and accounts for them: no task ends or outlives its loop unnoticed.
 
-Every task of a loop stands in the `TaskAccount` of that loop. It ends in the way it was asked to:
-it returns, or it is cancelled by somebody who asked for that. Anything else is a fault: an
-exception that nobody expects, one that nobody reads, a cancellation that nobody asked for, and a
-task that still runs when all should be over.
+Every task of a loop is in the `TaskAccount` of that loop. It ends as requested: it returns, or it
+is cancelled by a request. Anything else is a fault: an unexpected exception, one that is never
+read, a cancellation without a request, and a task that still runs at the end.
 """
 
 import asyncio
@@ -16,7 +15,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 FAULTS = (Exception, asyncio.CancelledError)
-"""What code that does not await may raise by mistake; Ctrl-C and SystemExit are none."""
+"""Faults of code that does not await; Ctrl-C and SystemExit are none."""
 
 _OURS = tuple(
     str(Path(__file__).parents[1] / name)
@@ -28,7 +27,7 @@ TakeFault = Callable[[BaseException, str], None]
 
 
 def start(coroutine: Coroutine[Any, Any, T], *, name: str) -> asyncio.Task[T]:
-    """Start a task beside the caller, which has to `stop` or await it."""
+    """Start a task, which the caller has to `stop` or await."""
     return asyncio.get_running_loop().create_task(coroutine, name=name)
 
 
@@ -73,7 +72,7 @@ async def together() -> AsyncIterator[asyncio.TaskGroup]:
 
 
 def leaves(error: BaseException) -> list[BaseException]:
-    """Return the errors within error groups of tasks, the first one first."""
+    """Return the errors within nested error groups of tasks, in order."""
     if isinstance(error, BaseExceptionGroup):
         return [leaf for one in error.exceptions for leaf in leaves(one)]
     return [error]
@@ -90,15 +89,15 @@ def asked_to_end(error: BaseException) -> bool:
 def report(error: BaseException, where: str) -> None:
     """Report a task's exception to the loop's exception handler.
 
-    For callbacks that have to go on: one listener that fails must not keep the others from what
-    they have to know.
+    For callers of several callbacks: one listener that fails must not keep the others from being
+    called.
     """
     context = {"message": where, "exception": error}
     asyncio.get_running_loop().call_exception_handler(context)
 
 
 class Contained:
-    """Reports exceptions raised within it, and goes on; a context manager for plain code."""
+    """Reports exceptions raised within it and suppresses them; a context manager."""
 
     __slots__ = ("_where",)
 
@@ -114,7 +113,7 @@ class Contained:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> bool:
-        """Report an exception of ours to the loop's handler."""
+        """Report an exception of FAULTS to the loop's handler."""
         if not isinstance(error, FAULTS):
             return False
         report(error, self._where)
@@ -122,11 +121,11 @@ class Contained:
 
 
 class TaskAccount:
-    """Accounts for every task that its loop starts, except in other people's packages.
+    """Accounts for every task that its loop starts, except those of installed packages.
 
-    fault: told at once of a task that ended in another way than it was asked to, with its name.
-    expected: errors that the task's starter knows what to do with; they are faults only when nobody
-    has read them at the end.
+    fault: called at once with the error and name of a task that ended otherwise than requested.
+    expected: errors that the task's starter handles; they are faults only when they have not been
+    read at the end.
     """
 
     def __init__(self, *, fault: TakeFault, expected: tuple[type[BaseException], ...] = ()) -> None:
@@ -182,14 +181,14 @@ class TaskAccount:
 
 
 def _peek(task: asyncio.Task[Any], name: str) -> Any:
-    """Return an attribute of a task of asyncio's: `exception()` would count as having read it."""
+    """Return a private attribute of a task: `exception()` would mark its error as read."""
     return getattr(task, name)
 
 
 def _is_library(coroutine: Any) -> bool:
-    """Return whether a task's coroutine is of an installed package that is none of ours.
+    """Return whether a task's coroutine is of an installed package other than this program.
 
-    Who calls such a package awaits what it starts, and learns of its errors by what it raises.
+    Callers of such a package await its tasks, and get their errors as exceptions.
     """
     code = getattr(coroutine, "cr_code", None)
     path = "" if code is None else str(code.co_filename)

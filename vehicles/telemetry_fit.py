@@ -1,4 +1,4 @@
-"""How much telemetry a radio carries: the rates that fit its bandwidth; pure."""
+"""Fits telemetry rates to a radio's bandwidth; pure."""
 
 from dataclasses import replace
 
@@ -7,21 +7,21 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicles.autopilots.autopilot import Autopilot, TelemetryRates
 
 LEAST_HZ = 10.0
-"""Positions that come less often let the guard see a breach too late."""
+"""With less frequent positions the guard would notice a breach too late."""
 SHARE_DOWN = 0.5
-"""Of a radio's bandwidth, what the vehicle's telemetry may take: both ways share the air, setpoints
-and repeated frames need the rest."""
+"""Fraction of a radio's bandwidth for the vehicle's telemetry: both directions share the channel,
+setpoints and repeated frames need the rest."""
 _FRAME_BYTES = 12
 _SIGNATURE_BYTES = 13
-_UNASKED = (
+_UNPLANNED = (
     (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1.0),
     (mavlink.MAVLINK_MSG_ID_TIMESYNC, 12.0),
 )
-"""What comes without being in the plan; our own questions for the time come in a burst."""
+"""Messages that arrive without being in the plan; TIMESYNC requests are sent in bursts."""
 
 
 class RadioTooSlowError(ValueError):
-    """A radio too slow for the telemetry that guarding needs; says what would fit."""
+    """A radio is too slow for the telemetry that the guard needs; says what would fit."""
 
 
 def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bool) -> float:
@@ -30,7 +30,7 @@ def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bo
     MAVLink 2 frames have 12 bytes beside their payload, 13 more when they are signed.
     """
     plan = [(one.message_id, one.rate_hz) for one in autopilot.telemetry_plan(rates)]
-    return sum(_frame_bytes(number, signed=signed) * hz for number, hz in (*plan, *_UNASKED))
+    return sum(_frame_bytes(number, signed=signed) * hz for number, hz in (*plan, *_UNPLANNED))
 
 
 def fitted(
@@ -53,7 +53,7 @@ def fitted(
     if fits_hz < min(LEAST_HZ, wanted.position_hz):
         raise RadioTooSlowError(
             f"a radio of {radio_bit_s / 1e3:g} kbit/s carries {fits_hz:.0f} positions a second, "
-            f"and {LEAST_HZ:.0f} are needed to guard a vehicle"
+            f"and the guard needs {LEAST_HZ:.0f}; use a faster radio"
         )
     return replace(
         wanted,

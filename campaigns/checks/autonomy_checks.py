@@ -20,8 +20,8 @@ from vehicles.processes.linux import processor_wait_s
 from worlds.files.documents import Document, Path, Problem
 
 LONGEST_BUILD_S = 30.0
-"""How long an autonomy may take to be imported and built where it is tried in a child process; as long as a worker may take
-to load it. Time for which the child has no processor does not count."""
+"""How long an autonomy may take to be imported and built where it is tried in a child process; as
+long as a worker may take to load it. Time for which the child has no processor does not count."""
 _LONGEST_SPAWN_S, _LONGEST_FORK_S = 120.0, 5.0
 """A child process that has not begun by then never will."""
 _GRACE_S = 1.0

@@ -94,7 +94,7 @@ class WayPart(Part):
             reorder=self.reorder,
             corrupt=self.corrupt,
             bandwidth_bit_s=None if kbit_s is None else kbit_s * 1e3,
-            blackouts=outages,
+            outages=outages,
         )
 
 

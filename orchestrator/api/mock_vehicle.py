@@ -33,8 +33,8 @@ _OTHER_END: dict[str, Literal["udpin", "udpout", "tcpin", "tcpout"]] = {
     "tcpout": "tcpin",
 }
 _DEVICE = {"udpin": "udpin", "udpout": "udpout", "tcpin": "tcpin", "tcpout": "tcp"}
-"""The kinds of links in pymavlink's spelling."""
-_PORT_TAKEN = "is taken by another program"
+"""How pymavlink spells the kinds of links."""
+_PORT_TAKEN = "is in use by another program"
 _ATTEMPTS = 3
 _END_WITHIN_S = 5.0
 _POLL_S = 0.1

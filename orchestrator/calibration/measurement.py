@@ -123,7 +123,7 @@ def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
     """Return the quality of measured optics as part of a calibration file."""
     return OpticsQualityPart(
         board=board.name,
-        pictures=fit.pictures,
+        pictures=fit.images,
         rms_px=round(fit.rms_px, 4),
         covered=round(fit.covered, 3),
     )

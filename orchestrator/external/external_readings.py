@@ -74,7 +74,7 @@ class ExternalReadings(ExternalSource):
         since_s = loop.time()
         while self._live.newest is None or self._live.newest.arrived_s < since_s:
             if loop.time() > since_s + self._from_setup.open_s:
-                raise SourceError(self._live.unheard_text(self._from_setup.open_s))
+                raise SourceError(self._live.missing_reading_text(self._from_setup.open_s))
             if self._from_setup.kind == "mavlink":
                 self._context.driver.request_missing()
             await asyncio.sleep(_POLL_S)

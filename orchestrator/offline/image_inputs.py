@@ -16,7 +16,7 @@ from vehicles.readings import BgrImage, CameraReading, DepthImage, Source
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.frame_stamps import check_image
 from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES, VideoFile
-from vehicles.sources.cameras.recorded_camera import ImageFile, Still
+from vehicles.sources.cameras.recorded_camera import ImageFile, RecordedImage
 from worlds.camera import Intrinsics
 from worlds.files.images import ImageError, read_image
 from worlds.files.limits import MAX_IMAGE_PIXELS
@@ -74,7 +74,7 @@ def video(path: Path, side: Source, optics: Optics) -> Iterator[CameraReading]:
         yield _reading_of(still.image_bgr, seq, still.offset_s, side, optics)
 
 
-def stills(file: ImageFile) -> Iterator[Still]:
+def stills(file: ImageFile) -> Iterator[RecordedImage]:
     """Yield the images of a video, a folder or an MCAP file. Raises OfflineError."""
     try:
         with closing(file):

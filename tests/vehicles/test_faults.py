@@ -51,7 +51,7 @@ def test_what_people_write() -> None:
     ],
 )
 def test_unknown_faults_are_refused_with_what_there_is(text: str) -> None:
-    with pytest.raises(FaultError, match=r"is no fault; there are kill, mute, .* camera stop"):
+    with pytest.raises(FaultError, match=r"is not a fault; there are kill, mute, .* camera stop"):
         parse_fault(text)
 
 

@@ -1,4 +1,4 @@
-"""Boards that a camera is calibrated with, found in pictures; pure."""
+"""Calibration boards (chessboard, ChArUco), and their detection in images; pure."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ Picture = NDArray[np.uint8]
 Points = NDArray[np.float64]
 
 _FEWEST_CHARUCO = 8
-"""Corners of a ChArUco board that are worth a picture: fewer tell next to nothing of the optics."""
+"""Least corners of a ChArUco board in an image: fewer hardly constrain the optics."""
 DICTIONARIES = {
     f"{bits}x{bits}_{count}": getattr(cv2.aruco, f"DICT_{bits}X{bits}_{count}")
     for bits in (4, 5, 6, 7)
@@ -23,14 +23,14 @@ DICTIONARIES = {
 
 
 class CalibrationError(VehicleError):
-    """A camera that cannot be calibrated with a board: why, and what to do."""
+    """A camera cannot be calibrated with a board; says why and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
     """A sighting of a calibration board in an image.
 
-    t_s: when the picture was taken, by its stamp. board_m: (n, 3), corners in the board's frame,
+    t_s: when the image was taken, by its stamp. board_m: (n, 3), corners in the board's frame,
     z 0. pixels: (n, 2), where they are seen.
     """
 
@@ -52,9 +52,9 @@ class Board(Protocol):
 
 @dataclass(frozen=True)
 class ChessBoard:
-    """A chessboard to calibrate with, seen as a whole. columns, rows: of inner corners.
+    """A chessboard to calibrate with, visible as a whole. columns, rows: of inner corners.
 
-    It looks the same upside down, so that it has to be held upright: within a quarter turn.
+    It looks the same upside down: hold it upright, within a quarter turn.
     """
 
     columns: int
@@ -98,7 +98,7 @@ class ChessBoard:
 
 @dataclass(frozen=True)
 class CharucoBoard:
-    """A chessboard with markers, also seen in part. columns, rows: of squares."""
+    """A chessboard with markers, which may be visible in part. columns, rows: of squares."""
 
     columns: int
     rows: int
@@ -110,10 +110,13 @@ class CharucoBoard:
         """Refuse an impossible ChArUco board."""
         if self.dictionary not in DICTIONARIES:
             raise CalibrationError(
-                f"there is no dictionary '{self.dictionary}' (there are {', '.join(DICTIONARIES)})"
+                f"there is no dictionary '{self.dictionary}'; choose one of "
+                f"{', '.join(DICTIONARIES)}"
             )
         if not 0.0 < self.marker_m < self.square_m:
-            raise CalibrationError("the markers of a ChArUco board are smaller than its squares")
+            raise CalibrationError(
+                "the markers of a ChArUco board must be smaller than its squares, and larger than 0"
+            )
         if min(self.columns, self.rows) < 3:
             raise CalibrationError("a ChArUco board needs at least 3 x 3 squares")
 
@@ -148,7 +151,7 @@ class CharucoBoard:
         numbers = np.asarray(ids).ravel()
         places = np.asarray(self._board.getChessboardCorners(), np.float64)[numbers]
         if np.linalg.matrix_rank(places - places[0], tol=0.1 * self.square_m) < 2:
-            return None  # in one line, they are no plane
+            return None  # Corners in one line span no plane.
         return Sighting(t_s, places, np.asarray(corners, np.float64).reshape(-1, 2))
 
 

@@ -1,8 +1,8 @@
-"""Mounting and latency of a camera on a body that moves before a standing board; pure.
+"""Fits mounting and latency of a camera on a body that moves in front of a fixed board; pure.
 
-Unknown are the camera's pose on the body, the board's pose in the world, and by how much pictures
-are late. The twin's camera, at the body's pose a latency before a picture's stamp, has to see the
-board's corners where the real one did: all are found together, by least squares over all corners.
+Unknown are the camera's pose on the body, the board's pose in the world, and the latency of the
+images. A camera at the body's pose one latency before an image's stamp has to see the board's
+corners where the real one did: all unknowns are fitted together, by least squares over all corners.
 The start is the closed form of Park and Martin, "Robot sensor calibration: solving AX = XB on the
 Euclidean group", 1994.
 """
@@ -23,18 +23,18 @@ from worlds.frames import Pose
 
 FEWEST = 12
 LONGEST_S = 0.5
-"""The largest latency that is sought."""
+"""The largest latency that is tried."""
 _STEP_S = 0.02
 _OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 _LEAST_TURN_RAD = np.radians(10.0)
 _LEAST_OF_TWO = 0.2
 _SPACED = 40
-"""Pictures of which pairs are made for the start."""
+"""Images whose pairs are used for the closed form."""
 _POOR_PX = 5.0
 _MOST = 100
 _FARTHEST_PX = 1e4
 _DIFFERENCE = 1e-6
-"""Metres, radians, seconds: far below what matters, far above what rounding does."""
+"""Step of finite differences (m, rad, s): far below the wanted accuracy, far above rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class MountingFit:
     mount: Pose
     latency_s: float
     board: Pose
-    pictures: int
+    images: int
     rms_px: float
     spread_m: float
     spread_rad: float
@@ -69,14 +69,14 @@ def fit_mounting(
 ) -> MountingFit:
     """Return the fit of mounting and latency. sightings: stamped on the path's clock.
 
-    Raises CalibrationError when there is too little, or the body did not move enough to tell.
+    Raises CalibrationError when there are too few images, or the body did not move enough.
     """
     track = _Track(path)
     seen = [one for one in sightings if track.covers(one.t_s - LONGEST_S, one.t_s)]
     seen = seen[:: -(-len(seen) // _MOST) or 1]
     if len(seen) < FEWEST:
         raise CalibrationError(
-            f"{len(seen)} pictures show the board while the body's pose is known; {FEWEST} are "
+            f"{len(seen)} images show the board while the body's pose is known; {FEWEST} are "
             "needed: move slowly for half a minute, with the board in view"
         )
     boards = [_board_from_camera(one, intrinsics) for one in seen]
@@ -86,7 +86,7 @@ def fit_mounting(
         zip(_latencies(), starts, strict=True), key=lambda start: start[1][2]
     )
     problem = _Problem(seen, times, track, intrinsics)
-    guess = np.concatenate((_vector(mount), _vector(board), [late_s]))
+    guess = np.concatenate((_parameters_of(mount), _parameters_of(board), [late_s]))
     found: Any = least_squares(
         problem.residuals,
         guess,
@@ -103,14 +103,14 @@ def _latencies() -> Points:
     return np.arange(0.0, LONGEST_S, _STEP_S, dtype=np.float64)
 
 
-def _check_fit(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
+def _check_fit(found: Any, problem: "_Problem", images: int) -> MountingFit:
     """Raise CalibrationError for a poor fit of the mounting."""
     plain = problem.residuals(found.x)
     rms_px = float(np.sqrt(2.0 * np.mean(np.square(plain))))
     if not rms_px < _POOR_PX:
         raise CalibrationError(
-            f"the camera's pictures and the body's poses do not fit: {rms_px:.1f} px off; did the "
-            "board stand still, and are pose and picture of the same body?"
+            f"the camera's images and the body's poses do not fit: {rms_px:.1f} px off; check that "
+            "the board did not move, and that pose and image are of the same body"
         )
     information = found.jac.T @ found.jac
     variance = float(np.sum(np.square(plain))) / max(1, len(plain) - len(found.x))
@@ -119,10 +119,10 @@ def _check_fit(found: Any, problem: "_Problem", pictures: int) -> MountingFit:
     except np.linalg.LinAlgError:
         spread = np.full(len(found.x), np.inf)
     fit = MountingFit(
-        mount=_pose(found.x[:6]),
+        mount=_pose_of(found.x[:6]),
         latency_s=float(found.x[12]),
-        board=_pose(found.x[6:12]),
-        pictures=pictures,
+        board=_pose_of(found.x[6:12]),
+        images=images,
         rms_px=rms_px,
         spread_m=float(np.max(spread[:3])),
         spread_rad=float(np.max(spread[3:6])),
@@ -142,8 +142,7 @@ def _move_more(known: str) -> str:
     """Return the message that the mounting needs more motion of the body."""
     return (
         f"the mounting cannot be determined ({known}): turn the body by 20 degrees and "
-        "more about two "
-        "axes at least (nose up and down, left and right, to the sides), with the board in view"
+        "more about two axes at least (pitch, yaw, roll), with the board in view"
     )
 
 
@@ -181,7 +180,7 @@ class _Problem:
         self._times = times
         self._track = track
         self._matrix, self._distortion = _lens(intrinsics)
-        # All corners of all pictures at once, and to which picture each belongs.
+        # All corners of all images in one array, and the index of each corner's image.
         self._board_m = np.concatenate([one.board_m for one in seen])
         self._pixels = np.concatenate([one.pixels for one in seen])
         self._of = np.repeat(np.arange(len(seen)), [len(one.board_m) for one in seen])
@@ -193,7 +192,7 @@ class _Problem:
         rotations, positions = self._track.at(self._times - x[12])
         on_body = np.einsum("ni,nij->nj", world - positions[self._of], rotations[self._of])
         optical = (on_body - mount_t) @ mount_r @ _OPTICAL_FROM_FRD.T
-        # Behind the camera nothing is seen: as far off as can be, and back from there.
+        # Corners behind the camera are moved in front of it, so that they project far off.
         optical[:, 2] = np.maximum(optical[:, 2], 1e-3)
         pixels = cv2.projectPoints(
             optical.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), self._matrix, self._distortion
@@ -213,7 +212,7 @@ def _board_from_camera(one: Sighting, intrinsics: Intrinsics) -> tuple[Points, P
     matrix, distortion = _lens(intrinsics)
     done, turn, shift = cv2.solvePnP(one.board_m, one.pixels, matrix, distortion)
     if not done:
-        raise CalibrationError("a picture's board has no pose; record it again")
+        raise CalibrationError("no pose of the board fits one of the images; record them again")
     rotation = _OPTICAL_FROM_FRD.T @ cv2.Rodrigues(turn)[0]
     return rotation, _OPTICAL_FROM_FRD.T @ np.asarray(shift).ravel()
 
@@ -227,8 +226,8 @@ def _closed_form(
 ) -> tuple[Transform, Transform, float]:
     """Return mounting and board in closed form, and how badly rotations agree.
 
-    The body's motion between two pictures, A, and the board's in the camera, B, belong together:
-    A X = X B for the mount X.
+    The body's motion between two images, A, and the board's in the camera, B, satisfy A X = X B
+    for the mount X.
     """
     rotations, positions = track.at(times_s)
     turned = np.array([board[0] for board in boards])
@@ -267,13 +266,13 @@ def _informative_pairs(rotations: Points) -> tuple[Indices, Indices]:
     one, other = np.triu_indices(len(spaced), k=1)
     first, second = spaced[one], spaced[other]
     turns = _logs(np.einsum("nji,njk->nik", rotations[first], rotations[second]))
-    telling = np.linalg.norm(turns, axis=1) > _LEAST_TURN_RAD
-    axes = turns[telling]
-    # Of two axes of turning the lesser must be seen as well, on the average in each pair.
+    is_informative = np.linalg.norm(turns, axis=1) > _LEAST_TURN_RAD
+    axes = turns[is_informative]
+    # The second axis of rotation must be excited as well, on average in each pair.
     least = _LEAST_OF_TWO * _LEAST_TURN_RAD * np.sqrt(len(axes))
     if len(axes) < FEWEST or np.linalg.svd(axes, compute_uv=False)[1] < least:
         raise CalibrationError(_move_more("it hardly rotated, or about one axis only"))
-    return first[telling], second[telling]
+    return first[is_informative], second[is_informative]
 
 
 def _lens(intrinsics: Intrinsics) -> tuple[Points, Points]:
@@ -293,12 +292,12 @@ def _turn(vector: Points) -> Points:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
-def _vector(transform: Transform) -> Points:
+def _parameters_of(transform: Transform) -> Points:
     """Return a transform as the mounting fit's six parameters."""
     return np.concatenate((transform[1], _logs(transform[0][None])[0]))
 
 
-def _pose(vector: Points) -> Pose:
+def _pose_of(vector: Points) -> Pose:
     """Return the mounting fit's six parameters as a pose."""
     x, y, z, w = Rotation.from_rotvec(vector[3:6]).as_quat()
     north, east, down = (float(value) for value in vector[:3])

@@ -1,6 +1,6 @@
-"""The optics of a camera from pictures of a board; pure.
+"""Fits the optics of a camera to images of a board; pure.
 
-Zhang's method as OpenCV has it (calibrateCamera), on pictures that differ as much as they can.
+Zhang's method by OpenCV (calibrateCamera), on the images that differ most.
 """
 
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from vehicles.calibration.boards import CalibrationError, Points, Sighting
 from worlds.camera import Intrinsics
 
 FEWEST = 8
-"""Pictures of a board below which focal length and distortion cannot be told apart."""
+"""With fewer images of a board focal length and distortion cannot be separated."""
 MOST = 40
 _GRID = (8, 6)
 _OUTLIER = 3.0
-"""A picture whose error is so many times the median one was moved, or found wrong."""
+"""An image whose error is so many times the median is blurred by motion, or misdetected."""
 _POOR_PX = 1.5
 _LEAST_SLANT = 0.05
-"""How far a view must be from a mere scaling: a board of a fifth of the picture, tilted by 20
-degrees, is."""
+"""Least slant of the most slanted view (0: a mere scaling); a board of a fifth of the image, tilted
+by 20 degrees, has it."""
 _COEFFICIENTS = {
     4: cv2.CALIB_FIX_K3,
     5: 0,
@@ -33,12 +33,12 @@ _COEFFICIENTS = {
 class OpticsFit:
     """The fit of a camera's optics, and how good it is.
 
-    pictures: that it is of. rms_px: of their corners. covered: share of the picture's cells in
+    images: how many were used. rms_px: of their corners. covered: share of the image's cells in
     which a corner was seen.
     """
 
     intrinsics: Intrinsics
-    pictures: int
+    images: int
     rms_px: float
     covered: float
 
@@ -49,18 +49,18 @@ def fit_optics(
     """Return the fitted optics of a camera of an image size (width, height).
 
     coefficients: of the distortion, 4 (k1, k2, p1, p2), 5 (with k3) or 8 (rational). Raises
-    CalibrationError when there are too few pictures, all alike, or none that fit.
+    CalibrationError when the images are too few, too similar, or do not fit together.
     """
     chosen = most_different(sightings, size, MOST)
     if len(chosen) < FEWEST:
         alike = "" if len(sightings) < FEWEST else f", and only {len(chosen)} of them differ"
         raise CalibrationError(
-            f"the board was found in {len(sightings)} pictures{alike}; {FEWEST} that differ are "
+            f"the board was found in {len(sightings)} images{alike}; {FEWEST} that differ are "
             "needed: show it near and far, in each corner, and tilted to each side"
         )
     if (slant := _slant(chosen)) < _LEAST_SLANT:
         raise CalibrationError(
-            f"the board faces the camera in all {len(chosen)} pictures (the most slanted is off by "
+            f"the board faces the camera in all {len(chosen)} images (the largest slant is "
             f"{slant:.0%}): focal length and distance cannot be separated; tilt it by 30 degrees "
             "and more, to each side"
         )
@@ -72,8 +72,8 @@ def fit_optics(
     rms_px = float(np.sqrt(np.mean(np.square(errors))))
     if not rms_px < _POOR_PX:
         raise CalibrationError(
-            f"the pictures do not fit together: {rms_px:.1f} px off; is the board flat, its size "
-            "right, and the camera's focus and zoom fixed?"
+            f"the images do not fit together: {rms_px:.1f} px off; check that the board is flat, "
+            "its size right, and the camera's focus and zoom fixed"
         )
     return OpticsFit(
         intrinsics=Intrinsics(
@@ -85,7 +85,7 @@ def fit_optics(
             cy_px=float(matrix[1, 2]),
             distortion=tuple(float(value) for value in distortion.ravel()[:coefficients]),
         ),
-        pictures=len(chosen),
+        images=len(chosen),
         rms_px=rms_px,
         covered=covered(chosen, size),
     )
@@ -96,7 +96,7 @@ def most_different(
 ) -> list[Sighting]:
     """Return at most so many sightings, the most different ones, to fit optics.
 
-    Two of the same view are one: what was seen twice from one place tells nothing new.
+    Of several with the same view only one is chosen: the others add no information.
     """
     if not sightings:
         return []
@@ -123,11 +123,11 @@ def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
 
 
 def _view(one: Sighting, size: tuple[int, int]) -> Points:
-    """Return a view of the board as numbers: middle, size and slant, to tell views apart."""
+    """Return a view of the board as a vector of middle, size and slant, to compare views."""
     board, pixels = one.board_m[:, :2], one.pixels / size[0]
     design = np.column_stack((board, np.ones(len(board))))
     affine = np.linalg.lstsq(design, pixels, rcond=None)[0]
-    # Where in the board corners are missing does not matter: the middle is that of the board.
+    # The middle of the whole board, so that missing corners do not shift it.
     middle = affine[2] + affine[:2].T @ board.mean(axis=0)
     scale = float(np.ptp(board))
     return np.concatenate((middle, (scale * affine[:2]).ravel()))
@@ -157,6 +157,6 @@ def _calibrate(
         )
     except cv2.error as error:
         raise CalibrationError(
-            f"the pictures cannot be put together ({error.err}); take more, from other sides"
+            f"OpenCV cannot calibrate with these images ({error.err}); take more, from other sides"
         ) from error
     return np.asarray(found[1]), np.asarray(found[2]), np.asarray(found[7]).ravel()

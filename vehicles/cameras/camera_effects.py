@@ -1,7 +1,7 @@
-"""What a camera does to a picture: motion blur, exposure and noise; pure and cheap.
+"""A camera's effects on an image: motion blur, exposure and noise; pure and cheap.
 
-Noise comes from a tile that is made once and rolled for each picture: fresh noise of NumPy costs
-9.8 ms for a picture of 640x480, the tile 0.2 ms.
+Noise comes from a tile that is drawn once and shifted for each image: fresh noise of NumPy costs
+9.8 ms for an image of 640x480, the tile 0.2 ms.
 """
 
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ from worlds.camera import Intrinsics
 from worlds.frames import Pose
 
 BLUR_DISTANCE_M = 3.0
-"""How far what blurs is thought to be: the way to the gate in the paper's first scenario."""
+"""Assumed distance of the blurred scene: that of the gate in the paper's first scenario."""
 
 MAX_STREAK_PX = 40
 NOISE_ROLL_PX = 128
-"""How far the noise tile reaches beyond the picture, so in how many ways it can be laid."""
+"""By how much the noise tile exceeds the image, and so the number of its offsets."""
 
 Streak = tuple[float, float]
 NO_STREAK: Streak = (0.0, 0.0)
@@ -59,7 +59,7 @@ class CameraQuality:
 class CameraEffects:
     """Applies camera effects to rendered images.
 
-    Safe in several threads: what it holds is never written to after construction.
+    Thread-safe: it is not written to after construction.
     """
 
     def __init__(
@@ -74,8 +74,8 @@ class CameraEffects:
         """Return the image with motion blur along a streak, exposure and noise.
 
         streak_px: how far it moved to the right and down while the shutter was open.
-        noise_roll_px: how the noise is laid, down and right, each from 0 to NOISE_ROLL_PX. The
-        given picture is not written to, and is returned itself when nothing is to be done.
+        noise_roll_px: the offset in the noise tile, down and right, each from 0 to NOISE_ROLL_PX.
+        The given image is not written to, and is returned itself when no effect applies.
         """
         image_bgr = blur_image(image_bgr, streak_px)
         if self._table is not None:
@@ -94,8 +94,8 @@ class CameraEffects:
 def blur_image(image_bgr: BgrImage, streak_px: Streak) -> BgrImage:
     """Return the image with motion blur along a line; itself below a pixel.
 
-    A line for the whole picture, rather than several renderings: it costs one small convolution,
-    and it misses how blur differs over the picture when the camera rolls or objects move.
+    One line for the whole image, rather than several renderings: it costs one small convolution,
+    and it neglects that blur varies over the image when the camera rolls or objects move.
     """
     length_px = max(abs(streak_px[0]), abs(streak_px[1]))
     if not length_px >= 1.0:

@@ -1,13 +1,13 @@
-"""Rendered cameras: one that takes pictures by itself, and one that answers for a pose.
+"""Rendered cameras: one that takes images at its rate, and one that renders on demand from a pose.
 
-Where pictures come from is a PictureSource: our renderer, or a simulator in another process. A
+Images come from an ImageSource: this program's renderer, or a simulator in another process. A
 heavy job goes through `Compute`: inline under virtual time, in a thread under the wall clock.
 """
 
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -33,13 +33,14 @@ __all__ = [
     "OnDemandCamera",
     "RenderedCamera",
     "RenderedImage",
+    "deliver_when_due",
     "inline",
     "next_tick",
     "sleep_until",
 ]
 
 MAX_POSE_AGE_S = 0.25
-"""A vehicle whose pose is older than this has no camera any more, rather than a frozen one."""
+"""A vehicle whose pose is older than this delivers no images, rather than frozen ones."""
 
 MAX_JITTER_SIGMA = 3.0
 
@@ -47,7 +48,7 @@ T = TypeVar("T")
 
 
 class NoImageError(VehicleError):
-    """A rendered camera got no image this time: it was late, refused, or wrong."""
+    """A rendered camera got no image for an exposure: it was late, refused, or wrong."""
 
 
 class RenderedImage(Protocol):
@@ -108,12 +109,12 @@ class _Exposure:
 class RenderedCamera:
     """A rendered camera that delivers images at its rate, with its effects.
 
-    history: where the body truly was. Exposures have their middle at the start + k / rate_hz; one
-    that cannot be taken (no pose, or the last picture is not ready) is left out, and its
-    number with it. A picture is delivered `latency_s`, with jitter, after the middle of its
-    exposure, in order, and never before the shutter closed. pose_delay_s: how long after the
-    exposure its pose is looked up, for poses that arrive late. on_missing: told why, when the
-    source gave no picture; that exposure is left out.
+    history: the body's true poses. Exposures have their middle at the start + k / rate_hz; one
+    that cannot be taken (no pose, or the last image is not ready) is left out, and its number with
+    it. An image is delivered `latency_s`, with jitter, after the middle of its exposure, in order,
+    and never before the shutter closed. pose_delay_s: how long after the exposure its pose is
+    looked up, for poses that arrive late. on_missing: called with the reason when the source gave
+    no image; that exposure is left out.
     """
 
     def __init__(
@@ -147,12 +148,14 @@ class RenderedCamera:
 
     async def run(self, deliver: Callable[[CameraReading], None]) -> None:
         """Render and deliver images until cancelled; what `deliver` raises ends it."""
-        ready: asyncio.Queue[tuple[float, CameraReading]] = asyncio.Queue()
+        ready: asyncio.Queue[CameraReading] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._expose(ready), name=f"{self._side} camera exposures")
-            tasks.create_task(_hand_over(ready, deliver), name=f"{self._side} camera delivery")
+            tasks.create_task(
+                deliver_when_due(ready, deliver), name=f"{self._side} camera delivery"
+            )
 
-    async def _expose(self, ready: asyncio.Queue[tuple[float, CameraReading]]) -> None:
+    async def _expose(self, ready: asyncio.Queue[CameraReading]) -> None:
         start_s, seq, earliest_s = asyncio.get_running_loop().time(), 0, 0.0
         shutter_s = self._quality.exposure_s / 2.0 + self._pose_delay_s
         while True:
@@ -169,11 +172,9 @@ class RenderedCamera:
             self.left_out += following - seq - 1
             seq = following
 
-    async def _expose_one(
-        self, exposure: _Exposure, ready: asyncio.Queue[tuple[float, CameraReading]]
-    ) -> None:
+    async def _expose_one(self, exposure: _Exposure, ready: asyncio.Queue[CameraReading]) -> None:
         try:
-            ready.put_nowait((exposure.due_s, await self._take(exposure)))
+            ready.put_nowait(await self._render_exposure(exposure))
         except NoImageError as error:
             self.left_out += 1
             if self._on_missing is not None:
@@ -188,11 +189,11 @@ class RenderedCamera:
         pose = self._camera_pose(t_s)
         if pose is None:
             return None
-        streak = self._streak(t_s, half_s) if half_s > 0.0 else NO_STREAK
+        streak = self._streak_of(t_s, half_s) if half_s > 0.0 else NO_STREAK
         due_s = max(t_s + delay_s, earliest_s)
         return _Exposure(seq, t_s, due_s, pose, streak, (down, right))
 
-    def _streak(self, t_s: float, half_s: float) -> Streak:
+    def _streak_of(self, t_s: float, half_s: float) -> Streak:
         start, end = self._camera_pose(t_s - half_s), self._camera_pose(t_s + half_s)
         if start is None or end is None:
             return NO_STREAK
@@ -204,7 +205,7 @@ class RenderedCamera:
             return None
         return self._mount.camera_pose(found.pose)
 
-    async def _take(self, exposure: _Exposure) -> CameraReading:
+    async def _render_exposure(self, exposure: _Exposure) -> CameraReading:
         def job() -> BgrImage:
             raw = self._source.picture(exposure.camera_pose, self._intrinsics, exposure.t_s)
             return self._effects.apply(
@@ -218,7 +219,7 @@ class RenderedCamera:
             source=self._side,
             image_bgr=await self._compute(job),
             intrinsics=self._intrinsics,
-            # Of the twin it is known, and tells how well its picture is registered.
+            # The twin's pose is known, and serves to measure how well its image is registered.
             camera_pose=exposure.camera_pose if self._side == "twin" else None,
         )
 
@@ -226,7 +227,7 @@ class RenderedCamera:
 class OnDemandCamera:
     """The twin's rendered camera on demand: an image from a given body pose, ideal.
 
-    mount: of the camera whose picture it is to match, so that of the real vehicle.
+    mount: of the camera whose image it has to match, that of the real vehicle.
     """
 
     def __init__(
@@ -250,7 +251,7 @@ class OnDemandCamera:
     ) -> CameraReading:
         """Return the image rendered from a body's pose (world frame) at t_s.
 
-        Raises NoPictureError.
+        Raises NoImageError.
         """
         camera_pose = self._mount.camera_pose(body)
         seq, self._seq = self._seq, self._seq + 1
@@ -260,16 +261,16 @@ class OnDemandCamera:
                 camera_pose, self._intrinsics, t_s, want_depth=want_depth, want_ids=want_ids
             )
 
-        picture = await self._compute(job)
+        image = await self._compute(job)
         return CameraReading(
             t_s=t_s,
             arrived_s=asyncio.get_running_loop().time(),
             seq=seq,
             source=self._side,
-            image_bgr=picture.image_bgr,
+            image_bgr=image.image_bgr,
             intrinsics=self._intrinsics,
-            depth_m=picture.depth_m,
-            object_ids=picture.object_ids,
+            depth_m=image.depth_m,
+            object_ids=image.object_ids,
             camera_pose=camera_pose,
         )
 
@@ -298,11 +299,9 @@ def _set_result(reached: asyncio.Future[None]) -> None:
         reached.set_result(None)
 
 
-async def _hand_over(
-    ready: asyncio.Queue[tuple[float, CameraReading]], deliver: Callable[[CameraReading], None]
-) -> None:
-    """Deliver each rendered image when it is due, stamped with its exposure."""
+async def deliver_when_due(ready: asyncio.Queue[Any], deliver: Callable[[Any], None]) -> None:
+    """Deliver each queued reading at its `arrived_s`, stamped with the time of delivery."""
     while True:
-        due_s, reading = await ready.get()
-        await sleep_until(due_s)
+        reading = await ready.get()
+        await sleep_until(reading.arrived_s)
         deliver(replace(reading, arrived_s=asyncio.get_running_loop().time()))

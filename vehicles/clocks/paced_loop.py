@@ -1,4 +1,4 @@
-"""A loop whose clock runs faster or slower than the wall's: all that it counts is counted so."""
+"""An asyncio loop whose clock, and with it every timer, runs faster or slower than the wall's."""
 
 import asyncio
 import selectors
@@ -16,11 +16,12 @@ T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
 _LONGEST_WAIT_S = 60.0
-"""While the clock stands only the wall's timers and the sockets can end a wait."""
+"""While the clock is stopped only wall timers and sockets can end a wait."""
 _SAME_INSTANT_S = 1e-9
-"""As near as asyncio takes a timer to be due."""
+"""The tolerance within which asyncio takes a timer to be due."""
 _MOST_TURNS_TO_IDLE = 64
-"""Of those in which something comes in: who is flooded does not hold the clock for good."""
+"""Turns with incoming data until idle is reported anyway: a flooded process must not stop the
+clock for good."""
 
 
 class _PacedSelector(selectors.DefaultSelector):
@@ -81,15 +82,15 @@ class PacedLoop(asyncio.SelectorEventLoop):
         return self._latest_s
 
     def follow(self, segment: Segment) -> None:
-        """Continue by another segment; where it is behind, the paced clock stands meanwhile."""
+        """Continue by another segment; until a segment behind catches up, the clock is stopped."""
         self.time()
         self._segment = segment
 
     def on_idle(self, callback: Callable[[float], bool] | None) -> None:
-        """Call `callback` when all is done that was due, and what has come in is read.
+        """Call `callback` when all due callbacks have run and all incoming data is read.
 
-        It gets the moment of the loop's time until which that is so, and returns whether it did
-        something. A job that a thread still does was due when it began.
+        It gets the loop time until which that holds, and returns whether it did something. A job
+        that still runs in a thread was due when it began.
         """
         self._idle = callback
 
@@ -99,7 +100,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         return self._idle is not None
 
     def become_idle(self) -> bool:
-        """Take that nothing is to be done now; return whether something may be after it."""
+        """Report that nothing is due now; return whether the callback may have changed that."""
         run_s = min(self._latest_s, *self._jobs.values()) if self._jobs else self._latest_s
         return self._idle is not None and self._idle(run_s)
 
@@ -111,7 +112,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
     def run_in_executor(
         self, executor: Executor | None, func: Callable[[*Ts], T], *args: *Ts
     ) -> asyncio.Future[T]:
-        """Run a job in a thread, and know that it runs."""
+        """Run a job in a thread, and keep account of its start."""
         future = super().run_in_executor(executor, func, *args)
         job = object()
         self._jobs[job] = self.time()
@@ -142,7 +143,7 @@ class PacedLoop(asyncio.SelectorEventLoop):
         return wait_s if timeout_s is None else min(timeout_s, wait_s)
 
     def _wall_s_until(self, run_s: float) -> float:
-        """Return for how much wall time a moment of the loop's time is not there."""
+        """Return the wall time until a moment of the loop's time."""
         segment = self._segment
         if segment.rate <= 1e-6 or run_s > segment.end_s + _SAME_INSTANT_S:
             return _LONGEST_WAIT_S

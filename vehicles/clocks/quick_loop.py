@@ -1,7 +1,7 @@
 """An event loop with short turns: for a process that wakes often, and does little each time.
 
-On a busy machine such a process finds nothing of itself in the processor's caches when it wakes.
-Then a turn of asyncio's own loop costs as much as passing on a frame.
+On a busy machine the processor's caches hold nothing of such a process when it wakes. Then a turn
+of asyncio's own loop costs as much as passing on a frame.
 """
 
 # ruff: noqa: SLF001 - asyncio's own loops read the handles' fields so
@@ -28,7 +28,7 @@ _OF_LOOP = frozenset(
     }
 )
 _OF_SELECTOR = frozenset(("_fd_to_key", "_selector"))
-"""What a quick loop uses of asyncio's own loop and of its selector."""
+"""The private attributes of asyncio's loop and selector that a quick loop uses."""
 _OF_HANDLES = ((asyncio.Handle, "_cancelled"), (asyncio.TimerHandle, "_when"))
 _MANY_CANCELLED = 50
 """So many cancelled timers are left to asyncio's own turn, which drops them all."""
@@ -50,10 +50,10 @@ class QuickLoop(asyncio.SelectorEventLoop):
         self._resolution_s: float = self._own["_clock_resolution"]
         self._no_reader, self._no_writer = select.EPOLLOUT, select.EPOLLIN
 
-    def _run_once(self) -> None:  # noqa: C901 - in one piece, as it says
+    def _run_once(self) -> None:  # noqa: C901 - one function for speed, see below
         """Make one turn of asyncio's `run_forever`."""
-        # In one piece: what a turn costs is less what it does than how many functions it touches,
-        # for it finds none of them in the caches.
+        # One function: a turn's cost is rather the number of functions that it touches than their
+        # work, since none of them is in the caches.
         own, callbacks = self._own, self._callbacks
         if own["_timer_cancelled_count"] > _MANY_CANCELLED or own["_debug"]:
             super()._run_once()  # type: ignore[misc]  # typeshed leaves it out
@@ -86,7 +86,7 @@ class QuickLoop(asyncio.SelectorEventLoop):
 
 
 def quick_loop() -> asyncio.AbstractEventLoop:
-    """Return a quick loop, or asyncio's own where that is built otherwise, or there is no epoll."""
+    """Return a quick loop; asyncio's own without epoll, or if its private parts differ."""
     if not hasattr(selectors, "EpollSelector") or not _is_as_expected():
         return asyncio.new_event_loop()
     return QuickLoop()

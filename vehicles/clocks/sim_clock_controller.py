@@ -1,9 +1,9 @@
-"""How the scaled clock follows a simulation's own time; pure.
+"""Controls the scaled run clock so that it follows a simulation's own time; pure.
 
-A simulator that was asked for ten times real time may reach seven, and another figure a moment
-later. Its `time_boot_ms` says what it reached. The run clock is a chain of straight pieces over the
-wall's time: each begins where the one before it is, so that the clock never goes back and never
-jumps, and its slope is led to where the simulator's time is.
+A simulator with a requested ten times real time may attain seven, and another figure a moment
+later. Its `time_boot_ms` shows its time. The run clock is piecewise linear over wall time: each
+segment begins where the last one ends, so that the clock never goes back and never jumps, and its
+slope is controlled towards the simulator's time.
 """
 
 import math
@@ -11,26 +11,26 @@ from collections import deque
 from dataclasses import dataclass
 
 STEP_S = 0.05
-"""How often a piece is laid, in the wall's seconds."""
+"""The wall time from one segment to the next."""
 STALL_S = 5.0
-"""A simulator whose time stands still for so long by the wall's clock hangs."""
+"""A simulator whose time does not advance for so much wall time hangs."""
 APART_S = 1.0
-"""Clocks that came so far apart do not belong to one flight."""
+"""Clocks that differ by more do not belong to one flight."""
 
 _WINDOW_S = 1.0
 _SAMPLE_S = 0.02
 _ENOUGH_S = 0.3
 _AHEAD_S = (0.06, 0.3)
-"""Without a word of the simulation time runs on for so long by the wall's clock, not longer: three
-times what is between its words, but at least and at most so long."""
-_AHEAD_WORDS = 3.0
+"""Without stamps of the simulation its time is extrapolated for so much wall time: three times the
+interval between its stamps, within these limits."""
+_AHEAD_INTERVALS = 3.0
 _SETTLING_S = 0.5
-"""Within which a difference is made good."""
+"""Time constant with which a difference is made up."""
 _SLEW = 4.0
 """By how many times the nominal pace the slope may change within a second."""
 _FASTEST = 2.0
 _STEPS_TO_STALL = round(STALL_S / STEP_S / 2)
-"""Of our own steps: a machine that was asleep has stalled no simulator."""
+"""So many own steps must have been made meanwhile: a suspended machine has stalled no simulator."""
 _BASE_S = 2.0
 _LASTS_S = 1.0
 
@@ -39,8 +39,8 @@ _LASTS_S = 1.0
 class Segment:
     """A linear segment of the sim clock: `run_s` at `wall_s` (CLOCK_MONOTONIC), and a slope.
 
-    rate: run seconds for each of the wall's, 0 or more. holds_s: beyond so much of the wall's time
-    the clock stands, for whoever steers it has not been heard of; infinite where it goes on.
+    rate: run seconds per wall second, 0 or more. holds_s: after so much wall time the clock stops
+    until the next segment arrives; infinite where it continues.
     """
 
     wall_s: float
@@ -50,7 +50,7 @@ class Segment:
 
     @property
     def end_s(self) -> float:
-        """Return the sim clock's time at which it stands; infinite where it goes on."""
+        """Return the sim clock's time at which it stops; infinite where it continues."""
         return self.run_s + self.holds_s * self.rate if self.holds_s < math.inf else math.inf
 
     def at(self, wall_s: float) -> float:
@@ -61,13 +61,13 @@ class Segment:
 class BootTrack:
     """Tracks a simulated vehicle's time since boot against the wall, from late stamps.
 
-    Of the stamps of a few milliseconds the last one counts: what waited in a buffer comes at once.
+    Of several stamps within a few milliseconds the last one counts: buffered ones arrive together.
     """
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
         self._began_s = -math.inf
-        self._grew_s: float | None = None
+        self._advanced_s: float | None = None
         self.first_s: float | None = None
         self.reboots = 0
 
@@ -89,11 +89,11 @@ class BootTrack:
         if len(samples) < 2:
             return _AHEAD_S[1]
         between_s = (samples[-1][0] - samples[0][0]) / (len(samples) - 1)
-        return min(max(_AHEAD_WORDS * between_s, _AHEAD_S[0]), _AHEAD_S[1])
+        return min(max(_AHEAD_INTERVALS * between_s, _AHEAD_S[0]), _AHEAD_S[1])
 
     def still_s(self, wall_s: float) -> float:
         """Return for how much wall time the simulation's clock has not advanced."""
-        return 0.0 if self._grew_s is None else wall_s - self._grew_s
+        return 0.0 if self._advanced_s is None else wall_s - self._advanced_s
 
     def received(self, wall_s: float, boot_s: float) -> None:
         """Take a simulation's stamp that arrived at a wall time."""
@@ -105,7 +105,7 @@ class BootTrack:
             return
         if self.first_s is None:
             self.first_s = wall_s
-        self._grew_s = wall_s
+        self._advanced_s = wall_s
         if wall_s - self._began_s < _SAMPLE_S:
             self._samples[-1] = (wall_s, boot_s)
         else:
@@ -127,7 +127,7 @@ class BootTrack:
 class SimClockController:
     """Controls the run clock so that it follows the leading simulation.
 
-    nominal: the pace that was asked for. Until `begin` the clock is the wall's.
+    nominal: the requested pace. Until `begin` the clock is the wall's.
     """
 
     def __init__(self, *, nominal: float) -> None:
@@ -160,7 +160,7 @@ class SimClockController:
         run_s, dt_s = last.at(wall_s), max(0.0, wall_s - last.wall_s)
         wanted = min(max(self._wanted_rate(wall_s, run_s), 0.0), _FASTEST * self._nominal)
         most = _SLEW * self._nominal * min(dt_s, 2.0 * STEP_S)
-        # Who is quiet may hang, and what waits for it must not run out meanwhile.
+        # A quiet simulation may hang: the clock may stop at once, so that no time limit runs out.
         least = 0.0 if self._quiet(wall_s) else last.rate - most
         rate = min(max(wanted, least), last.rate + most)
         self._segment = Segment(wall_s, run_s, rate)
@@ -198,8 +198,8 @@ class SimClockController:
 class ClockDivergence:
     """Detects that a simulated vehicle's time diverges from the run clock.
 
-    By how much it is off counts from a moment after both were known; what is made good within a
-    second is let go.
+    Its offset counts from a moment after both were known; one that is made up within a second is
+    ignored.
     """
 
     def __init__(self) -> None:
@@ -219,7 +219,7 @@ class ClockDivergence:
             self._since_s = wall_s
         if wall_s - self._since_s < _BASE_S:
             return False
-        # A vehicle that is not heard any more is as old as its last word.
+        # Without new stamps the vehicle's time is extrapolated for a short while only.
         boot_s, rate = track.line(wall_s)
         boot_s = min(boot_s, track.newest_s + track.ahead_s * rate)
         if self._base_s is None:

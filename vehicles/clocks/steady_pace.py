@@ -1,4 +1,4 @@
-"""Whether one steady pace of a vehicle's clock explains its TIMESYNC exchanges; pure."""
+"""Tests whether one steady pace of a vehicle's clock explains its TIMESYNC exchanges; pure."""
 
 import math
 from collections.abc import Sequence
@@ -22,26 +22,26 @@ class Exchange:
 
 
 class SteadyPace:
-    """Tells of how many TIMESYNC exchanges one pace explains all, from the newest back.
+    """Counts the TIMESYNC exchanges, from the newest back, that one pace explains.
 
     Each exchange bounds the clock map at its moment; a line through all bounds exists where the
-    slopes that each two of them permit have one in common. What those before the newest permit is
-    kept: as long as they all agree, the newest is compared with each, and not each with each.
+    slopes that each two of them permit have one in common. The slopes that earlier exchanges permit
+    are kept: as long as all agree, only the newest is compared with each.
     """
 
     def __init__(self) -> None:
         self._low, self._high = -math.inf, math.inf
-        """The slopes that all exchanges permit that were asked about, those dropped since too.
+        """The slopes that all exchanges so far permit, dropped ones included.
 
-        None, low above high, once they disagreed: then they are compared anew.
+        Empty (low above high) once they disagreed: then all are compared again.
         """
         self._step_s = 0.0
 
     def steady(self, exchanges: Sequence[Exchange], step_s: float) -> int:
         """Return how many of the TIMESYNC exchanges, oldest first, one steady pace explains.
 
-        step_s: by how much stamps may be too old. To be asked once for each new exchange; of older
-        ones any may have been dropped since, none be new.
+        step_s: by how much stamps may be too old. Call it once for each new exchange; older ones
+        may have been dropped since, but none added.
         """
         if step_s == self._step_s:
             slopes, newest = (self._low, self._high), exchanges[-1]
@@ -50,9 +50,9 @@ class SteadyPace:
             if slopes[0] <= slopes[1]:
                 self._low, self._high = slopes
                 return len(exchanges)
-        return self._anew(exchanges, step_s)
+        return self._compare_all(exchanges, step_s)
 
-    def _anew(self, exchanges: Sequence[Exchange], step_s: float) -> int:
+    def _compare_all(self, exchanges: Sequence[Exchange], step_s: float) -> int:
         slopes = (-math.inf, math.inf)
         agreeing: list[Exchange] = []
         for old in reversed(exchanges):

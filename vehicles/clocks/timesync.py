@@ -1,16 +1,16 @@
-"""A vehicle's clock on the run clock, from TIMESYNC; pure.
+"""Maps a vehicle's clock to the run clock by TIMESYNC; pure.
 
-An answer that was asked for at t0 and came at t1 was stamped somewhere in between, whatever the
-latency of either way: so each exchange bounds the offset from both sides, the shorter its round
-trip the better. All bounds of the last seconds are intersected, each widened with its age by as
-much as the drift is unknown: a minimum filter of both ways at once (the idea of RFC 5905, 11.2,
-and of Marzullo's intersection). The bound that remains is the uncertainty.
+The reply to a request of t0 that arrived at t1 was stamped somewhere in between, whatever the
+latency of either direction: so each exchange bounds the offset from both sides, the closer the
+shorter its round trip. All bounds of the last seconds are intersected, each widened with its age by
+the uncertainty of the drift: a minimum filter of both directions at once (the idea of RFC 5905,
+11.2, and of Marzullo's intersection). The bound that remains is the uncertainty.
 
-MAVLink: a TIMESYNC with tc1 = 0 asks and carries our time in ts1; the answer carries the
-vehicle's time in tc1 and ours in ts1. PX4 and ArduPilot answer with nanoseconds since boot, the
-epoch of time_boot_ms; where an autopilot's epochs differ, arrival times tell by how much. A
-simulated autopilot's clock advances by whole steps (4 ms in PX4's): its stamps are that much
-too old at most, which the greatest common divisor of the stamps shows.
+MAVLink: a TIMESYNC request has tc1 = 0 and our time in ts1; the reply has the vehicle's time in
+tc1 and ours in ts1. PX4 and ArduPilot reply with nanoseconds since boot, the epoch of time_boot_ms;
+where an autopilot's epochs differ, arrival times show by how much. A simulated autopilot's clock
+advances by whole steps (4 ms in PX4's): its stamps are that much too old at most, which the
+greatest common divisor of the stamps shows.
 """
 
 import math
@@ -23,23 +23,23 @@ _OFFSET_WINDOW_S = 5.0
 _JUMP_S = 0.05
 """An exchange that contradicts the mapping by more is a jump of the vehicle's clock..."""
 _CONTRADICTIONS_TO_RESET = 3
-"""... once so many have said so in succession."""
+"""... once so many in succession contradict it."""
 _LONGEST_STEP_NS = 20_000_000
 _SHORTEST_STEP_NS = 500_000
 """Common divisors below this are the resolution of a running clock."""
 _STAMPS_TO_TELL_STEPS = 4
 """Fewer stamps may have a large common divisor by chance."""
 _EXCHANGES_OF_A_PACE = 3
-"""So many that fit another pace than those before them say that the clock has changed its pace."""
+"""So many that fit another pace than those before them show that the clock's pace has changed."""
 _SHORTEST_DRIFT_SPAN_S = 0.5
 _EARLY_SLACK_S = 0.05
 """Telemetry that seems to arrive before its stamp by more than this..."""
 _LATEST_PLAUSIBLE_S = 1.0
 """... or after it by more than this has another epoch."""
 _SLEW = 0.2
-"""By how much the mapped clock may be faster or slower while it makes a correction good..."""
+"""By how much the mapped clock may be faster or slower while a correction is slewed..."""
 _LONGEST_SLEW_S = 0.25
-"""... which is not larger than this: beyond, the vehicle's clock was set, or stood for long."""
+"""... which is not larger than this: beyond, the vehicle's clock was set, or stopped for long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class ClockMap:
         self._count = 0
         self.resets = 0
         self.began_s = -math.inf
-        """When the pace began that holds now: arrivals before it say nothing of this mapping."""
+        """When the present pace began: earlier arrivals are of no use for this mapping."""
         self.unsteady = False
 
     @property
@@ -102,10 +102,12 @@ class ClockMap:
     def add(self, *, t_sent_s: float, t_received_s: float, remote_ns: int) -> None:
         """Add a TIMESYNC exchange: sent and received (run clock), and the vehicle's time.
 
-        Raises ValueError when the answer came before the question.
+        Raises ValueError when the reply arrived before the request was sent.
         """
         if not t_received_s >= t_sent_s:
-            raise ValueError(f"answered at {t_received_s} s what was asked at {t_sent_s} s")
+            raise ValueError(
+                f"the TIMESYNC reply of {t_received_s} s is before its request of {t_sent_s} s"
+            )
         new = Exchange(t_sent_s, t_received_s, remote_ns)
         if self._has_jumped(new):
             self._exchanges.clear()
@@ -155,7 +157,7 @@ class ClockMap:
     def _check_known(self) -> None:
         """Raise ValueError before the first TIMESYNC exchange."""
         if not self._exchanges:
-            raise ValueError("no TIMESYNC was answered yet")
+            raise ValueError("the vehicle has not answered TIMESYNC yet")
 
     def _has_jumped(self, new: Exchange) -> bool:
         """Return whether the vehicle's clock was set or restarted since the last TIMESYNC."""
@@ -200,7 +202,7 @@ class ClockMap:
         self._uncertainty_s = (high - low) / 2.0
         self.unsteady = low > high or self.began_s != began_s or self.resets > 0
         if low > high:
-            # The clock does not run steadily, or stamps late: by how much at least, this shows.
+            # The clock is not steady, or its stamps are late: by this much at least.
             self._uncertainty_s = self._half_round_trip_s + (low - high) / 2.0
 
     def _fitted_rate(self, step_s: float) -> tuple[float, float]:
@@ -218,7 +220,7 @@ class ClockMap:
         low = max(rate - error, 1.0 - self._max_drift)
         high = min(rate + error, 1.0 + self._max_drift)
         if low > high:
-            # Beyond the bound that was given: believe what is measured.
+            # Beyond max_drift: use the measured rate.
             return rate, error
         return (low + high) / 2.0, (high - low) / 2.0
 
@@ -256,7 +258,7 @@ class _LeastDelay:
 
 @dataclass(frozen=True, slots=True)
 class _Slew:
-    """A correction of the clock map that is made good bit by bit, by the vehicle's time.
+    """A correction of the clock map that is applied gradually, by the vehicle's time.
 
     left_s: by how much the mapped time is ahead of the map at `remote_s`, and before.
     """
@@ -268,19 +270,19 @@ class _Slew:
         """Return by how much the mapped time is ahead of the clock map at a vehicle's time."""
         if not self.left_s:
             return 0.0
-        made_good_s = _SLEW * max(0.0, remote_s - self.remote_s)
-        return math.copysign(max(0.0, abs(self.left_s) - made_good_s), self.left_s)
+        slewed_s = _SLEW * max(0.0, remote_s - self.remote_s)
+        return math.copysign(max(0.0, abs(self.left_s) - slewed_s), self.left_s)
 
 
 class VehicleClock:
     """Maps time_boot of a vehicle's telemetry to the run clock and back, by TIMESYNC.
 
-    Feed it what was asked and answered by TIMESYNC, and stamps of telemetry as they arrive. Until
-    an answer comes, and where TIMESYNC has another epoch than time_boot, the least delay of
-    arrivals stands in for what is missing, and `uncertainty_s` says so.
+    Feed it TIMESYNC requests and replies, and stamps of telemetry as they arrive. Before the first
+    reply, and where TIMESYNC has another epoch than time_boot, the least delay of arrivals is used
+    instead, and `uncertainty_s` says so.
 
-    A simulation on a busy machine falls behind, or stands for a moment. What TIMESYNC then says is
-    made good without a step: stamps that follow each other closely stay close, and in order.
+    A simulation on a busy machine falls behind, or stops for a moment. TIMESYNC's correction is
+    then slewed, not stepped: stamps that follow each other closely stay close, and in order.
     """
 
     def __init__(self, *, own_id: int = 0, max_drift: float = 0.02) -> None:
@@ -288,7 +290,7 @@ class VehicleClock:
         self._max_drift = max_drift
         self._map = ClockMap(max_drift=max_drift)
         self._slew = _Slew()
-        self._asked: dict[int, float] = {}
+        self._sent_requests: dict[int, float] = {}
         self._raw_delay = _LeastDelay(5.0)
         self._mapped_delay = _LeastDelay(5.0)
         self._epoch_shift_s = 0.0
@@ -298,20 +300,20 @@ class VehicleClock:
     def ask(self, t_s: float) -> int:
         """Return the ts1 of a TIMESYNC that is sent now."""
         stamp = round(t_s * 1e9) // 1000 * 1000 + self._own_id % 1000
-        # 0 in tc1 means a question: an answer to a stamp of 0 would look like one to a repeater.
+        # tc1 = 0 marks a request: a peer that swaps the fields would make one of a stamp of 0.
         stamp = max(stamp, 1)
-        self._asked[stamp] = t_s
-        if len(self._asked) > 32:
-            del self._asked[next(iter(self._asked))]
+        self._sent_requests[stamp] = t_s
+        if len(self._sent_requests) > 32:
+            del self._sent_requests[next(iter(self._sent_requests))]
         return stamp
 
     def answered(self, *, tc1: int, ts1: int, arrived_s: float) -> bool:
         """Take a received TIMESYNC; return whether it answers one of ours."""
-        t_sent_s = self._asked.pop(ts1, None) if tc1 != 0 else None
+        t_sent_s = self._sent_requests.pop(ts1, None) if tc1 != 0 else None
         if t_sent_s is None:
             return False
         if arrived_s < t_sent_s:
-            # The arrival was stamped by another process, whose scaled clock was just slowed down.
+            # Another process stamped the arrival, and its scaled clock was just slowed down.
             return True
         began_s, remote_s = self._map.began_s, tc1 * 1e-9
         before_s = self._mapped(remote_s) if self._map.known else None
@@ -319,7 +321,7 @@ class VehicleClock:
         if self._map.began_s != began_s:
             self._mapped_delay = _LeastDelay(5.0)
         left_s = 0.0 if before_s is None else before_s - self._map.run_time(remote_s)
-        # What a steady clock is known better by now is no correction of its pace.
+        # A better estimate of a steady clock is no correction of its pace: it needs no slew.
         slews = self._map.unsteady or self._slew.at(remote_s)
         self._slew = _Slew(remote_s, left_s if slews and abs(left_s) <= _LONGEST_SLEW_S else 0.0)
         return True
@@ -335,7 +337,7 @@ class VehicleClock:
         self._raw_delay.add(arrived_s - boot_s, arrived_s)
         if self._map.known and not self._map.contradicted:
             self._mapped_delay.add(self._map.remote_time(arrived_s) - boot_s, arrived_s)
-            self._judge_epoch()
+            self._update_epoch_shift()
         return min(self.run_time(boot_s), arrived_s)
 
     def run_time(self, boot_s: float) -> float:
@@ -346,7 +348,7 @@ class VehicleClock:
         if self._map.known:
             return self._mapped(boot_s + self._epoch_shift_s)
         if self._raw_delay.value == math.inf:
-            raise ValueError("neither TIMESYNC nor telemetry has given the vehicle's time yet")
+            raise ValueError("the vehicle's time is unknown: no TIMESYNC reply, no telemetry yet")
         return boot_s + self._raw_delay.value
 
     def boot_time(self, t_s: float) -> float:
@@ -380,10 +382,10 @@ class VehicleClock:
         """Return the run clock's time of the vehicle's, without a step where the map made one."""
         return self._map.run_time(remote_s) + self._slew.at(remote_s)
 
-    def _judge_epoch(self) -> None:
+    def _update_epoch_shift(self) -> None:
         """Decide whether TIMESYNC and time_boot share an epoch, and their shift."""
         least_s = self._mapped_delay.value
-        # A clock whose pace changes may be mapped ahead by as much as is made good.
+        # A clock whose pace changes may be mapped ahead by as much as is being slewed.
         changes = self._map.began_s > -math.inf
         slack_s = _EARLY_SLACK_S + (_LONGEST_SLEW_S if changes else 0.0)
         early_s = -(self._map.uncertainty_s + slack_s)
@@ -396,7 +398,7 @@ class VehicleClock:
         self._newest_boot_s = -math.inf
         self._map = ClockMap(max_drift=self._max_drift)
         self._slew = _Slew()
-        self._asked.clear()
+        self._sent_requests.clear()
         self._raw_delay = _LeastDelay(5.0)
         self._mapped_delay = _LeastDelay(5.0)
         self._epoch_shift_s = 0.0

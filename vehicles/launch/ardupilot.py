@@ -1,4 +1,4 @@
-"""ArduCopter as its own simulation (SITL).
+"""Launches ArduCopter's own simulation (SITL).
 
 Command line and ports: libraries/AP_HAL_SITL/SITL_cmdline.cpp and UARTDriver.cpp of ArduPilot.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vehicles.launch.launch_plan import (
-    BornWith,
+    BootParams,
     Home,
     LaunchError,
     LaunchPlan,
@@ -21,7 +21,7 @@ from worlds.files.paths import exists, is_file, is_folder
 
 _BASE_PORT = 5760
 _PER_INSTANCE = 10
-_OURS = "campaign.parm"
+_BOOT_PARAMS_FILE = "campaign.parm"
 _TREE = Path("Tools", "autotest", "default_params")
 _FRAME = "FRAME_CLASS"
 
@@ -31,9 +31,9 @@ class ArduPilotLaunch:
     """The launch of an arducopter binary built for SITL.
 
     frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win; empty for those
-    that its source tree has for the frame, without which it is of no frame and never arms.
-    speedup: how many times real time its clock runs, if the machine can. params: that it boots
-    with, on top of the defaults.
+    of its source tree for the frame, without which its frame class is undefined and it never arms.
+    speedup: how many times real time its clock runs, if the machine can. params: boot parameters,
+    on top of the defaults.
     """
 
     binary: Path
@@ -41,7 +41,7 @@ class ArduPilotLaunch:
     defaults: tuple[Path, ...] = ()
     speedup: float = 1.0
     home: Home | None = None
-    params: BornWith = ()
+    params: BootParams = ()
 
     @property
     def label(self) -> str:
@@ -86,8 +86,8 @@ class ArduPilotLaunch:
         files: dict[str, str] = {}
         if self.params:
             rows = (f"{name} {parameter_text(value)}\n" for name, value in self.params)
-            files[_OURS] = "".join(rows)
-            defaults.append(folder.resolve() / _OURS)
+            files[_BOOT_PARAMS_FILE] = "".join(rows)
+            defaults.append(folder.resolve() / _BOOT_PARAMS_FILE)
         if defaults:
             argv += ["--defaults", ",".join(map(str, defaults))]
         if self.home is not None:
@@ -97,8 +97,8 @@ class ArduPilotLaunch:
             label=self.label,
             argv=tuple(argv),
             link=LinkAddress("tcpout", host="127.0.0.1", port=port),
-            # It boots when a client connects, and the first one is the only one it hears: to
-            # probe the port would take the link's place.
+            # It boots when a client connects, and serves only the first one: a probe of the port
+            # would take the link's place.
             ready=("Waiting for connection", f"SERIAL0 on TCP port {port}"),
             files=files,
             fatal=("bind failed on port", "Vehicle model (", "PANIC", "Failed to load defaults"),
@@ -113,8 +113,8 @@ class ArduPilotLaunch:
         found = next((one for one in folders if is_file(one / "copter.parm")), None)
         if found is None:
             return ()
-        words = self.frame.partition(":")[0].split("-")
-        names = ["-".join(words[: count + 1]) for count in range(len(words))]
+        parts = self.frame.partition(":")[0].split("-")
+        names = ["-".join(parts[: count + 1]) for count in range(len(parts))]
         own = [found / f"copter-{name}.parm" for name in names]
         return (found / "copter.parm", *(file for file in own if is_file(file)))
 
@@ -135,5 +135,5 @@ def executable(path: Path, label: str, remedy: str) -> str:
     if is_folder(path):
         raise LaunchError(f"{label}: {path} is a folder; name the program in it")
     if not os.access(path, os.X_OK):
-        raise LaunchError(f"{label}: {path} may not be executed; run 'chmod +x {path}'")
+        raise LaunchError(f"{label}: {path} is not executable; run 'chmod +x {path}'")
     raise LaunchError(f"{label}: {path} cannot be executed")

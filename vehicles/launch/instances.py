@@ -1,4 +1,4 @@
-"""Instance numbers for simulators: several runs on one machine share none, and no port."""
+"""Reserves instance numbers of simulators, so that runs on one machine share no port."""
 
 import errno
 import fcntl
@@ -14,8 +14,8 @@ from vehicles.launch.launch_plan import Launch, LaunchError, Port
 class Instance:
     """An instance number of one kind of simulator, reserved until it is closed.
 
-    A lock that the kernel frees when its holder dies keeps it from other runs of this user;
-    what others use is seen by their ports.
+    A file lock, which the kernel frees when its holder dies, excludes this user's other runs;
+    other programs are detected by their ports.
     """
 
     def __init__(self, *, number: int, lock: int) -> None:
@@ -58,8 +58,8 @@ def take_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
     used = ", ".join(f"{port.kind} {port.number}" for port in taken)
     raise LaunchError(
         f"{launch.label}: all {launch.instances} instances are in use"
-        + (f" (ports taken by other programs: {used})" if used else "")
-        + "; end the simulators that are left over"
+        + (f" (ports in use by other programs: {used})" if used else "")
+        + "; end orphaned simulators"
     )
 
 

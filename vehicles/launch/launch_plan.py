@@ -1,4 +1,4 @@
-"""What is to be started, and how it is known that it runs; pure."""
+"""The plan of a simulator's launch: command, link, and the output that shows readiness; pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,12 +10,12 @@ from vehicles.links.link_strings import LinkAddress
 
 
 class LaunchError(VehicleError):
-    """A simulator that cannot be launched, or died; says what it printed."""
+    """A simulator cannot be launched, or has died; says what it printed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A port on this machine that the launched program, or our link to it, binds."""
+    """A port on this machine that the launched program, or the link to it, binds."""
 
     number: int
     kind: Literal["tcp", "udp"]
@@ -35,10 +35,10 @@ class Home:
 class LaunchPlan:
     """A plan to launch one program: arguments, environment additions, and the link to it.
 
-    ready: a line that holds one of these says that it runs. fatal: one that holds one of these
-    says that it will not. complaints: lines with these are told when it does not become ready.
+    ready: texts of output lines that show that it runs. fatal: texts of lines that show that it
+    will not. complaints: texts of lines that are reported when it does not become ready.
     cleanup: a command that removes what remains when the program was killed; empty for none.
-    files: by name, what has to stand in its folder before.
+    files: contents by name, to be written into its folder first.
     """
 
     label: str
@@ -52,7 +52,7 @@ class LaunchPlan:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-BornWith = tuple[tuple[str, float], ...]
+BootParams = tuple[tuple[str, float], ...]
 """Parameters that an autopilot boots with: names and values."""
 
 

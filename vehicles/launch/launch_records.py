@@ -1,4 +1,4 @@
-"""Notes of what was started, in files: processes orphaned by a crash are found by them."""
+"""Records of launches in files, by which processes orphaned by a crash are found."""
 
 import contextlib
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ class LaunchRecord:
         half.replace(file)
 
     @property
-    def left_over(self) -> bool:
+    def is_orphan(self) -> bool:
         """Return whether the launched program is an orphan: it runs, its owner does not."""
         return self.boot_id == boot_id() and not self.owner.lives and bool(self.survivors())
 
@@ -47,12 +47,12 @@ class LaunchRecord:
 
 def find_orphans(root: Path) -> tuple[LaunchRecord, ...]:
     """Return the launch records of orphans in folders below `root`."""
-    return tuple(record for record in _records(root) if record.left_over)
+    return tuple(record for record in _records(root) if record.is_orphan)
 
 
 def _records(root: Path) -> Iterator[LaunchRecord]:
     for file in sorted(root.rglob(RECORD)):
-        # A record that a crash cut, or that is not ours, names no process.
+        # A record that is truncated, or not of this program, names no process.
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             record = msgspec.json.decode(file.read_bytes(), type=LaunchRecord)
             yield replace(record, folder=str(file.parent))

@@ -1,4 +1,4 @@
-"""A simulator that can be started: its folder, its instance and what to start, all taken."""
+"""A prepared launch of a simulator: its folder, instance and command, all reserved."""
 
 import asyncio
 from pathlib import Path
@@ -12,13 +12,13 @@ from vehicles.processes.child import run_briefly
 from vehicles.processes.identity import ProcessId, boot_id
 from vehicles.processes.supervisor import supervised
 
-_LOOK_S = 0.05
+_POLL_S = 0.05
 
 
 class PreparedLaunch:
     """Reserves what a simulator's launch needs; a context manager that releases it.
 
-    folder: becomes its scratch folder, made new; its output goes to `output.txt` there. Raises
+    folder: its scratch folder, which is created; its output goes to `output.txt` there. Raises
     LaunchError when something is missing, before anything is started.
     """
 
@@ -30,7 +30,7 @@ class PreparedLaunch:
             folder.mkdir(parents=True)
         except OSError as error:
             raise LaunchError(
-                f"{launch.label}: scratch folder {folder}: {error.strerror}"
+                f"{launch.label}: cannot create its folder {folder}: {error.strerror}"
             ) from error
         self.folder = folder
         self._instance: Instance = take_instance(launch, locks=locks)
@@ -57,7 +57,7 @@ class PreparedLaunch:
 
     def command(self, *, parent: int, grace_s: float) -> tuple[str, ...]:
         """Return the command that launches it under a supervisor; arguments: see there."""
-        # The supervisor opens it anew; who looks for it before that finds it empty.
+        # The supervisor truncates it; until then readers find an empty file.
         self.output.touch()
         return supervised(self.plan.argv, parent=parent, grace_s=grace_s, folder=str(self.folder))
 
@@ -93,28 +93,29 @@ class PreparedLaunch:
             if gone:
                 raise self.died(end.result(), output)
             if loop.time() >= deadline_s:
-                said = "; ".join(complaints) or output.last_output or "it printed nothing"
+                printed = "; ".join(complaints) or output.last_output or "it printed nothing"
                 raise LaunchError(
-                    f"{plan.label} is not ready after {ready_s:g} s: {said}{self.where()}"
+                    f"{plan.label} is not ready after {ready_s:g} s: {printed}{self.where()}"
                 )
-            # Whichever comes first: the next look, or its end.
-            await asyncio.wait({end}, timeout=_LOOK_S)
+            # Until the next poll, or the simulator's end.
+            await asyncio.wait({end}, timeout=_POLL_S)
 
     def died(self, exit_code: int | None, output: Output | None = None) -> LaunchError:
         """Return the error of a launched simulator that ended, with its last output."""
         if output is None:
             output = Output(self.output)
             output.new_lines(ended=True)
-        words = output.last_output or "it printed nothing"
-        code = exit_code
-        how = f"signal {code - 128}" if code is not None and code > 128 else f"exit code {code}"
+        last_output = output.last_output or "it printed nothing"
+        how = f"exit code {exit_code}"
+        if exit_code is not None and exit_code > 128:
+            how = f"signal {exit_code - 128}"
         return LaunchError(
-            f"{self.plan.label} ended with {how}; it last printed:\n{words}\n{self.where()}"
+            f"{self.plan.label} ended with {how}; it last printed:\n{last_output}\n{self.where()}"
         )
 
     def where(self) -> str:
         """Return in words where the launched simulator's output is."""
-        return f" (all that it printed is in {self.output})"
+        return f" (its whole output is in {self.output})"
 
     async def clean_up(self) -> None:
         """Remove what remains of an ended simulator."""

@@ -1,4 +1,4 @@
-"""PX4 as its own simulation (SITL), from a build folder or a container image.
+"""Launches PX4's own simulation (SITL) from a build folder or a container image.
 
 Command line, ports and environment: platforms/posix/src/px4/common/main.cpp,
 ROMFS/px4fmu_common/init.d-posix/{rcS,px4-rc.mavlink}, Tools/simulation/sitl_multiple_run.sh and
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from vehicles.launch.ardupilot import executable
 from vehicles.launch.launch_plan import (
-    BornWith,
+    BootParams,
     Home,
     LaunchError,
     LaunchPlan,
@@ -25,10 +25,10 @@ from worlds.files.paths import is_file, is_folder
 
 _API_PORT = 14540
 _LOCAL_PORTS = (14580, 14280, 13030, 18570)
-"""What each instance binds: API, payload, gimbal, ground station; each plus the instance."""
+"""The ports that each instance binds: API, payload, gimbal, ground station; plus the instance."""
 _SIH_PORT = 19450
 _HOOK = "px4-rc.simulator"
-"""What rcS runs just before the modules start, from the first folder of PATH that has it."""
+"""The script that rcS runs just before the modules start, from the first folder in PATH."""
 _CONTAINER_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 _READY = ("Startup script returned successfully",)
 _FATAL = (
@@ -44,7 +44,7 @@ class Px4Launch:
     """The launch of PX4 from `build` (build/px4_sitl_default) or the container `image`.
 
     model: its PX4_SIM_MODEL. speed: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
-    it. Instances beyond ten would share one port. params: that it boots with.
+    it. Instances beyond ten would share one port. params: boot parameters.
     """
 
     build: Path | None = None
@@ -52,11 +52,11 @@ class Px4Launch:
     model: str = "sihsim_quadx"
     speed: float = 1.0
     home: Home | None = None
-    params: BornWith = ()
+    params: BootParams = ()
 
     def __post_init__(self) -> None:
         if (self.build is None) == (self.image is None):
-            raise ValueError("PX4 is launched from a build folder or from an image: name one")
+            raise ValueError("PX4 is launched from a build folder or from an image: give one")
 
     @property
     def label(self) -> str:
@@ -83,7 +83,7 @@ class Px4Launch:
             )
 
     def ports(self, instance: int) -> tuple[Port, ...]:
-        """Return the ports that a PX4 instance binds, and the one that our link binds."""
+        """Return the ports that a PX4 instance binds, and the one that the link to it binds."""
         numbers = [_API_PORT + instance, *(base + instance for base in _LOCAL_PORTS)]
         if self.model.startswith("sihsim"):
             numbers.append(_SIH_PORT + instance)
@@ -112,7 +112,7 @@ class Px4Launch:
         variables = [part for item in environment.items() for part in ("-e", "=".join(item))]
         argv = (
             docker, "run", "--rm", "--init", "--pull", "never", "--network", "host", "--name", name,
-            # Where its parameters and logs go inside: both of them below our folder.
+            # Where its parameters and logs go in the container: both below the mounted folder.
             "-v", f"{folder}:/wil", "-e", "XDG_DATA_HOME=/wil", "-e", "XDG_STATE_HOME=/wil",
             *variables, self.image or "", "-d", "-i", str(instance),
         )  # fmt: skip
@@ -127,16 +127,16 @@ class Px4Launch:
                 "Cannot connect to the Docker daemon",
                 "permission denied",
             ),
-            # The client's end is not the container's.
+            # The end of the docker client does not end the container.
             cleanup=(docker, "rm", "--force", name),
             files=files,
         )
 
     def _hook(self, system_id: int) -> str:
-        """Return PX4's start-up hook that sets the parameters, then does what PX4's own does.
+        """Return PX4's start-up hook that sets the parameters, then runs PX4's own.
 
-        rcS sets PX4_PARAM_* of the environment too, but then by itself the system id (instance
-        and 1) and, by the speed, its time-outs.
+        rcS sets PX4_PARAM_* of the environment too, but afterwards overwrites the system id
+        (instance + 1) and, by the speed, its time-outs.
         """
         wanted = (("MAV_SYS_ID", float(system_id)), *self.params)
         rows = [f"param set {shlex.quote(name)} {parameter_text(value)}" for name, value in wanted]
@@ -167,7 +167,7 @@ class Px4Launch:
         docker = shutil.which("docker")
         if docker is None:
             raise LaunchError(
-                "PX4 SITL: docker is not installed, and an image was asked for; install it, or "
+                "PX4 SITL: docker is not installed, which `image` needs; install docker, or "
                 "name a build folder"
             )
         return docker

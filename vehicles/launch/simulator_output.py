@@ -1,4 +1,4 @@
-"""What a simulator prints: read from the file that it writes, line by line as it grows."""
+"""Reads a simulator's output from its file, line by line as the file grows."""
 
 import re
 from collections import deque
@@ -20,7 +20,7 @@ class Output:
     def new_lines(self, *, ended: bool = False) -> list[str]:
         """Return the simulator's output lines since the last call.
 
-        ended: nobody writes any more, so that what has no end of line is a line too.
+        ended: the simulator has ended, so that an unterminated last line is complete.
         """
         with self._path.open("rb") as file:
             file.seek(self._offset)

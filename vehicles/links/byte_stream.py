@@ -1,4 +1,4 @@
-"""One connection of a byte stream: what asyncio calls, in the words of a link."""
+"""The asyncio protocol of one TCP connection of a link."""
 
 import asyncio
 from asyncio.trsock import TransportSocket
@@ -6,14 +6,14 @@ from collections.abc import Callable
 from typing import cast
 
 MOST_WAITING_BYTES = 16_384
-"""What waits to be sent beyond this is given up: a setpoint that is late is worse than none."""
+"""Writes beyond so many waiting bytes are dropped: a late setpoint is worse than none."""
 
 
 class StreamPeer(asyncio.Protocol):
     """The peer of one TCP byte stream.
 
-    received: takes what came and the loop's time. lost: called once, with the reason in words,
-    unless we closed it ourselves.
+    received: called with bytes and the loop's time of arrival. on_lost: called once, with the
+    reason in words, unless this side closed the connection.
     """
 
     def __init__(
@@ -21,23 +21,23 @@ class StreamPeer(asyncio.Protocol):
         *,
         opened: Callable[["StreamPeer"], None],
         received: Callable[["StreamPeer", bytes, float], None],
-        lost: Callable[["StreamPeer", str], None],
+        on_lost: Callable[["StreamPeer", str], None],
     ) -> None:
         self._opened = opened
         self._received = received
-        self._lost = lost
+        self._on_lost = on_lost
         self._transport: asyncio.Transport | None = None
         self._loop = asyncio.get_running_loop()
         self._closed_by_us = False
         self.dropped_writes = 0
-        self.heard_s = self._loop.time()
-        """When it was last heard, or came."""
+        self.last_received_s = self._loop.time()
+        """When bytes arrived last, or the connection was made."""
 
     @property
     def address(self) -> str:
         """Return the stream peer's address in messages."""
         if self._transport is None:
-            return "nobody"
+            return "no peer"
         host, port = self._transport.get_extra_info("peername")[:2]
         return f"{host}:{port}"
 
@@ -59,7 +59,7 @@ class StreamPeer(asyncio.Protocol):
         transport.write(data)
 
     def close(self) -> None:
-        """Close the byte stream at once; `lost` is not called."""
+        """Close the byte stream at once; `on_lost` is not called."""
         self._closed_by_us = True
         if self._transport is not None:
             self._transport.abort()
@@ -71,8 +71,8 @@ class StreamPeer(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Pass the stream's bytes on with their time (asyncio calls this)."""
-        self.heard_s = self._loop.time()
-        self._received(self, data, self.heard_s)
+        self.last_received_s = self._loop.time()
+        self._received(self, data, self.last_received_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Report why the byte stream ended (asyncio calls this)."""
@@ -80,4 +80,4 @@ class StreamPeer(asyncio.Protocol):
         if self._closed_by_us:
             return
         strerror = exc.strerror if isinstance(exc, OSError) else None
-        self._lost(self, "the other side closed it" if exc is None else strerror or str(exc))
+        self._on_lost(self, "the peer closed it" if exc is None else strerror or str(exc))

@@ -1,4 +1,4 @@
-"""A link made worse on purpose: for flights over the field's bad radio, in any time."""
+"""A link with a simulated bad radio: frames are lost, delayed, doubled or corrupted."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,15 +7,15 @@ from typing import Self
 
 import numpy as np
 
-from vehicles.links.impairment import ImpairedWay, Impairment, ImpairmentCounts
+from vehicles.links.impairment import ImpairedDirection, Impairment, ImpairmentCounts
 from vehicles.links.link import Link, Receiver, TellsTrouble
 from vehicles.mavlink.framing import FrameSplitter
 
 
 class ImpairedLink:
-    """An impaired link: MAVLink frames are lost, late, doubled and broken each by itself.
+    """An impaired link: MAVLink frames are lost, delayed, doubled and corrupted independently.
 
-    outgoing: what is done to what we write; incoming: to what we hear. rng: a generator of its
+    outgoing: the impairment of written frames; incoming: of received ones. rng: a generator of its
     own; the same seed and the same frames at the same times give the same arrivals.
     """
 
@@ -30,8 +30,8 @@ class ImpairedLink:
         self._link = link
         self._receiver: Receiver | None = None
         out_rng, in_rng = rng.spawn(2)
-        self._out = _Way(outgoing, out_rng, self._send)
-        self._in = _Way(incoming, in_rng, self._hand_on)
+        self._out = _TimedDirection(outgoing, out_rng, self._send)
+        self._in = _TimedDirection(incoming, in_rng, self._hand_on)
         link.receive(self._on_bytes)
 
     @property
@@ -96,7 +96,7 @@ class ImpairedLink:
             self._receiver(b"".join(frames), t_s)
 
 
-class _Way:
+class _TimedDirection:
     """One direction of an impaired link, with the timer of its next arrival."""
 
     def __init__(
@@ -109,19 +109,21 @@ class _Way:
         self._rng = rng
         self._deliver = deliver
         self._splitter = FrameSplitter()
-        self._way: ImpairedWay | None = None
+        self._direction: ImpairedDirection | None = None
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
 
     @property
     def counts(self) -> ImpairmentCounts:
         """Return the impaired direction's counts; zeros before the link is opened."""
-        return ImpairmentCounts() if self._way is None else self._way.counts
+        return ImpairmentCounts() if self._direction is None else self._direction.counts
 
     def open(self) -> None:
         """Open the impaired direction."""
         now_s = asyncio.get_running_loop().time()
-        self._way = ImpairedWay(impairment=self._impairment, rng=self._rng, opened_s=now_s)
+        self._direction = ImpairedDirection(
+            impairment=self._impairment, rng=self._rng, opened_s=now_s
+        )
         self._open = True
 
     def close(self) -> None:
@@ -133,33 +135,31 @@ class _Way:
 
     def start_outage(self, duration_s: float) -> None:
         """Start an outage of the impaired direction."""
-        if self._way is not None:
-            self._way.start_outage(asyncio.get_running_loop().time(), duration_s)
+        if self._direction is not None:
+            self._direction.start_outage(asyncio.get_running_loop().time(), duration_s)
 
     def put(self, data: bytes) -> None:
         """Take bytes sent now into the impaired direction."""
-        way = self._way
-        if way is None or not self._open:
+        direction = self._direction
+        if direction is None or not self._open:
             return
         now_s = asyncio.get_running_loop().time()
         for frame in self._splitter.feed(data):
-            way.put(frame.raw, now_s)
-        self._give(now_s)
+            direction.put(frame.raw, now_s)
+        self._deliver_due(now_s)
 
     def _tick(self) -> None:
         """Deliver impaired frames that are due, and set the next timer."""
         self._timer = None
-        # A loop's timer may fire a hair before its time.
-        now_s = asyncio.get_running_loop().time()
-        self._give(now_s)
+        self._deliver_due(asyncio.get_running_loop().time())
 
-    def _give(self, now_s: float) -> None:
+    def _deliver_due(self, now_s: float) -> None:
         """Deliver the impaired frames that have arrived by now."""
-        way = self._way
-        if way is None:
+        direction = self._direction
+        if direction is None:
             return
-        arrived = way.take(now_s)
-        due_s = way.next_due_s
+        arrived = direction.take(now_s)
+        due_s = direction.next_due_s
         if due_s is not None and (self._timer is None or due_s < self._timer.when()):
             if self._timer is not None:
                 self._timer.cancel()

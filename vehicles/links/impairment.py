@@ -1,4 +1,4 @@
-"""What a bad radio does to frames: the settings, and when each frame arrives, if at all; pure."""
+"""The simulated impairments of a radio link: settings, and when each frame arrives; pure."""
 
 import heapq
 import math
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _DRAWS = 7
-"""Uniform numbers per frame, drawn for every frame: a setting does not shift the luck of others."""
+"""Random numbers per frame, drawn for every frame: a setting does not shift the others' draws."""
 _BLOCK = 256
 
 
@@ -16,9 +16,9 @@ _BLOCK = 256
 class Bursts:
     """An impairment: loss in bursts, by the two-state model of Gilbert and Elliott.
 
-    The state changes with time, not with each frame, so that a burst takes both ways alike however
-    much they carry: length_s and gap_s are the mean lengths of bursts and of the times between,
-    both exponential. loss_within, loss_between: the chances of a frame then.
+    The state changes with time, not with each frame, so that a burst is as long in both directions
+    whatever they carry: length_s and gap_s are the mean lengths of bursts and of the times between,
+    both exponential. loss_within, loss_between: the probabilities of loss then.
     E. N. Gilbert, "Capacity of a burst-noise channel" (1960); E. O. Elliott (1963).
     """
 
@@ -35,7 +35,7 @@ class Bursts:
                 raise ValueError(f"{name} is {getattr(self, name)}: it is a mean time above 0 s")
 
     def chance_within(self, *, was_within: bool, elapsed_s: float) -> float:
-        """Return the chance of a loss burst so long after its state was known."""
+        """Return the probability of being in a burst elapsed_s after a known state."""
         share = self.length_s / (self.length_s + self.gap_s)
         forgotten = math.exp(-elapsed_s * (1.0 / self.length_s + 1.0 / self.gap_s))
         return share + ((1.0 if was_within else 0.0) - share) * forgotten
@@ -50,7 +50,10 @@ class LinkOutage:
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.from_s < math.inf and 0.0 < self.duration_s < math.inf):
-            raise ValueError(f"blackout from {self.from_s} s for {self.duration_s} s")
+            raise ValueError(
+                f"a blackout from {self.from_s} s for {self.duration_s} s: both must be finite, "
+                "the start 0 or more and the duration positive"
+            )
 
     def covers(self, t_s: float) -> bool:
         """Return whether the outage covers a moment."""
@@ -61,11 +64,12 @@ class LinkOutage:
 class Impairment:
     """The impairment of one direction of a link, per MAVLink frame; the default does nothing.
 
-    latency_s, jitter_s: a frame takes latency_s, more or less by up to jitter_s, evenly spread;
-    frames keep their order, as on a radio. loss, duplicate, reorder, corrupt: chances per frame.
-    A reordered frame is late by reorder_by_s, and those after it go past. A corrupted one has one
-    bit flipped. bandwidth_bit_s: the frames queue for it; what would wait longer than queue_s is
-    lost. Raises ValueError for impossible values.
+    latency_s, jitter_s: a frame takes latency_s, more or less by up to jitter_s, uniformly
+    distributed; frames keep their order, as on a radio. loss, duplicate, reorder, corrupt:
+    probabilities per frame. A reordered frame is late by reorder_by_s and overtaken by those after
+    it. A corrupted one has one bit flipped. bandwidth_bit_s: frames queue for it; a frame that
+    would wait longer than queue_s is lost. outages: times in which all frames are lost. Raises
+    ValueError for impossible values.
     """
 
     latency_s: float = 0.0
@@ -78,7 +82,7 @@ class Impairment:
     corrupt: float = 0.0
     bandwidth_bit_s: float | None = None
     queue_s: float = 1.0
-    blackouts: tuple[LinkOutage, ...] = ()
+    outages: tuple[LinkOutage, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "reorder", "corrupt"):
@@ -90,10 +94,13 @@ class Impairment:
         if self.jitter_s > self.latency_s:
             raise ValueError(
                 f"jitter_s is {self.jitter_s} and latency_s {self.latency_s}: a frame would arrive "
-                "before it was sent"
+                "before it was sent; make jitter_s at most latency_s"
             )
         if self.bandwidth_bit_s is not None and not 0.0 < self.bandwidth_bit_s < math.inf:
-            raise ValueError(f"bandwidth_bit_s is {self.bandwidth_bit_s}: give it, or leave it out")
+            raise ValueError(
+                f"bandwidth_bit_s is {self.bandwidth_bit_s}: it must be positive; leave it out for "
+                "no limit"
+            )
 
 
 @dataclass(slots=True)
@@ -102,7 +109,7 @@ class ImpairmentCounts:
 
     frames: int = 0
     lost: int = 0
-    blacked_out: int = 0
+    lost_in_outage: int = 0
     overflowed: int = 0
     duplicated: int = 0
     reordered: int = 0
@@ -110,24 +117,24 @@ class ImpairmentCounts:
     delivered: int = 0
 
 
-class ImpairedWay:
+class ImpairedDirection:
     """One direction under impairment: takes frames, returns them when they arrive.
 
-    Times are seconds of any one clock; `opened_s` is the moment from which blackouts count.
+    Times are seconds of any one clock; outages count from `opened_s`.
     """
 
     def __init__(
         self, *, impairment: Impairment, rng: np.random.Generator, opened_s: float
     ) -> None:
-        self._set = impairment
-        self._luck = _uniforms(rng)
+        self._settings = impairment
+        self._draws = _uniforms(rng)
         self._opened_s = opened_s
         self._queue: list[tuple[float, int, bytes]] = []
         self._number = 0
         self._busy_until_s = -math.inf
         self._last_due_s = -math.inf
         self._in_burst = False
-        self._looked_s = opened_s
+        self._burst_known_s = opened_s
         self._forced_until_s = -math.inf
         self.counts = ImpairmentCounts()
 
@@ -137,31 +144,31 @@ class ImpairedWay:
 
     def put(self, frame: bytes, now_s: float) -> None:
         """Take one frame that is sent now into the impairment."""
-        setting, counts = self._set, self.counts
-        lost, state, burst, delay, copy, order, corrupt = next(self._luck)
+        settings, counts = self._settings, self.counts
+        lost, state, burst, delay, copy, order, corrupt = next(self._draws)
         counts.frames += 1
         sent_s = self._through_bottleneck(len(frame), now_s)
         if sent_s is None:
             counts.overflowed += 1
             return
         if self._is_in_outage(now_s):
-            counts.blacked_out += 1
+            counts.lost_in_outage += 1
             return
-        if self._lost_in_burst(state, burst, now_s) or lost < setting.loss:
+        if self._lost_in_burst(state, burst, now_s) or lost < settings.loss:
             counts.lost += 1
             return
-        if corrupt < setting.corrupt:
+        if corrupt < settings.corrupt:
             counts.corrupted += 1
-            # What is left of the number chooses the bit.
-            frame = _with_bit_flipped(frame, corrupt / setting.corrupt)
-        due_s = sent_s + setting.latency_s + (2.0 * delay - 1.0) * setting.jitter_s
-        if order < setting.reorder:
+            # The rest of the random number chooses the bit.
+            frame = _with_bit_flipped(frame, corrupt / settings.corrupt)
+        due_s = sent_s + settings.latency_s + (2.0 * delay - 1.0) * settings.jitter_s
+        if order < settings.reorder:
             counts.reordered += 1
-            due_s += setting.reorder_by_s
+            due_s += settings.reorder_by_s
         else:
             due_s = self._last_due_s = max(due_s, self._last_due_s)
         self._push(due_s, frame)
-        if copy < setting.duplicate:
+        if copy < settings.duplicate:
             counts.duplicated += 1
             self._push(due_s, frame)
 
@@ -175,9 +182,9 @@ class ImpairedWay:
         arrived = []
         while self._queue and self._queue[0][0] <= now_s:
             due_s, _, frame = heapq.heappop(self._queue)
-            # What was under way when the lights went out is gone too.
+            # A frame that would arrive during an outage is lost too.
             if self._is_in_outage(due_s):
-                self.counts.blacked_out += 1
+                self.counts.lost_in_outage += 1
             else:
                 arrived.append(frame)
         self.counts.delivered += len(arrived)
@@ -191,27 +198,27 @@ class ImpairedWay:
         if t_s < self._forced_until_s:
             return True
         since_s = t_s - self._opened_s
-        return any(blackout.covers(since_s) for blackout in self._set.blackouts)
+        return any(outage.covers(since_s) for outage in self._settings.outages)
 
     def _through_bottleneck(self, size: int, now_s: float) -> float | None:
         """Return when a frame leaves the bottleneck; None when its queue is full."""
-        rate = self._set.bandwidth_bit_s
+        rate = self._settings.bandwidth_bit_s
         if rate is None:
             return now_s
         begin_s = max(now_s, self._busy_until_s)
-        if begin_s - now_s > self._set.queue_s:
+        if begin_s - now_s > self._settings.queue_s:
             return None
         self._busy_until_s = begin_s + 8.0 * size / rate
         return self._busy_until_s
 
-    def _lost_in_burst(self, state: float, luck: float, now_s: float) -> bool:
-        bursts = self._set.bursts
+    def _lost_in_burst(self, state: float, draw: float, now_s: float) -> bool:
+        bursts = self._settings.bursts
         if bursts is None:
             return False
-        elapsed_s, self._looked_s = now_s - self._looked_s, now_s
+        elapsed_s, self._burst_known_s = now_s - self._burst_known_s, now_s
         chance = bursts.chance_within(was_within=self._in_burst, elapsed_s=elapsed_s)
         self._in_burst = state < chance
-        return luck < (bursts.loss_within if self._in_burst else bursts.loss_between)
+        return draw < (bursts.loss_within if self._in_burst else bursts.loss_between)
 
 
 def _uniforms(rng: np.random.Generator) -> Iterator[tuple[float, ...]]:

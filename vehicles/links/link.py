@@ -1,4 +1,4 @@
-"""What a link is: bytes out, bytes in with their time, open and close."""
+"""The protocol of byte links: bytes out, bytes in with their time, open and close."""
 
 from collections.abc import Callable, Sequence
 from types import TracebackType
@@ -7,21 +7,21 @@ from typing import Protocol, Self, runtime_checkable
 from vehicles.errors import VehicleError
 
 Receiver = Callable[[bytes, float], None]
-"""Takes whole datagrams or stream pieces as they come, and the run clock's time of arrival."""
+"""Takes whole datagrams or pieces of a stream, and the run clock's time of arrival."""
 
 TimesReceiver = Callable[[Sequence[float]], None]
 """Takes times of the run clock, oldest first."""
 
 
 class LinkError(VehicleError):
-    """A link that cannot be opened or was lost; says which and what to do."""
+    """A link cannot be opened, or was lost; says which and what to do."""
 
 
 class Link(Protocol):
     """One end of a byte link to a vehicle; an async context manager.
 
-    `write` never blocks and never raises for a peer that is away (that shows as silence);
-    bytes arrive by the receiver given to `receive`, called from the event loop.
+    `write` never blocks and never raises for an absent peer (nothing is received then); bytes
+    arrive by the receiver given to `receive`, called from the event loop.
     """
 
     @property
@@ -57,7 +57,7 @@ class TellsTrouble(Protocol):
 
 @runtime_checkable
 class TellsUnread(Protocol):
-    """A link that knows when something arrived that was lost, for this program read it late."""
+    """A link that knows when packets arrived that were dropped because they were read too late."""
 
     def on_unread(self, receiver: TimesReceiver) -> None:
-        """Set the receiver of the times of what was lost."""
+        """Set the receiver of the arrival times of dropped packets."""

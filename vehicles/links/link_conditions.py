@@ -1,4 +1,4 @@
-"""What is put round the link to a vehicle: the signature, and a bad radio made on purpose."""
+"""Wraps the link to a vehicle: signing, simulated impairment and redundant links."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -33,9 +33,9 @@ class KeySource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkConditions:
-    """The conditions of a link between us and the vehicle: signing, impairment.
+    """The conditions of a link to a vehicle: signing, impairment.
 
-    outgoing, incoming: what is done to the frames of each way. seed: of all luck in it. signing:
+    outgoing, incoming: the impairment of each direction. seed: of its random numbers. signing:
     where the key is; None for unsigned frames.
     """
 
@@ -43,18 +43,18 @@ class LinkConditions:
     incoming: Impairment = field(default_factory=Impairment)
     seed: tuple[int, ...] = (0,)
     signing: KeySource | None = None
-    may_go_dark: bool = False
-    """Whether it is blacked out at a moment of the flight, not known yet."""
+    has_later_outage: bool = False
+    """Whether an outage begins at a stage of the flight, a moment that is not known yet."""
 
     @property
     def impaired(self) -> bool:
         """Return whether the link's conditions include impairment."""
-        return self.may_go_dark or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
+        return self.has_later_outage or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionedLink:
-    """A link under conditions. impaired: its outages' link; None when not impaired."""
+    """A link under conditions. impaired: the link whose outages can be started; None without."""
 
     link: Link
     impaired: ImpairedLink | None = None
@@ -66,12 +66,13 @@ def under_conditions(
     *,
     utc_s: float,
     spares: Sequence[Link] = (),
-    told: Callable[[str], None] | None = None,
+    on_switch: Callable[[str], None] | None = None,
 ) -> ConditionedLink:
     """Return a link under conditions: signed first, then impaired, as on the air.
 
-    utc_s: what time it is (UTC, seconds since 1970). spares: links to the same vehicle that stand
-    by, unimpaired; told: gets in words that another of them is flown by. Raises SigningKeyError.
+    utc_s: the present time (UTC, seconds since 1970). spares: standby links to the same vehicle,
+    unimpaired; on_switch: called with a message when another link becomes active. Raises
+    SigningKeyError.
     """
     impaired: ImpairedLink | None = None
     if conditions.impaired:
@@ -88,5 +89,5 @@ def under_conditions(
             SignedLink(link=one, key=key, utc_s=utc_s, link_id=number)
             for number, one in enumerate(links)
         ]
-    together = RedundantLink(links=links, told=told) if spares else links[0]
+    together = RedundantLink(links=links, on_switch=on_switch) if spares else links[0]
     return ConditionedLink(together, impaired)

@@ -1,4 +1,4 @@
-"""From a link's address to the link."""
+"""Creates the link of an address."""
 
 from vehicles.links.link import Link, LinkError
 from vehicles.links.link_strings import LinkAddress
@@ -8,15 +8,15 @@ from vehicles.links.tcp import TcpInLink, TcpOutLink
 from vehicles.links.udp import UdpLink
 
 _SOON = BackOff(first_s=0.1, longest_s=0.5)
-"""For what is being started: it does not boot before somebody connects (ArduPilot's SITL)."""
+"""For a simulator that is being started: ArduPilot's SITL boots only once a client connects."""
 
 
 def open_link(address: LinkAddress, *, patient: bool = False, signed: bool = False) -> Link:
     """Return the link of an address, not yet entered.
 
-    patient: who listens there is only going to be started. signed: what comes is believed by its
-    signature, wherever it comes from.
-    Raises LinkError for memory://, whose two ends are made at once.
+    patient: the peer may not listen yet. signed: senders are told apart by their signatures, not
+    by their addresses.
+    Raises LinkError for memory://, whose two ends are created together.
     """
     match address.kind:
         case "udpin" | "udpout":

@@ -1,4 +1,4 @@
-"""Link strings: one syntax, and a suggestion for the spellings of other tools."""
+"""Parses link strings, and suggests the right form for the spellings of other tools."""
 
 import difflib
 import re
@@ -30,7 +30,7 @@ _FOREIGN_KIND: dict[str, LinkKind] = {
 
 
 class LinkAddressError(LinkError, ValueError):
-    """A link string that cannot be parsed; says its proper form."""
+    """A link string cannot be parsed; says the right form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class LinkAddress:
 def parse_link(text: str) -> LinkAddress:
     """Return the address that a link string names.
 
-    `udpin://host:port` (we listen), `udpout://host:port` (we speak first), `tcpout://`,
+    `udpin://host:port` (listens), `udpout://host:port` (sends first), `tcpout://`,
     `tcpin://`, `serial:///dev/ttyACM0:921600`, `memory://`. Raises LinkAddressError, with the
     string that was probably meant.
     """
@@ -84,7 +84,7 @@ def _serial(text: str, rest: str) -> LinkAddress:
         raise _unreadable(text, "serial:// needs device:baud")
     baud = int(match["baud"])
     if not 1200 <= baud <= 12_000_000:
-        raise _unreadable(text, f"{baud} is not a baud rate of serial ports")
+        raise _unreadable(text, f"{baud} is not a baud rate; serial ports have 1200 to 12000000")
     return LinkAddress("serial", device=match["device"], baud=baud)
 
 

@@ -1,4 +1,4 @@
-"""A link in memory: two ends, a fixed latency, order kept; for virtual time."""
+"""A link in memory: two ends, a fixed latency, in order; for virtual time."""
 
 import asyncio
 from collections import deque
@@ -21,7 +21,7 @@ class MemoryLink:
         self._under_way: deque[tuple[float, bytes]] = deque()
         self._timer: asyncio.Handle | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        """While open; asking asyncio for it costs as much as handing on a packet."""
+        """The running loop while open: get_running_loop costs as much as handing on a packet."""
 
     @property
     def name(self) -> str:
@@ -92,7 +92,7 @@ def memory_pair(*, latency_s: float = 0.0, name: str = "memory") -> tuple[Link, 
     ValueError for a latency below zero.
     """
     if not latency_s >= 0.0:
-        raise ValueError(f"latency_s is {latency_s}: a link cannot deliver before it was given")
+        raise ValueError(f"latency_s is {latency_s}: it must be 0 s or more")
     first = MemoryLink(name=f"{name}:a", latency_s=latency_s)
     second = MemoryLink(name=f"{name}:b", latency_s=latency_s)
     first.join(second)

@@ -1,4 +1,4 @@
-"""Having a lost link again: waits that grow, and a word to people once per loss and return."""
+"""Reconnects lost links with exponential back-off, and logs each loss and each return once."""
 
 import asyncio
 import logging
@@ -12,7 +12,7 @@ from vehicles.tasks import start, stop
 _log = logging.getLogger(__name__)
 
 _STEADY_S = 5.0
-_WAS_THERE_S = 0.25
+_HELD_S = 0.25
 _FLAPS = 3
 
 
@@ -31,18 +31,18 @@ class BackOff:
 class Reconnection:
     """Reconnects a lost link in a task of its own until connected or stopped.
 
-    again: opens the link; raises LinkError when it cannot. A loss is logged once, and once when
-    the link is back. Of a link that flaps the third loss says so, and nothing more is logged until
-    it has stayed for `_STEADY_S`. A link that is lost as soon as it is there counts as one that
-    could not be had: waits grow; one that stays for a while is tried for at once, for a vehicle may
-    be flying by it.
+    reconnect: opens the link; raises LinkError when it cannot. A loss is logged once, and once when
+    the link is back. The third loss of a flapping link is logged as such, and nothing more until
+    the link has held for `_STEADY_S`. A link that is lost within `_HELD_S` counts as a failed
+    attempt, so that the waits grow; one that held longer is reopened after the first wait, since a
+    vehicle may be flying by it.
     """
 
     def __init__(
-        self, *, name: str, again: Callable[[], Awaitable[None]] | None, back_off: BackOff
+        self, *, name: str, reconnect: Callable[[], Awaitable[None]] | None, back_off: BackOff
     ) -> None:
         self._name = name
-        self._again = again
+        self._reconnect = reconnect
         self._back_off = back_off
         self._task: asyncio.Task[None] | None = None
         self._lost_s: float | None = None
@@ -51,7 +51,7 @@ class Reconnection:
         self._unsteady = 0
         self._failures = 0
         self.trouble = ""
-        """Why it is lost, or why it could not be had again; empty while it is there."""
+        """Why the link is lost, or why reconnecting failed; empty while connected."""
         self.losses = 0
 
     def lost(self, why: str) -> None:
@@ -59,22 +59,24 @@ class Reconnection:
         if self._lost_s is not None:
             return
         self._lost_s = now_s = asyncio.get_running_loop().time()
-        stayed_s = math.inf if self._back_s is None else now_s - self._back_s
-        self._failures = self._failures + 1 if stayed_s < _WAS_THERE_S else 0
-        self._forget_steady()
-        self._unsteady = self._unsteady + 1 if stayed_s < _STEADY_S else 1
+        held_s = math.inf if self._back_s is None else now_s - self._back_s
+        self._failures = self._failures + 1 if held_s < _HELD_S else 0
+        self._cancel_steady()
+        self._unsteady = self._unsteady + 1 if held_s < _STEADY_S else 1
         self.losses += 1
         self.trouble = why
         if self._unsteady < _FLAPS:
             _log.warning("%s: lost (%s)", self._name, why)
         elif self._unsteady == _FLAPS:
-            said = (
+            _log.warning(
                 "%s: lost again (%s): the link flaps; further losses are not logged until "
-                "it holds for %g s"
+                "it holds for %g s",
+                self._name,
+                why,
+                _STEADY_S,
             )
-            _log.warning(said, self._name, why, _STEADY_S)
-        if self._again is not None:
-            self._task = start(self._try(self._again), name=f"{self._name}: again")
+        if self._reconnect is not None:
+            self._task = start(self._retry(self._reconnect), name=f"{self._name}: reconnect")
 
     def back(self) -> None:
         """Note that the link is connected again."""
@@ -87,30 +89,30 @@ class Reconnection:
         if self._unsteady < _FLAPS:
             _log.warning("%s: back after %.1f s", self._name, gap_s)
         else:
-            self._steady = loop.call_later(_STEADY_S, self._is_steady)
+            self._steady = loop.call_later(_STEADY_S, self._on_steady)
 
     async def stop(self) -> None:
         """Stop reconnecting."""
         task, self._task = self._task, None
         self._lost_s = None
-        self._forget_steady()
+        self._cancel_steady()
         if task is not None:
             await stop(task)
 
-    def _is_steady(self) -> None:
-        _log.warning("%s: back, and stays; it was lost %d times", self._name, self._unsteady)
+    def _on_steady(self) -> None:
+        _log.warning("%s: back, and steady; it was lost %d times", self._name, self._unsteady)
         self._unsteady, self._steady = 0, None
 
-    def _forget_steady(self) -> None:
+    def _cancel_steady(self) -> None:
         if self._steady is not None:
             self._steady.cancel()
             self._steady = None
 
-    async def _try(self, again: Callable[[], Awaitable[None]]) -> None:
+    async def _retry(self, reconnect: Callable[[], Awaitable[None]]) -> None:
         while True:
             await asyncio.sleep(self._back_off.after(self._failures))
             try:
-                await again()
+                await reconnect()
             except LinkError as error:
                 self.trouble = str(error).removeprefix(f"{self._name}: ")
                 self._failures += 1

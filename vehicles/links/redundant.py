@@ -1,4 +1,4 @@
-"""Two or more links to one vehicle: one is flown by, the others stand by until it falls silent."""
+"""Redundant links to one vehicle: one is active, the others take over when it falls silent."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -13,13 +13,13 @@ from vehicles.links.link import Link, Receiver, TellsTrouble
 from vehicles.mavlink.framing import Frame, FrameSplitter
 
 SILENT_S = 0.3
-"""From when on another link is flown by: long before anybody above counts the vehicle's link as
-lost (1.5 s), and three periods of the slowest telemetry. To change for nothing costs little."""
+"""After this silence another link becomes active: long before the driver counts the vehicle's link
+as lost (1.5 s), and three periods of the slowest telemetry. A needless switch costs little."""
 STEADY_S = 5.0
-"""How long a link listed earlier must have been heard without a gap before it is flown by again."""
+"""How long a link listed earlier must receive without a gap before it becomes active again."""
 
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
-_EVERYWHERE = frozenset(
+_SENT_ON_ALL_LINKS = frozenset(
     {
         mavlink.MAVLINK_MSG_ID_HEARTBEAT,
         mavlink.MAVLINK_MSG_ID_SET_MODE,
@@ -30,10 +30,10 @@ _EVERYWHERE = frozenset(
 )
 _COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
 _COMMAND_AT = 28
-"""Where both have the command's number, behind seven values of four bytes."""
-_RATE_OF_BYTES = 4
-"""SET_MESSAGE_INTERVAL: param1 is the message whose rate is asked for."""
-_COMMANDS_EVERYWHERE = frozenset(
+"""The offset of the command's number in both, behind seven values of four bytes."""
+_MESSAGE_ID_BYTES = 4
+"""SET_MESSAGE_INTERVAL: param1 is the message whose rate is requested."""
+_COMMANDS_ON_ALL_LINKS = frozenset(
     {
         mavlink.MAV_CMD_DO_SET_MODE,
         mavlink.MAV_CMD_NAV_LAND,
@@ -46,34 +46,36 @@ _COMMANDS_EVERYWHERE = frozenset(
 
 
 class RedundantLink:
-    """Redundant links as one: passes on what arrives on the first one that is not silent.
+    """Redundant links as one: passes on what arrives on the active one.
 
-    Autopilots number and time what they send by each link apart, so that two streams do not mix.
-    What does the same when it comes twice (heartbeats, setpoints, modes, landing, disarming,
-    telemetry rates) is written to all links, so that an abort needs no link to be found out
-    first; transactions (parameters, missions, takeoff) go by the one that is heard.
+    Autopilots number and time the messages of each link separately, so that two streams cannot be
+    mixed. Idempotent messages (heartbeats, setpoints, modes, landing, disarming, telemetry rates)
+    are written to all links, so that an abort does not depend on which link works; transactions
+    (parameters, missions, takeoff) use the active one.
 
-    Telemetry rates that were asked for are asked for again when another link is flown by: it may
-    have come after they were.
+    Requested telemetry rates are requested again on a link that becomes active: it may have
+    connected after the first request.
 
-    links: the preferred one first; all must be there at the start. told: gets in words that
-    another link is flown by now.
+    links: the preferred one first; all must open at the start. on_switch: called with a message
+    when another link becomes active.
     """
 
-    def __init__(self, *, links: Sequence[Link], told: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, *, links: Sequence[Link], on_switch: Callable[[str], None] | None = None
+    ) -> None:
         if len(links) < 2:
             raise ValueError("a redundant link needs two links at least")
         self._links = tuple(links)
-        self._told = told
+        self._on_switch = on_switch
         self._receiver: Receiver | None = None
-        self._heard_s = [0.0] * len(links)
+        self._last_received_s = [0.0] * len(links)
         self._steady_since_s = [0.0] * len(links)
         self._inward = [FrameSplitter() for _ in links]
         self._outward = FrameSplitter()
-        self._rates_asked: dict[bytes, bytes] = {}
+        self._rate_requests: dict[bytes, bytes] = {}
         self._stack = AsyncExitStack()
         self.active = 0
-        """Which of the links is flown by."""
+        """The index of the active link."""
         for number, link in enumerate(self._links):
             link.receive(partial(self._on_bytes, number))
 
@@ -101,16 +103,16 @@ class RedundantLink:
         frames = self._outward.feed(data)
         for frame in frames:
             if _command_of(frame) == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-                self._rates_asked[frame.payload[:_RATE_OF_BYTES]] = frame.raw
+                self._rate_requests[frame.payload[:_MESSAGE_ID_BYTES]] = frame.raw
         for number, link in enumerate(self._links):
             active = number == self.active
-            if mine := b"".join([one.raw for one in frames if active or _may_come_twice(one)]):
+            if mine := b"".join([one.raw for one in frames if active or _is_idempotent(one)]):
                 link.write(mine)
 
     async def __aenter__(self) -> Self:
         """Open all redundant links. Raises LinkError for any; the others are closed."""
         now_s = asyncio.get_running_loop().time()
-        self._heard_s = [now_s] + [-SILENT_S] * (len(self._links) - 1)
+        self._last_received_s = [now_s] + [-SILENT_S] * (len(self._links) - 1)
         self._steady_since_s = [now_s] * len(self._links)
         async with AsyncExitStack() as stack:
             for link in self._links:
@@ -128,37 +130,36 @@ class RedundantLink:
         await self._stack.__aexit__(kind, error, trace)
 
     def _on_bytes(self, number: int, data: bytes, t_s: float) -> None:
-        spoke = any(frame.component == _AUTOPILOT for frame in self._inward[number].feed(data))
-        if spoke:
+        if any(frame.component == _AUTOPILOT for frame in self._inward[number].feed(data)):
             self._take_sign_of_life(number, t_s)
-        # What is no MAVLink goes on as well: the driver says what it heard instead of a vehicle.
+        # Other bytes are passed on as well: the driver reports what it received instead of MAVLink.
         if number == self.active and self._receiver is not None:
             self._receiver(data, t_s)
 
     def _take_sign_of_life(self, number: int, t_s: float) -> None:
-        if t_s - self._heard_s[number] > SILENT_S:
+        if t_s - self._last_received_s[number] > SILENT_S:
             self._steady_since_s[number] = t_s
-        self._heard_s[number] = t_s
+        self._last_received_s[number] = t_s
         active = self.active
         if number == active:
             return
-        silent_s = t_s - self._heard_s[active]
+        silent_s = t_s - self._last_received_s[active]
         if silent_s > SILENT_S:
-            self._fly_by(number, f"{self._links[active].name} is silent for {silent_s:.1f} s")
+            self._switch_to(number, f"{self._links[active].name} is silent for {silent_s:.1f} s")
         elif number < active and t_s - self._steady_since_s[number] >= STEADY_S:
-            self._fly_by(number, f"{self._links[number].name} is heard again without a gap")
+            self._switch_to(number, f"{self._links[number].name} receives again without a gap")
 
-    def _fly_by(self, number: int, why: str) -> None:
+    def _switch_to(self, number: int, why: str) -> None:
         self.active = number
-        for raw in self._rates_asked.values():
+        for raw in self._rate_requests.values():
             self._links[number].write(raw)
-        if self._told is not None:
-            self._told(f"{why}; flown by {self._links[number].name} now")
+        if self._on_switch is not None:
+            self._on_switch(f"{why}; switched to {self._links[number].name}")
 
 
-def _may_come_twice(frame: Frame) -> bool:
+def _is_idempotent(frame: Frame) -> bool:
     """Return whether a frame may be sent on several redundant links."""
-    return frame.message_id in _EVERYWHERE or _command_of(frame) in _COMMANDS_EVERYWHERE
+    return frame.message_id in _SENT_ON_ALL_LINKS or _command_of(frame) in _COMMANDS_ON_ALL_LINKS
 
 
 def _command_of(frame: Frame) -> int | None:

@@ -1,4 +1,4 @@
-"""Serial links: a radio or an autopilot's USB port, opened again when it was unplugged."""
+"""Serial links: a radio or an autopilot's USB port, reopened after it was unplugged."""
 
 import asyncio
 import errno
@@ -12,14 +12,14 @@ from vehicles.links.serial_port import open_port, remedy
 
 _AT_ONCE = 4096
 _MOST_WAITING_BYTES = 4096
-"""0.7 s of a radio at 57600 baud: what would come later than that is given up."""
+"""0.7 s of a radio at 57600 baud: writes beyond that are dropped."""
 
 
 class SerialLink:
     """A serial port as a link, 8N1 without flow control; wall clock only.
 
-    The port is ours alone while it is open. When it vanishes it is opened again by its name; a
-    name of /dev/serial/by-id stays the same when the device is plugged in anew.
+    The port is opened exclusively. When it vanishes it is reopened by its name; a name in
+    /dev/serial/by-id stays the same when the device is plugged in again.
     """
 
     def __init__(self, *, address: LinkAddress, back_off: BackOff | None = None) -> None:
@@ -30,7 +30,7 @@ class SerialLink:
         self._waiting = bytearray()
         self.dropped_writes = 0
         self._recovery = Reconnection(
-            name=self.name, again=self._reopen, back_off=back_off or BackOff()
+            name=self.name, reconnect=self._reopen, back_off=back_off or BackOff()
         )
 
     @property
@@ -40,7 +40,7 @@ class SerialLink:
 
     @property
     def trouble(self) -> str:
-        """Return why the serial port is lost; empty while it is there."""
+        """Return why the serial port is lost; empty while it is open."""
         return self._recovery.trouble
 
     def receive(self, receiver: Receiver) -> None:
@@ -102,7 +102,7 @@ class SerialLink:
             self._on_lost(error)
             return
         if not data:
-            self._on_lost(OSError(errno.EIO, "it was unplugged"))
+            self._on_lost(OSError(errno.EIO, "the device was unplugged"))
         elif self._receiver is not None:
             self._receiver(data, self._loop.time())
 

@@ -1,4 +1,4 @@
-"""Serial ports of a POSIX system: open one for raw bytes, and say in words why it cannot be."""
+"""Opens serial ports of a POSIX system for raw bytes, with a remedy for each error."""
 
 import errno
 import fcntl
@@ -20,12 +20,12 @@ _USUAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "cu.usb*")
 def open_port(device: str, baud: int) -> int:
     """Return the descriptor of a serial port: raw, 8N1, not blocking, exclusive.
 
-    Raises OSError; its words for people are `remedy`'s.
+    Raises OSError; `remedy` gives its message.
     """
     # Without O_NONBLOCK a port without carrier blocks for ever.
     port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
-        # TIOCEXCL does not hold against root, the lock does not hold against others' programs.
+        # TIOCEXCL does not exclude root, and the lock only programs that lock.
         fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
         _make_raw(port, baud)
         fcntl.ioctl(port, termios.TIOCEXCL)
@@ -50,7 +50,7 @@ def remedy(error: OSError, device: str, baud: int) -> str:
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
             there = ", ".join(ports())
             return f"there is no {device}; " + (
-                f"these are there: {there}" if there else "no serial device is connected"
+                f"the serial ports are: {there}" if there else "no serial device is connected"
             )
         case errno.EACCES | errno.EPERM:
             group = group_of(device)
@@ -60,13 +60,13 @@ def remedy(error: OSError, device: str, baud: int) -> str:
             )
         case errno.EBUSY | errno.EWOULDBLOCK:
             return (
-                f"{device} is in use by another program (a ground station, ModemManager, or a run "
-                "that was left over); end it"
+                f"{device} is in use by another program (a ground station, ModemManager, or an "
+                "orphaned run); end that program"
             )
         case errno.ENOTTY | errno.EISDIR:
             return f"{device} is not a serial port"
         case errno.EINVAL:
-            return f"{device} does not run at {baud} baud"
+            return f"{device} does not support {baud} baud"
         case _:
             return f"{device}: {error.strerror or error}"
 

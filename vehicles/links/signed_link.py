@@ -1,4 +1,4 @@
-"""A link that signs what goes out and lets in only what is signed: where signing ends."""
+"""A link with MAVLink 2 signing: signs outgoing frames, and accepts only signed ones."""
 
 import asyncio
 from types import TracebackType
@@ -11,11 +11,11 @@ from vehicles.mavlink.signing_key import SigningKey
 
 
 class SignedLink:
-    """A link with MAVLink 2 signing; frames are unsigned on our side.
+    """A link with MAVLink 2 signing; its users read and write unsigned frames.
 
-    utc_s: what time it is (UTC, seconds since 1970) when the link is made; from there it goes on
-    with the loop's clock. link_id tells several links with one key apart. newest: the last
-    timestamp of an earlier link with this key, where the wall clock may have been set back.
+    utc_s: the time (UTC, seconds since 1970) when the link is opened; it advances with the loop's
+    clock. link_id: distinguishes several links with one key. newest: the last timestamp of an
+    earlier link with this key, where the wall clock may have been set back.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class SignedLink:
 
     @property
     def counts(self) -> SigningCounts:
-        """Return how many frames were signed, accepted, and refused for what."""
+        """Return how many frames were signed, accepted, and refused for which reason."""
         return self._signer.counts
 
     @property
@@ -49,9 +49,9 @@ class SignedLink:
     def trouble(self) -> str:
         """Return what the signed link refused, in words, and the wrapped link's error."""
         inner = self._link.trouble if isinstance(self._link, TellsTrouble) else ""
-        refused = str(self.counts)
-        said = f"refused for its signature: {refused} frames" if refused else ""
-        return "; ".join(words for words in (said, inner) if words)
+        counts = str(self.counts)
+        refused = f"refused for its signature: {counts} frames" if counts else ""
+        return "; ".join(text for text in (refused, inner) if text)
 
     def receive(self, receiver: Receiver) -> None:
         """Set the receiver of correctly signed bytes."""
@@ -82,8 +82,8 @@ class SignedLink:
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         now = self._now()
-        believed = [self._checked_frame(frame, now) for frame in self._inward.feed(data)]
-        if self._receiver is not None and (whole := b"".join(believed)):
+        accepted = [self._checked_frame(frame, now) for frame in self._inward.feed(data)]
+        if self._receiver is not None and (whole := b"".join(accepted)):
             self._receiver(whole, t_s)
 
     def _checked_frame(self, frame: Frame, now: int) -> bytes:

@@ -1,4 +1,4 @@
-"""A link whose bytes others may read and write as well."""
+"""A link that passes received bytes to taps beside its receiver."""
 
 from types import TracebackType
 from typing import Self
@@ -25,11 +25,11 @@ class TappedLink:
         self._receiver = receiver
 
     def tap(self, receiver: Receiver) -> None:
-        """Add a tap: `receiver` gets what arrives as well, from now on."""
+        """Add a tap: `receiver` gets all bytes that arrive from now on, too."""
         self._taps.append(receiver)
 
     def on_unread(self, receiver: TimesReceiver) -> None:
-        """Set the receiver of the times of what was lost on the tapped link, where it tells."""
+        """Set the receiver of the arrival times of dropped packets, if the link knows them."""
         if isinstance(self._link, TellsUnread):
             self._link.on_unread(receiver)
 

@@ -1,7 +1,6 @@
-"""TCP links: `tcpout` connects, and again when lost; `tcpin` listens for the one that connects."""
+"""TCP links: `tcpout` connects, and reconnects when lost; `tcpin` listens for clients."""
 
 import asyncio
-import errno
 import socket
 import sys
 from typing import Self
@@ -10,20 +9,21 @@ from vehicles.links.byte_stream import StreamPeer
 from vehicles.links.link import LinkError, Receiver
 from vehicles.links.link_strings import LinkAddress
 from vehicles.links.reconnection import BackOff, Reconnection
+from vehicles.links.socket_errors import socket_remedy
 from vehicles.mavlink.framing import FrameSplitter
 
 _CONNECT_WITHIN_S = 5.0
 _SILENT_S = 3.0
-"""A client that was silent for so long makes way for one that comes."""
+"""A client that was silent for so long is replaced by one that connects."""
 _UNANSWERED_MS = 5000
-"""What the other side does not acknowledge for so long counts as lost (TCP_USER_TIMEOUT)."""
+"""Data that the peer does not acknowledge for so long counts as lost (TCP_USER_TIMEOUT)."""
 
 
 class TcpOutLink:
     """A TCP client as a link; wall clock only.
 
-    When it is lost it is made again, after waits that grow; meanwhile what is written is lost.
-    patient: the other side need not be there yet when it is opened.
+    A lost connection is reopened after waits that grow; meanwhile written bytes are lost.
+    patient: the server need not listen yet when the link is opened.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class TcpOutLink:
         self._receiver: Receiver | None = None
         self._peer: StreamPeer | None = None
         self._recovery = Reconnection(
-            name=self.name, again=self._connect, back_off=back_off or BackOff()
+            name=self.name, reconnect=self._connect, back_off=back_off or BackOff()
         )
 
     @property
@@ -44,7 +44,7 @@ class TcpOutLink:
 
     @property
     def trouble(self) -> str:
-        """Return why the TCP connection is lost; empty while it is there."""
+        """Return why the TCP connection is lost; empty while connected."""
         return self._recovery.trouble
 
     def receive(self, receiver: Receiver) -> None:
@@ -78,12 +78,16 @@ class TcpOutLink:
         try:
             async with asyncio.timeout(_CONNECT_WITHIN_S):
                 await loop.create_connection(self._new_peer, self._address.host, self._address.port)
+        except TimeoutError as error:
+            raise LinkError(
+                f"{self.name}: {self._address.host} does not answer on port {self._address.port} "
+                f"within {_CONNECT_WITHIN_S:g} s; is it switched on and on this network?"
+            ) from error
         except OSError as error:
-            # TimeoutError is one of them.
-            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+            raise LinkError(f"{self.name}: {socket_remedy(error, self._address)}") from error
 
     def _new_peer(self) -> StreamPeer:
-        return StreamPeer(opened=self._on_open, received=self._on_bytes, lost=self._on_lost)
+        return StreamPeer(opened=self._on_open, received=self._on_bytes, on_lost=self._on_lost)
 
     def _on_open(self, peer: StreamPeer) -> None:
         _notice_dead_peers(peer)
@@ -101,9 +105,9 @@ class TcpOutLink:
 class TcpInLink:
     """A TCP server as a link for a vehicle, or several ground stations; wall clock only.
 
-    clients: how many may be connected. One more is turned away, unless one of them has been
-    silent, as after a loss that it noticed and we did not. Of several clients whole MAVLink
-    frames are handed on, so that theirs do not mix; what is written goes to all.
+    clients: how many may be connected. One more is refused, unless one of them has been silent,
+    as after a loss that only the client noticed. With several clients only whole MAVLink frames
+    are handed on, so that their bytes do not mix; written bytes go to all.
     """
 
     def __init__(self, *, address: LinkAddress, clients: int = 1) -> None:
@@ -114,8 +118,8 @@ class TcpInLink:
         self._receiver: Receiver | None = None
         self._server: asyncio.Server | None = None
         self._peers: dict[StreamPeer, FrameSplitter] = {}
-        self._recovery = Reconnection(name=self.name, again=None, back_off=BackOff())
-        self._turned_away = ""
+        self._recovery = Reconnection(name=self.name, reconnect=None, back_off=BackOff())
+        self._refused = ""
 
     @property
     def name(self) -> str:
@@ -126,8 +130,8 @@ class TcpInLink:
     def trouble(self) -> str:
         """Return why no TCP client is connected, or which was refused; empty otherwise."""
         if not self._peers:
-            return self._recovery.trouble or "nobody has connected"
-        return self._turned_away
+            return self._recovery.trouble or "no client has connected"
+        return self._refused
 
     @property
     def local_port(self) -> int:
@@ -146,13 +150,13 @@ class TcpInLink:
             peer.write(data)
 
     async def __aenter__(self) -> Self:
-        """Listen by TCP. Raises LinkError when the port is taken or the address not ours."""
+        """Listen by TCP. Raises LinkError when port or address cannot be bound."""
         loop = asyncio.get_running_loop()
         host, port = self._address.host, self._address.port
         try:
             self._server = await loop.create_server(self._new_peer, host, port, reuse_address=True)
         except OSError as error:
-            raise LinkError(f"{self.name}: {_remedy(error, self._address)}") from error
+            raise LinkError(f"{self.name}: {socket_remedy(error, self._address)}") from error
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -171,11 +175,11 @@ class TcpInLink:
         await asyncio.sleep(0)
 
     def _new_peer(self) -> StreamPeer:
-        return StreamPeer(opened=self._on_open, received=self._on_bytes, lost=self._on_lost)
+        return StreamPeer(opened=self._on_open, received=self._on_bytes, on_lost=self._on_lost)
 
     def _on_open(self, peer: StreamPeer) -> None:
-        if len(self._peers) >= self._most and not self._make_room(peer.heard_s):
-            self._turned_away = f"{peer.address} was turned away: the port is in use"
+        if len(self._peers) >= self._most and not self._make_room(peer.last_received_s):
+            self._refused = f"{peer.address} was refused: another client is connected"
             peer.close()
             return
         _notice_dead_peers(peer)
@@ -184,8 +188,8 @@ class TcpInLink:
 
     def _make_room(self, now_s: float) -> bool:
         """Close the TCP client that is silent the longest; return whether there was one."""
-        oldest = min(self._peers, key=lambda peer: peer.heard_s)
-        if now_s - oldest.heard_s < _SILENT_S:
+        oldest = min(self._peers, key=lambda peer: peer.last_received_s)
+        if now_s - oldest.last_received_s < _SILENT_S:
             return False
         del self._peers[oldest]
         oldest.close()
@@ -218,30 +222,3 @@ def _notice_dead_peers(peer: StreamPeer) -> None:
     stream = peer.socket
     if stream is not None and sys.platform.startswith("linux"):
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNANSWERED_MS)
-
-
-def _remedy(error: OSError, address: LinkAddress) -> str:
-    """Return what to do about a TCP error."""
-    if isinstance(error, socket.gaierror):
-        return f"host {address.host!r} is unknown; check its name, or give its IP address"
-    listens = address.kind == "tcpin"
-    words = {
-        errno.ECONNREFUSED: f"nothing listens on port {address.port} of {address.host}; is the "
-        "vehicle running, and is the port right?",
-        errno.EHOSTUNREACH: f"{address.host} cannot be reached; check network and address",
-        errno.ENETUNREACH: f"there is no route to {address.host}; check cable, WLAN and address",
-        errno.EADDRINUSE: f"port {address.port} is taken by another program (a ground station, or "
-        "a run that was left over); end it, or choose another port",
-        errno.EADDRNOTAVAIL: f"{address.host} is not an address of this machine; 0.0.0.0 "
-        "listens on "
-        "all of them",
-        errno.EACCES: f"no permission for port {address.port}; choose one above 1023",
-    }.get(error.errno or 0)
-    if words is not None:
-        return words
-    if isinstance(error, TimeoutError) and not listens:
-        return (
-            f"{address.host} does not answer on port {address.port} within "
-            f"{_CONNECT_WITHIN_S:g} s; is it switched on and on this network?"
-        )
-    return f"{error.strerror or error}; check the network and the address"

@@ -1,4 +1,4 @@
-"""A patch of one colour in a picture: how large, where, and whether it is cut off."""
+"""Finds the blob of one colour in an image: its area, place, opening and cut-off edges."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Borders:
 
     @property
     def any(self) -> bool:
-        """Return whether the blob may go on outside the image."""
+        """Return whether the blob may continue outside the image."""
         return self.left or self.top or self.right or self.bottom
 
 
@@ -55,9 +55,9 @@ class Box:
 class Opening:
     """The largest hole in a blob: what a gate's frame encloses.
 
-    Where the patch is cut off by an edge of the picture, that edge closes the hole. centre_px:
+    Where the blob is cut off by an edge of the image, that edge closes the hole. centre_px:
     (u, v), its centre of mass. across_px: left and right end of the row through the centre, halfway
-    between the last pixels of hole and frame; None when the picture's edge is one of them.
+    between the last pixels of hole and frame; None when the image's edge is one of them.
     down_px: likewise top and bottom of the column.
     """
 
@@ -70,8 +70,8 @@ class Opening:
 class Blob:
     """A blob of one colour in an image; pixels are those of the whole image.
 
-    centroid_px: (u, v), the centre of mass of what is seen. opening: None when the patch encloses
-    nothing.
+    centroid_px: (u, v), the centre of mass of its visible part. opening: None when the blob
+    encloses no hole.
     """
 
     area_px: float
@@ -84,9 +84,9 @@ class Blob:
 class BlobFinder:
     """Finds the blob of a colour in images.
 
-    decimate: every n-th pixel of a row and column is looked at, which costs n * n times less.
-    min_area_fraction: of the picture; less is not seen. min_opening_fraction: of the patch's box;
-    smaller holes are noise.
+    decimate: every n-th pixel of a row and column is used, which costs n * n times less.
+    min_area_fraction: of the image; smaller blobs are ignored. min_opening_fraction: of the blob's
+    box; smaller holes are noise.
     """
 
     def __init__(
@@ -105,8 +105,8 @@ class BlobFinder:
     def find(self, image_bgr: BgrImage) -> Blob | None:
         """Return the blob in a (height, width, 3) uint8 image; None when none is large enough.
 
-        Parts whose box is below a quarter of the least area are specks, and left out; all others
-        count together, for a gate whose top is out of view is two bars.
+        Parts whose box is below a quarter of the least area are specks, and ignored; all others
+        form one blob, since a gate whose top is out of view is two bars.
         """
         mask = self._mask_of(_decimate(image_bgr, self._decimate))
         least_px = self._min_area_fraction * mask.size

@@ -1,4 +1,4 @@
-"""Objects found by a detector given as an ONNX file of the YOLO family, run by OpenCV.
+"""Detects objects with an ONNX network of the YOLO family, run by OpenCV.
 
 Output layouts, each with a leading batch of one: v5 (Ultralytics YOLOv5, v7): rows of cx, cy, w, h,
 objectness, a score per class. v8 (v8, v9, v11): the same without objectness, transposed, one
@@ -22,11 +22,11 @@ from worlds.files.paths import is_file
 Layout = Literal["auto", "v5", "v8", "end2end"]
 
 _PAD_GRAY = 114
-"""What the family is trained with around pictures of another shape (Ultralytics letterbox)."""
+"""The grey of the padding that YOLO networks are trained with (Ultralytics letterbox)."""
 
 
 class DetectorError(Exception):
-    """A file that is no usable detector, or an output that is none of a detector."""
+    """A file is not a usable detector, or its output is not that of a detector."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +51,12 @@ class Letterbox:
 
 
 class OnnxDetector:
-    """Detects objects in images. Not for several threads at once: the network has buffers.
+    """Detects objects in images. Not thread-safe: the network has buffers.
 
     names: of the classes, in the order of the network's output. input_px: (width, height) of the
     network's input. threshold: least score. overlap: of two boxes of one class whose intersection
-    over union is above it, the better one stays. Raises DetectorError for a file that cannot be
-    used: it is loaded and run in a process of its own first.
+    over union is above it, the one with the higher score stays. Raises DetectorError for an
+    unusable file: it is loaded and run in a process of its own first.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class OnnxDetector:
         self._layout = layout
 
     def detect(self, image_bgr: BgrImage) -> tuple[Detection, ...]:
-        """Return the detections in a (height, width, 3) uint8 image, the surest first.
+        """Return the detections in a (height, width, 3) uint8 image, the highest score first.
 
-        Raises DetectorError when the network cannot run on the input, or says what no layout fits.
+        Raises DetectorError when the network cannot run on the input, or its output fits no layout.
         """
         laid, how = letterboxed(image_bgr, self._input_px)
         blob = cv2.dnn.blobFromImage(laid, 1.0 / 255.0, swapRB=True)
@@ -88,8 +88,9 @@ class OnnxDetector:
             self._net.setInput(blob)
             output = np.asarray(self._net.forward())
         except cv2.error as error:
-            said = f"'{self._path.name}' cannot run on {self._input_px}: {short_text(error)}"
-            raise DetectorError(said) from error
+            raise DetectorError(
+                f"'{self._path.name}' cannot run on {self._input_px}: {short_text(error)}"
+            ) from error
         found = decoded(output, len(self._names), self._layout)
         height_px, width_px = image_bgr.shape[:2]
         return tuple(
@@ -158,8 +159,10 @@ def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
         rows = rows.T
     wanted = {"v5": 5 + classes, "v8": 4 + classes, "end2end": 6}[kind]
     if rows.shape[1] != wanted:
-        said = f"the output is {output.shape}; layout {kind} with {classes} classes"
-        raise DetectorError(f"{said} has {wanted} numbers for each candidate")
+        raise DetectorError(
+            f"the output is {output.shape}; layout {kind} with {classes} classes has {wanted} "
+            "numbers for each candidate"
+        )
     rows = rows[np.isfinite(rows).all(axis=1)]
     if kind == "end2end":
         return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64))
@@ -203,7 +206,7 @@ def best(
 
 def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
     """Return the intersection over the union of two detection boxes."""
-    # In doubles: corners at the end of the single's range are no overflow.
+    # In doubles: corners near the limit of single precision must not overflow.
     (a_left, a_top, a_right, a_bottom), (b_left, b_top, b_right, b_bottom) = a.tolist(), b.tolist()
     width = min(a_right, b_right) - max(a_left, b_left)
     height = min(a_bottom, b_bottom) - max(a_top, b_top)

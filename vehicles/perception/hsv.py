@@ -1,4 +1,4 @@
-"""Colours as ranges of hue, saturation and value, and the mask of the pixels that have them."""
+"""HSV colour ranges, and the mask of an image's pixels that lie in them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ class HsvRange:
 
     def __post_init__(self) -> None:
         if not all(0.0 <= angle <= 360.0 for angle in self.hue_deg):
-            raise ValueError(f"hue_deg {list(self.hue_deg)} lies outside of 0 to 360")
+            raise ValueError(f"hue_deg {list(self.hue_deg)} is not within 0 to 360")
         for name, (low, high) in (("saturation", self.saturation), ("value", self.value)):
             if not 0.0 <= low <= high <= 1.0:
                 raise ValueError(f"{name} [{low}, {high}] is not a range within 0 to 1")
@@ -70,8 +70,8 @@ and shadow keep its hue, so value reaches far down."""
 class HsvMask:
     """Masks the pixels of an image that lie in any of some HSV ranges.
 
-    The mask that `of` returns is this object's buffer: it holds until the next call. Not for
-    several threads at once.
+    The mask that `of` returns is this object's buffer: it is valid until the next call. Not
+    thread-safe.
     """
 
     ranges: Sequence[HsvRange]

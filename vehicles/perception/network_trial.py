@@ -1,8 +1,8 @@
-"""Loads an ONNX file and runs it once in a short-lived process, before any other process does.
+"""Tests an ONNX file in a short-lived process, before any other process loads it.
 
 OpenCV's reader ends its process on some damaged files, and a network may take any memory and time.
 A program of its own: `python -m vehicles.perception.network_trial FILE WIDTH HEIGHT MEGABYTES`;
-prints what OpenCV says against the file, after the step in which it says it.
+prints the step that failed and OpenCV's error, or nothing.
 """
 
 import functools
@@ -20,19 +20,19 @@ from vehicles.process_memory import limited_allocation
 from worlds.files.limits import MAX_NETWORK_BYTES
 
 CPU_S = 20
-"""Of processor time, for both."""
+"""Limit of processor time for loading and running together."""
 _WALL_S = 120.0
 _SPARE_MB = 1000.0
 _TIMES_FILE = 4.0
-"""What reading and one image take: so many times the file, and the above for the image."""
+"""Memory limit: so many times the file's size, and the above for one image."""
 LOADS, RUNS = "loads", "runs"
 
 
 def refusal(path: Path, input_px: tuple[int, int]) -> str:
     """Return why a file of a network cannot be used; empty if it loads and runs.
 
-    input_px: (width, height) of the network's input. In a child process of ours nothing is tried:
-    there a crash ends a run or a check alone, and its parent reports it. Raises OSError.
+    input_px: (width, height) of the network's input. In a child process of this program the file is
+    not tested: there a crash ends one run or check only, and its parent reports it. Raises OSError.
     """
     if mp.parent_process() is not None:
         return ""
@@ -59,16 +59,16 @@ def _refusal(path: Path, input_px: tuple[int, int], size_bytes: int, changed_ns:
             timeout=_WALL_S,
         )
     except subprocess.TimeoutExpired:
-        return f"'{name}' is not loaded and run once within {_WALL_S:g} s"
+        return f"'{name}' does not load and run once within {_WALL_S:g} s"
     step, _, text = tried.stdout.partition(" ")
     if tried.returncode == -signal.SIGXCPU:
-        return f"'{name}' is not loaded and run once within {CPU_S} s of processor time"
+        return f"'{name}' does not load and run once within {CPU_S} s of processor time"
     if tried.returncode == 0 and step in {LOADS, RUNS}:
         done = "is not an ONNX network" if step == LOADS else f"cannot run on {input_px}"
         return f"'{name}' {done}: {text.strip()}"
     if tried.returncode:
-        said = f"OpenCV's reader ends its process on it ({_exit_text(tried.returncode)})"
-        return f"'{name}' is damaged, or nothing that OpenCV reads: {said}; export it again"
+        how = _exit_text(tried.returncode)
+        return f"'{name}' is damaged, or not ONNX: OpenCV's reader crashed ({how}); export it again"
     return ""
 
 
@@ -84,12 +84,12 @@ def _exit_text(returncode: int) -> str:
 
 def short_text(error: BaseException) -> str:
     """Return OpenCV's error about a network, short."""
-    said = str(error).strip().splitlines()
-    return said[0][-160:] if said else "OpenCV gives no reason"
+    lines = str(error).strip().splitlines()
+    return lines[0][-160:] if lines else "OpenCV gives no reason"
 
 
 def main(arguments: list[str]) -> int:
-    """Load a network and run it once, within limits; print what is said against it."""
+    """Load a network and run it once, within limits; print the failed step and its error."""
     path, width_px, height_px, memory_mb = arguments
     cv2.setNumThreads(1)
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)

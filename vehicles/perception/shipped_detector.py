@@ -1,7 +1,7 @@
-"""The detector of persons and quadrotors that comes with the program, and finds both in images.
+"""The detector of persons and quadrotors that comes with the program.
 
-bench/train_detector.py trained it on images of our own renderer; docs/detector.md has what it finds
-and misses. It is no detector of photographs.
+bench/train_detector.py trained it on images of this program's renderer; docs/detector.md lists
+what it finds and misses. It is not for photographs.
 """
 
 from pathlib import Path

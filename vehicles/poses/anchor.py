@@ -1,6 +1,6 @@
-"""Where an autopilot's local frame lies in the world; pure.
+"""The anchor of an autopilot's local frame in the world: a shift and a turn; pure.
 
-LOCAL_POSITION_NED is relative to the origin of the estimator, which is wherever it was when the
+LOCAL_POSITION_NED is relative to the estimator's origin, which is the vehicle's place when the
 estimator started, and not to home. Both frames are NED, so they differ by a shift and a turn
 about the vertical (the turn is the error of the vehicle's heading against the world's north).
 """
@@ -105,7 +105,7 @@ class PoseAverage:
         self._samples: deque[tuple[float, Pose]] = deque()
 
     def add(self, t_s: float, local: Pose) -> None:
-        """Add a pose to the average; times that go back start anew."""
+        """Add a pose to the average; a time that goes back restarts it."""
         if self._samples and t_s < self._samples[-1][0]:
             self._samples.clear()
         self._samples.append((t_s, local))
@@ -134,7 +134,7 @@ class PoseAverage:
             )
         positions = [pose.position_ned_m for pose in poses]
         if not all(math.isfinite(value) for position in positions for value in position):
-            raise AnchorError("the position estimate is not a number; restart the estimator")
+            raise AnchorError("the position estimate is not finite; restart the estimator")
         self._check_still(positions)
         count = len(poses)
         mean = [math.fsum(position[axis] for position in positions) / count for axis in range(3)]

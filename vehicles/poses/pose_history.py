@@ -1,4 +1,4 @@
-"""Where a vehicle was at a moment: samples of its pose, interpolated in time; pure."""
+"""The history of a vehicle's pose: samples, interpolated in time; pure."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -34,7 +34,7 @@ class PoseHistory:
     """The history of poses of the last `horizon_s`.
 
     max_gap_s: samples further apart are not interpolated between. max_prediction_s: how far
-    beyond the last sample its velocity is believed.
+    beyond the last sample it is extrapolated by its velocity.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A process that we start, watch, and end with all that it started."""
+"""A child process in its own group: started, watched, and ended with all its descendants."""
 
 import asyncio
 import contextlib
@@ -23,12 +23,12 @@ _READ_BYTES = 1 << 16
 class ChildProcess:
     """A child process in its own session and group, so that Ctrl-C does not reach it.
 
-    environment: all of it; None for this process's own. folder: where it works. stdin: a file
-    descriptor; None for an empty one. output: the file descriptor that takes stdout and stderr;
-    None to drop stdout and keep the end of stderr for `stderr_tail`. inherited: descriptors that
-    it gets under their own numbers. grace_s: how long it, and what it started, may take to end
-    after SIGTERM, by the wall's clock. It is not ended when this process ends: the program has to
-    see to that (the end of its stdin, or `linux.die_with_parent`).
+    environment: the whole environment; None for this process's own. folder: its working directory.
+    stdin: a file descriptor; None for an empty one. output: the file descriptor for stdout and
+    stderr; None to drop stdout and keep the end of stderr for `stderr_tail`. inherited:
+    descriptors that it gets under their own numbers. grace_s: how long it and its descendants may
+    take to end after SIGTERM, in wall time. It is not ended when this process ends: its program
+    has to detect that (by the end of its stdin, or `linux.die_with_parent`).
     """
 
     def __init__(
@@ -86,8 +86,8 @@ class ChildProcess:
     def start(self, on_end: Callable[["ChildProcess"], None] | None = None) -> None:
         """Start the child; `on_end` is called once at its end. Raises OSError.
 
-        Called in the main thread: a signal at a parent's death comes at the end of the thread
-        that started the child.
+        Call it in the main thread: Linux sends the parent-death signal when the thread that
+        started the child ends.
         """
         loop = asyncio.get_running_loop()
         own_output = subprocess.DEVNULL if self._output is None else self._output
@@ -114,7 +114,7 @@ class ChildProcess:
             process.wait()
             self.release()
             raise
-        loop.add_reader(self._exit_end, self._take_end)
+        loop.add_reader(self._exit_end, self._reap)
 
     async def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait for the child's end; return its exit code, None after `timeout_s`."""
@@ -134,18 +134,18 @@ class ChildProcess:
                 await self._all_gone(_KILL_GRACE_S)
             await self._ended.wait()
         except asyncio.CancelledError:
-            # Nothing may go on, however this is ended.
+            # No process may survive a cancellation of this wait.
             self.kill()
             raise
         self._group_ended = True
         self.release()
 
     def kill(self) -> None:
-        """Kill the child and its descendants now; it is still to be ended."""
+        """Kill the child and its descendants now; `end` still has to be called."""
         self._signal(signal.SIGKILL)
 
     def release(self) -> None:
-        """Stop watching the child; one that runs is left to itself."""
+        """Stop watching the child; a running one is not ended."""
         loop = asyncio.get_running_loop()
         if self._exit_end is not None:
             loop.remove_reader(self._exit_end)
@@ -158,7 +158,7 @@ class ChildProcess:
 
     def _signal(self, number: signal.Signals) -> None:
         if self._process is not None and not self._group_ended:
-            # The group outlives its leader for as long as a child of it lives, and its number too.
+            # The group, and its number, outlive their leader while a process of the group lives.
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid, number)
 
@@ -172,7 +172,7 @@ class ChildProcess:
                 return True
         return False
 
-    def _take_end(self) -> None:
+    def _reap(self) -> None:
         """Reap the child (called by the loop when it has ended)."""
         if self._process is None or self._process.poll() is None or self._exit_end is None:
             return
@@ -204,8 +204,10 @@ async def run_briefly(argv: Sequence[str], *, timeout_s: float = 10.0) -> None:
     """Run a child command for its effect, for a limited time. Raises OSError."""
     child = ChildProcess(argv=argv)
     child.start()
-    await child.wait(timeout_s)
-    await child.end()
+    try:
+        await child.wait(timeout_s)
+    finally:
+        await child.end()
 
 
 def how_it_ended(code: int | None) -> str:

@@ -1,7 +1,7 @@
-"""The run clock between the process that leads it and vehicles' processes: pieces out, reports in.
+"""Sockets of the run clock: the leading process sends segments, vehicles' processes progress.
 
 A child inherits one end of a packet socket and finds its number in `CLOCK_DESCRIPTOR`. When the
-leader is gone the child's clock goes on alone: its vehicle has to be able to land.
+leader has ended, the child's clock continues by itself: its vehicle has to be able to land.
 """
 
 import asyncio
@@ -39,14 +39,14 @@ _reached: Codec[Reached] = Codec(Reached)
 
 
 def clock_environment(end: socket.socket | None) -> dict[str, str]:
-    """Return what a child finds its end of the clock's socket by; empty where it has none."""
+    """Return the environment variable of a child's end of the clock socket; empty without one."""
     return {} if end is None else {CLOCK_DESCRIPTOR: str(end.fileno())}
 
 
 class ClockSockets:
     """The leader's ends of the sockets to the processes that follow its clock.
 
-    reached: called with a process and how far it has come. left: called when one has ended.
+    reached: called with a process's name and progress. left: called when one has ended.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ClockSockets:
         self._ends: dict[str, socket.socket] = {}
 
     def open(self, name: str) -> socket.socket:
-        """Open a socket to a process; return the end that it has to inherit, to be closed then."""
+        """Open a socket to a process; return the end to be inherited, and then closed here."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         ours.setblocking(False)
         self._drop(name)
@@ -66,13 +66,13 @@ class ClockSockets:
         return theirs
 
     def send(self, segment: Segment) -> None:
-        """Send all processes a segment; a full socket is of one that hangs, and is let go."""
+        """Send all processes a segment; one whose socket is full hangs, and misses it."""
         packet = _continue.encode(Continue(segment))
         for end in self._ends.values():
             try:
                 end.send(packet)
             except OSError:
-                continue  # Its end is found by reading.
+                continue  # A closed socket is detected by reading.
 
     def close(self) -> None:
         """Close the leader's ends."""
@@ -106,14 +106,14 @@ class ClockSockets:
 
 
 class InheritedClock:
-    """A child's end: its paced loop follows the leader's clock, and reports how far it has come."""
+    """A child's end: its paced loop follows the leader's clock, and reports its progress."""
 
     def __init__(self, *, loop: PacedLoop, end: socket.socket) -> None:
         self._loop = loop
         self._end = end
         self._progress: ProgressReporter | None = None
         end.setblocking(False)
-        # Before all else that has come: a question is answered by the clock that it was asked by.
+        # Read before all other input: requests are handled at the clock time they were sent at.
         loop.add_first_reader(end, self._read)
 
     @classmethod
@@ -125,7 +125,7 @@ class InheritedClock:
         return cls(loop=loop, end=socket.socket(fileno=int(number)))
 
     def close(self) -> None:
-        """Close the child's end; its clock goes on as it is."""
+        """Close the child's end; its clock continues as it is."""
         if self._progress is not None:
             self._progress.stop()
         self._loop.remove_reader(self._end)
@@ -145,7 +145,7 @@ class InheritedClock:
             return
         except OSError:
             pass
-        self._go_on_alone()
+        self._continue_alone()
 
     def _follow(self, segment: Segment) -> None:
         self._loop.follow(segment)
@@ -156,9 +156,9 @@ class InheritedClock:
         try:
             self._end.send(_reached.encode(Reached(run_s)))
         except OSError:
-            return  # The leader's end is found by reading; one that hangs reads none.
+            return  # A closed socket is detected by reading; a leader that hangs misses reports.
 
-    def _go_on_alone(self) -> None:
+    def _continue_alone(self) -> None:
         self.close()
         rate = max(1.0, self._loop.segment.rate)
         self._loop.follow(Segment(time.monotonic(), self._loop.time(), rate))

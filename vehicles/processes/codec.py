@@ -1,4 +1,4 @@
-"""Messages between processes of ours: typed, each with the name of its kind, in MessagePack."""
+"""MessagePack codec of the typed messages between this program's processes."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Generic, TypeVar
@@ -18,11 +18,11 @@ class Message(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 Value = TypeVar("Value")
 Plain = Mapping[type, tuple[Callable[[Any], object], Callable[[Any], object]]]
-"""For types that are no data classes: how one becomes plain values, and comes of them."""
+"""For types that are not data classes: the conversions to and from plain values."""
 
 
 class MessageError(ValueError):
-    """Bytes between processes that decode to no expected message; says why."""
+    """Bytes from another process are not an expected message; says why."""
 
 
 class Codec(Generic[Value]):

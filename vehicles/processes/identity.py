@@ -1,4 +1,4 @@
-"""Which process is meant: its id and its start time together, for ids are used again."""
+"""Identifies a process by its id and start time, since process ids are reused."""
 
 import contextlib
 import os
@@ -44,7 +44,7 @@ class ProcessId:
         return ProcessId.of(self.pid) == self
 
     def end(self, *, grace_s: float = _END_S) -> str:
-        """End the identified process, a child or not: SIGTERM, SIGKILL; return what it took.
+        """End the identified process, child or not: SIGTERM, then SIGKILL; return which it took.
 
         Blocks for up to `grace_s` after each signal.
         """
@@ -57,7 +57,7 @@ class ProcessId:
                 time.sleep(_POLL_S)
             if not self.lives:
                 return f"ended by {number.name}"
-        return "it does not end"
+        return "it does not end, not even by SIGKILL"
 
 
 def boot_id() -> str:
@@ -97,7 +97,7 @@ def _runs_in(group: int, pid: int) -> bool:
 
 def _start_ticks(process: psutil.Process) -> int:
     """Return when a process started, in hundredths of a second since boot."""
-    # psutil adds the time of boot, which moves whenever the system clock is set.
+    # psutil adds the boot time, which changes whenever the system clock is set.
     while True:
         boot_s = psutil.boot_time()
         started_s = process.create_time() - boot_s

@@ -1,4 +1,4 @@
-"""What only Linux has and runs in processes of their own need; elsewhere it is refused."""
+"""Linux features that vehicles in processes of their own need; refused on other systems."""
 
 import contextlib
 import ctypes
@@ -16,18 +16,18 @@ _credentials = struct.Struct("3i")
 
 
 class UnsupportedSystemError(OSError):
-    """The system lacks a Linux feature that processes of a run need; what to do."""
+    """The system lacks a Linux feature that a run's processes need; says what to do."""
 
 
 def die_with_parent(number: signal.Signals) -> None:
-    """Have the Linux kernel signal us when our parent process ends.
+    """Have the Linux kernel signal this process when its parent process ends.
 
     Raises UnsupportedSystemError.
     """
     parent = os.getppid()
     _prctl(_PR_SET_PDEATHSIG, number, "signals at the end of a parent process")
     if os.getppid() != parent:
-        # It ended before the kernel was asked.
+        # The parent ended before the call.
         os.kill(os.getpid(), number)
 
 
@@ -56,7 +56,7 @@ def peer_uid(end: socket.socket) -> int:
 
 
 def usable_cores() -> int:
-    """Return how many cores this process may use; elsewhere than on Linux all that there are."""
+    """Return how many cores this process may use; on other systems than Linux all cores."""
     if not sys.platform.startswith("linux"):
         return os.cpu_count() or 1
     return len(os.sched_getaffinity(0))
@@ -74,12 +74,12 @@ def processor_wait_s(pid: int) -> float:
 
 
 def rise_above_load() -> str:
-    """Run before the machine's other programs; return the scheduling that the system granted.
+    """Raise this process's scheduling priority; return the scheduling that the system granted.
 
     "real-time": SCHED_RR at the lowest of its priorities (sched(7)), so that only the kernel and
     other real-time programs come first. "nice -10": a larger share of the processor. "normal": the
-    user may have neither; RLIMIT_RTPRIO of 1 or more, or CAP_SYS_NICE, grants the first. What this
-    process starts is scheduled normally, at nice 0 or what we had.
+    user may have neither; RLIMIT_RTPRIO of 1 or more, or CAP_SYS_NICE, grants the first. Children
+    of this process are scheduled normally, at nice 0 or its former value.
     """
     if not sys.platform.startswith("linux"):
         return "normal"

@@ -1,8 +1,8 @@
-"""Runs one program and ends it, with all that it started, when asked to or when we are gone.
+"""Runs one program and ends it, with all its descendants, on a signal or when its parent ends.
 
 A program of its own: `python -m vehicles.processes.supervisor PARENT SECONDS FOLDER PROGRAM
-ARGUMENT...`, see `supervised`. Between the orchestrator and the program it stays alive when the
-orchestrator is killed, and processes that fled into a session of their own are its children again.
+ARGUMENT...`, see `supervised`. It survives the orchestrator's death, and adopts descendants that
+moved into a session of their own, so that it can end them, too.
 """
 
 import contextlib
@@ -27,16 +27,16 @@ def supervised(
 ) -> tuple[str, ...]:
     """Return the command that runs a program under a supervisor.
 
-    parent: the process id of who runs the command, whose end ends the program; 0 for the end of
-    its stdin instead. grace_s: how long the program may take to end after SIGTERM. folder: where
-    it works and writes `output.txt`; empty to work where we are and write where we write.
+    parent: the id of the process that runs the command, whose end ends the program; 0 for the end
+    of its stdin instead. grace_s: how long the program may take to end after SIGTERM. folder: its
+    working directory, with its output in `output.txt`; empty to inherit both.
     """
     supervisor = (sys.executable, "-m", "vehicles.processes.supervisor")
     return (*supervisor, str(parent), f"{grace_s:g}", folder, *argv)
 
 
 class Supervisor:
-    """The supervisor of a program: its end, and the signals that come meanwhile."""
+    """The supervisor of a program: waits for its end or a signal, and ends its processes."""
 
     def __init__(self, *, argv: list[str], grace_s: float, lifeline: int | None) -> None:
         self._grace_s = grace_s
@@ -51,7 +51,7 @@ class Supervisor:
         self._main = _start(argv)
 
     def run(self) -> int:
-        """Supervise until the program's end or ours; return its exit code as shells do."""
+        """Supervise until the program ends or has to end; return its exit code as shells do."""
         ending = False
         while self._status is None and not ending:
             ending = self._wait(1.0)
@@ -61,7 +61,7 @@ class Supervisor:
         return 128 - code if code < 0 else code
 
     def _wait(self, seconds: float) -> bool:
-        """Wait for any signal; return whether one, or our stdin's end, ends the supervisor."""
+        """Wait for any signal; return whether one, or the end of stdin, ends the supervisor."""
         watched = [self._wakeups] if self._lifeline is None else [self._wakeups, self._lifeline]
         ready, _, _ = select.select(watched, [], [], seconds)
         if self._lifeline in ready and not os.read(self._lifeline, 4096):
@@ -145,7 +145,7 @@ def main(arguments: list[str]) -> int:
     if parent:
         die_with_parent(signal.SIGTERM)
         if os.getppid() != parent:
-            # It ended before the kernel was asked.
+            # The parent ended before the call.
             return _NOT_STARTED
     return Supervisor(argv=arguments[3:], grace_s=grace_s, lifeline=lifeline).run()
 

@@ -1,6 +1,6 @@
-"""What may be wrong with a reading: pure checks that name the fault, for counting and reporting.
+"""Checks readings for faults, with a kind to count by and a message; pure.
 
-Costs per call: a picture 2 us (shapes only), depth 23 us at 640x480 (one pass), a scan of 400
+Costs per call: an image 2 us (shapes only), depth 23 us at 640x480 (one pass), a scan of 400
 beams 4 us, 14,400 points 8 us.
 """
 
@@ -33,13 +33,13 @@ FaultKind = Literal[
     "empty",
     "changed",
 ]
-"""time: a stamp that is no number, or delivery before sampling. backwards: older than the one
-before. changed: size, intrinsics or kind differ from the one before."""
+"""time: a stamp that is not finite, or delivery before sampling. backwards: not newer than the last
+one. changed: size, intrinsics or kind differ from the last one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault of a reading: a word to count by, and a sentence for people."""
+    """A fault of a reading: a kind to count by, and a message."""
 
     kind: FaultKind
     detail: str
@@ -72,7 +72,7 @@ def _camera_change_fault(now: Intrinsics, previous: Reading) -> Fault | None:
         return None
     sizes = f"{before.width_px}x{before.height_px}", f"{now.width_px}x{now.height_px}"
     if sizes[0] != sizes[1]:
-        return Fault("changed", f"the picture was {sizes[0]} and is {sizes[1]}")
+        return Fault("changed", f"the image size was {sizes[0]} and is {sizes[1]}")
     return Fault("changed", f"intrinsics were {before} and are {now}")
 
 
@@ -87,13 +87,13 @@ def _time_fault(reading: Reading) -> Fault | None:
 
 
 _CLOCK_SLACK_S = 0.05
-"""A mapped clock may be off by this much (design: TIMESYNC) without making a reading bad."""
+"""A mapped clock's error (design: TIMESYNC) up to this much makes no reading faulty."""
 
 
 def _camera(reading: CameraReading) -> Fault | None:
     """Check a camera reading; return its fault or None."""
     size = (reading.intrinsics.height_px, reading.intrinsics.width_px)
-    fault = _array(reading.image_bgr, (*size, 3), np.uint8, "picture")
+    fault = _array(reading.image_bgr, (*size, 3), np.uint8, "image")
     fault = fault or intrinsics_fault(reading.intrinsics)
     if fault is None and reading.depth_m is not None:
         fault = _depth_image(reading.depth_m, size)
@@ -121,19 +121,22 @@ def intrinsics_fault(intrinsics: Intrinsics) -> Fault | None:
     """Return the fault of a reading's camera model; None when it has none."""
     i = intrinsics
     if i.width_px < 1 or i.height_px < 1:
-        return Fault("intrinsics", f"a picture of {i.width_px}x{i.height_px}")
+        return Fault("intrinsics", f"the image size is {i.width_px}x{i.height_px}")
     numbers = (i.fx_px, i.fy_px, i.cx_px, i.cy_px, *i.distortion)
     if not all(math.isfinite(number) for number in numbers):
-        return Fault("intrinsics", f"a number that is not finite in {i}")
+        return Fault("intrinsics", f"a number is not finite in {i}")
     if i.fx_px <= 0.0 or i.fy_px <= 0.0:
         return Fault("intrinsics", f"focal lengths {i.fx_px}, {i.fy_px} px are not positive")
     if len(i.distortion) not in _DISTORTION_LENGTHS:
-        return Fault("intrinsics", f"{len(i.distortion)} distortion coefficients")
+        return Fault(
+            "intrinsics",
+            f"{len(i.distortion)} distortion coefficients; OpenCV takes {_DISTORTION_LENGTHS}",
+        )
     return None
 
 
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
-"""What OpenCV takes."""
+"""The numbers of distortion coefficients that OpenCV accepts."""
 
 
 def _scan(reading: LidarScanReading) -> Fault | None:
@@ -143,9 +146,10 @@ def _scan(reading: LidarScanReading) -> Fault | None:
     if fault is not None:
         return fault
     if len(ranges) == 0:
-        return Fault("empty", "a scan without beams")
+        return Fault("empty", "the scan has no beams")
     if not (math.isfinite(reading.start_angle_rad) and math.isfinite(reading.step_rad)):
-        return Fault("not_finite", f"beams from {reading.start_angle_rad} by {reading.step_rad}")
+        angles = f"start_angle_rad {reading.start_angle_rad}, step_rad {reading.step_rad}"
+        return Fault("not_finite", f"the beams' angles are not finite: {angles}")
     return _limits(reading.range_min_m, reading.range_max_m) or _distances(ranges, "range")
 
 
@@ -156,7 +160,7 @@ def _points(reading: LidarPointsReading) -> Fault | None:
     if fault is not None:
         return fault
     if len(points) == 0:
-        return Fault("empty", "a cloud without points")
+        return Fault("empty", "the cloud has no points")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points).all(axis=1)).sum())
         return Fault("not_finite", f"{bad} of {len(points)} points are not finite")
@@ -168,7 +172,7 @@ def _rangefinder(reading: RangefinderReading) -> Fault | None:
     if math.isnan(reading.range_m):
         return Fault("not_finite", "the range is not a number")
     if reading.range_m < 0.0:
-        return Fault("negative", f"a range of {reading.range_m} m")
+        return Fault("negative", f"the range is {reading.range_m} m")
     return _limits(reading.range_min_m, reading.range_max_m)
 
 
@@ -222,7 +226,7 @@ def _microphone(reading: MicrophoneReading) -> Fault | None:
     if fault is not None:
         return fault
     if len(reading.samples) == 0:
-        return Fault("empty", "a block without samples")
+        return Fault("empty", "the block of sound has no samples")
     if reading.sample_rate_hz < 1 or not 0.0 < reading.full_scale_pa < math.inf:
         scale = f"{reading.sample_rate_hz} Hz, full scale {reading.full_scale_pa} Pa"
         return Fault("out_of_range", f"sound at {scale}")
@@ -246,12 +250,14 @@ def _numbers(reading: Any) -> Fault | None:
 def _limits(min_m: float, max_m: float) -> Fault | None:
     """Check a ranging reading's limits; return their fault or None."""
     if not (0.0 <= min_m < max_m < math.inf):
-        return Fault("out_of_range", f"the sensor measures from {min_m} to {max_m} m")
+        return Fault(
+            "out_of_range", f"the range limits are {min_m} to {max_m} m: they must increase from 0"
+        )
     return None
 
 
 def _distances(values_m: NDArray[np.float32], name: str) -> Fault | None:
-    """Check a reading's distances: zero or more; infinity says that nothing was met."""
+    """Check a reading's distances: zero or more; infinity for no hit."""
     smallest = float(values_m.min())  # NaN wins over every number
     if math.isnan(smallest):
         bad = int(np.isnan(values_m).sum())

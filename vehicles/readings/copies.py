@@ -1,4 +1,4 @@
-"""Copies of readings: for those who may write into them, and with other times."""
+"""Copies of readings: with arrays of their own, or with other times."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -10,7 +10,7 @@ from vehicles.readings.navigation import PoseReading
 
 
 def copied(reading: Reading) -> Reading:
-    """Return the reading with arrays of its own: who writes into them changes no one else's."""
+    """Return the reading with arrays of its own, so that writes into them affect no other user."""
     arrays: dict[str, Any] = {
         field.name: value.copy()
         for field in fields(reading)

@@ -1,4 +1,4 @@
-"""Pictures: colour, and distance per pixel."""
+"""Readings of cameras: colour images and depth images."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,4 @@
-"""All kinds of reading, and the names that recipes and campaigns call their sensors by."""
+"""All kinds of readings, and the sensor types by which recipes and campaigns name them."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,4 +1,4 @@
-"""Where the vehicle is and how it moves: motion capture, satellites, inertial sensors."""
+"""Readings of navigation sensors: pose (motion capture), GPS and IMU."""
 
 from dataclasses import dataclass
 

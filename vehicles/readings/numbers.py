@@ -1,24 +1,25 @@
-"""Readings that are numbers alone: checked, recorded and compared without code of their own."""
+"""Readings that consist of numbers alone: found by their type hints, and handled generically."""
 
 import dataclasses
 import typing
 
 _STAMPS = frozenset({"t_s", "arrived_s", "seq", "source", "sensor"})
-"""What every reading has."""
+"""The fields that every reading has."""
 
 
 def is_numbers(kind: type) -> bool:
     """Return whether a class of readings has numbers beside its stamps, and nothing else."""
-    return bool(_hints(kind)) and all(hint in {float, int} for hint in _hints(kind).values())
+    hints = _hints(kind).values()
+    return bool(hints) and all(hint in {float, int} for hint in hints)
 
 
 def number_fields(kind: type) -> dict[str, type[float] | type[int]]:
     """Return the numbers of a class of readings: names and types, in the order of its fields.
 
-    Raises TypeError for a class that has more: it needs a check, a message and a decoder.
+    Raises TypeError for a class that has other fields: it needs a check, a message and a decoder.
     """
     if not is_numbers(kind):
-        raise TypeError(f"{kind.__name__} has more than numbers, or none")
+        raise TypeError(f"{kind.__name__} has other fields than numbers, or none")
     return _hints(kind)
 
 

@@ -1,4 +1,4 @@
-"""Distances: lidar scans, lidar points, and the rangefinder's single beam."""
+"""Readings of ranging sensors: lidar scans, lidar points, and a rangefinder's single beam."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Sound."""
+"""Readings of microphones: blocks of sound samples."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Beams: where a ranging sensor looks, who casts them, and what noise does to their lengths."""
+"""Beams of ranging sensors: their directions, their hits in a scene, and their noise."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Directions = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class RayHits:
-    """What beams hit. ranges_m: (beams,) float32, inf for nothing; object_ids: (beams,) uint8."""
+    """The hits of beams. ranges_m: (beams,) float32, inf for none; object_ids: (beams,) uint8."""
 
     ranges_m: Ranges
     object_ids: ObjectIds
@@ -36,9 +36,8 @@ class RayCaster(Protocol):
 class RangeNoise:
     """The noise that a ranging sensor's beams add, and their range limits.
 
-    Standard deviation of a range: sigma_m + sigma_per_m * range. dropout: part of the beams that
-    come back empty. outlier: part that reports something between the sensor and what is there
-    (dust, a rotor blade).
+    Standard deviation of a range: sigma_m + sigma_per_m * range. dropout: fraction of beams without
+    a return. outlier: fraction with a return between the sensor and the hit (dust, a rotor blade).
     """
 
     range_min_m: float
@@ -55,7 +54,7 @@ def disturb(hits: RayHits, noise: RangeNoise, rng: np.random.Generator) -> RayHi
     if noise.sigma_m > 0.0 or noise.sigma_per_m > 0.0:
         met = np.isfinite(ranges)
         sigma = noise.sigma_m + noise.sigma_per_m * ranges[met]
-        # a draw for every beam: what one beam meets must not shift the noise of the others
+        # A draw for every beam: one beam's hit must not shift the noise of the others.
         ranges[met] += sigma * rng.standard_normal(len(ranges), dtype=np.float32)[met]
     if noise.outlier > 0.0:
         chance = rng.random((2, len(ranges)), dtype=np.float32)

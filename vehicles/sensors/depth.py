@@ -1,4 +1,4 @@
-"""A stereo depth camera, made from the distances of a rendered picture."""
+"""A stereo depth camera with noise, from the true depth of a rendered image."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from vehicles.readings import CameraReading, DepthImage, DepthReading
 from vehicles.sensors.noise_sets import NoiseSets
 
 _SPARE_PX = 64
-"""By how much the noise tile is larger than the picture: it is laid anew for each picture."""
+"""By how much the noise tile exceeds the image: each image takes another offset in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class DepthNoise:
     Formula: Intel, "Tuning depth cameras for best performance", which wants the subpixel error
     below 0.1 px; 0.08 is a well textured scene. Baseline and reach: RealSense D400 data sheet,
     D435, 50 mm, from 0.28 m at 1280x720, to about 10 m. subpixel_px 0 is no noise. Fresh noise
-    for every pixel costs 10 ms, so that a tile drawn once is laid at another place each time.
+    for every pixel costs 10 ms, so that a tile drawn once is used at another offset each time.
     """
 
     subpixel_px: float = 0.08
@@ -39,20 +39,20 @@ class DepthSensor:
         self._noise = noise
         self._tile: NDArray[np.float32] | None = None
 
-    def sample(self, picture: CameraReading, rng: np.random.Generator) -> DepthReading:
+    def sample(self, image: CameraReading, rng: np.random.Generator) -> DepthReading:
         """Return the depth reading of an image, at its time. Raises ValueError without depth."""
-        if picture.depth_m is None:
-            raise ValueError(f"picture {picture.seq} of {picture.source} has no depth_m")
+        if image.depth_m is None:
+            raise ValueError(f"image {image.seq} of {image.source} has no depth_m")
         return DepthReading(
-            t_s=picture.t_s,
-            arrived_s=picture.arrived_s,
-            seq=picture.seq,
-            source=picture.source,
-            depth_m=self._add_noise(picture.depth_m, picture.intrinsics.fx_px, rng),
-            intrinsics=picture.intrinsics,
-            object_ids=picture.object_ids,
-            camera_pose=picture.camera_pose,
-            rendered=picture.rendered,
+            t_s=image.t_s,
+            arrived_s=image.arrived_s,
+            seq=image.seq,
+            source=image.source,
+            depth_m=self._add_noise(image.depth_m, image.intrinsics.fx_px, rng),
+            intrinsics=image.intrinsics,
+            object_ids=image.object_ids,
+            camera_pose=image.camera_pose,
+            rendered=image.rendered,
         )
 
     def _add_noise(self, depth_m: DepthImage, fx_px: float, rng: np.random.Generator) -> DepthImage:
@@ -63,14 +63,16 @@ class DepthSensor:
         seen = np.where(lost, np.float32(0.0), depth_m)
         gain = np.float32(noise.subpixel_px / (fx_px * noise.baseline_m))
         disturbed: DepthImage = seen * gain
-        disturbed *= self._laid(depth_m.shape, rng)
+        disturbed *= self._noise_window(depth_m.shape, rng)
         disturbed += np.float32(1.0)
         disturbed *= seen
         np.maximum(disturbed, np.float32(0.0), out=disturbed)
         disturbed[lost] = np.inf
         return disturbed
 
-    def _laid(self, shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
+    def _noise_window(
+        self, shape: tuple[int, ...], rng: np.random.Generator
+    ) -> NDArray[np.float32]:
         height, width = shape
         wanted = (height + _SPARE_PX, width + _SPARE_PX)
         if self._tile is None or self._tile.shape != wanted:

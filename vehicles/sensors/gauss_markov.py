@@ -1,4 +1,4 @@
-"""Errors that walk and come back: first-order Gauss-Markov."""
+"""First-order Gauss-Markov errors: random walks that return to zero."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A satellite receiver: WGS-84, late, with an error that wanders."""
+"""A GPS receiver: fixes on WGS-84 with latency and a slowly varying error."""
 
 import math
 from dataclasses import dataclass

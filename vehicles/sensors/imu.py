@@ -1,4 +1,4 @@
-"""Inertial sensors: white noise, and biases of switching on and of walking."""
+"""An IMU: white noise, turn-on biases and random-walk biases."""
 
 import math
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ class ImuSensor:
         per_sample = math.sqrt(timing.rate_hz)
         self._gyro_sigma = noise.gyro_density * per_sample
         self._accel_sigma = noise.accel_density * per_sample
-        # a random walk w that comes back within tau has the stationary deviation w sqrt(tau / 2)
+        # A random walk w with time constant tau has the stationary deviation w sqrt(tau / 2).
         gyro = noise.gyro_random_walk * math.sqrt(noise.gyro_bias_time_s / 2.0)
         accel = noise.accel_random_walk * math.sqrt(noise.accel_bias_time_s / 2.0)
         self._gyro_walk = GaussMarkovWalk(sigma=(gyro,) * 3, time_constant_s=noise.gyro_bias_time_s)

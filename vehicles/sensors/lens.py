@@ -1,4 +1,4 @@
-"""Pictures through a lens that distorts, made of a plain pinhole's picture."""
+"""Distorts the image of a plain pinhole camera as a lens does."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -15,7 +15,7 @@ from worlds.frames import Pose
 
 _MARGIN_PX = 2
 _MOST_TIMES_WIDER = 4.0
-"""A lens that sees farther to the side than this many pinhole pictures is none that we render."""
+"""A lens whose pinhole image would be more than so many times wider is not rendered."""
 _FOLDED_PX = 0.5
 _TERMS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
 
@@ -27,8 +27,8 @@ Pixel = TypeVar("Pixel", np.uint8, np.float32)
 class LensMap:
     """The map by which a lens's distorted image comes from a plain one.
 
-    wide: the pinhole that sees all that the lens sees. u_px, v_px: (height, width) float32 each,
-    where in its picture each pixel lies.
+    wide: the pinhole camera whose image holds the lens's whole view. u_px, v_px: (height, width)
+    float32 each, where in that image each pixel lies.
     """
 
     wide: Intrinsics
@@ -71,13 +71,13 @@ class ThroughLens:
                 camera_pose, plain, t_s, want_depth=want_depth, want_ids=want_ids
             )
         lens = lens_map(intrinsics)
-        flat = self._source.picture(
+        pinhole = self._source.picture(
             camera_pose, lens.wide, t_s, want_depth=want_depth, want_ids=want_ids
         )
         return LensImage(
-            cv2.remap(flat.image_bgr, lens.u_px, lens.v_px, cv2.INTER_LINEAR),
-            _nearest(flat.depth_m, lens),
-            _nearest(flat.object_ids, lens),
+            cv2.remap(pinhole.image_bgr, lens.u_px, lens.v_px, cv2.INTER_LINEAR),
+            _nearest(pinhole.depth_m, lens),
+            _nearest(pinhole.object_ids, lens),
         )
 
 
@@ -117,7 +117,7 @@ def lens_map(intrinsics: Intrinsics) -> LensMap:
 
 
 def lens_fault(intrinsics: Intrinsics) -> str:
-    """Return why no lens can have a distortion; "" when one can."""
+    """Return why a distortion is not that of a lens; "" when it is."""
     step = max(1, min(intrinsics.width_px, intrinsics.height_px) // 16)
     pixels = _grid(intrinsics, step)
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""A microphone on the body: rotors, the air they stir, the place, and the microphone's own noise.
+"""A microphone on the body: rotor tones, air noise, ambient noise and the microphone's own noise.
 
 Tones at the blade-pass frequency and its harmonics, phases running on from block to block
 (Tinney and Sirohi, "Multirotor Drone Noise at Static Thrust", AIAA Journal 56(7), 2018, show such
@@ -129,9 +129,9 @@ class MicrophoneSensor:
         air = pressure_of(self._rotors.hover_level_db + self._rotors.broadband_db)
         hiss = rng.standard_normal(self._block, dtype=np.float32)
         mean = loudness.mean(axis=0).astype(np.float32)
-        heard: Sound = (loudness * tones).sum(axis=0).astype(np.float32)
-        heard += np.float32(air) * mean * hiss
-        return heard
+        pressure: Sound = (loudness * tones).sum(axis=0).astype(np.float32)
+        pressure += np.float32(air) * mean * hiss
+        return pressure
 
     def _tones(self, angles: NDArray[np.float64], speeds: NDArray[np.float64]) -> Sound:
         """Return (rotors, block) pascals at hover loudness; aliases are left out."""

@@ -1,4 +1,4 @@
-"""The noise of a sensor, as sets that profiles name; each stands by the model of its sensor."""
+"""Named sets of a sensor's noise settings, which profiles choose from."""
 
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
@@ -6,15 +6,15 @@ from typing import Generic, Literal, TypeVar
 Noise = TypeVar("Noise")
 
 NoiseSetName = Literal["ideal", "datasheet"]
-"""What a profile of an embedded vehicle says under `sensors`."""
+"""The value of `sensors` in a profile of an embedded vehicle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseSets(Generic[Noise]):
     """The noise settings of one sensor by the names of their sets.
 
-    ideal: a simulator's idea of it: its reach, and no noise. datasheet: what its data sheet
-    promises.
+    ideal: its range limits without noise, as most simulators have it. datasheet: the figures of
+    its data sheet.
     """
 
     ideal: Noise

@@ -1,4 +1,4 @@
-"""Sensors that run: at their rate by themselves, or when they are asked from a pose."""
+"""Streams of sensor readings: at the sensor's rate, or on demand from a given pose."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,7 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
-from vehicles.cameras.rendered_cameras import Compute, ImageSource, inline, next_tick, sleep_until
+from vehicles.cameras.rendered_cameras import (
+    Compute,
+    ImageSource,
+    deliver_when_due,
+    inline,
+    next_tick,
+    sleep_until,
+)
 from vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
 from vehicles.sensors.depth import DepthSensor
 from vehicles.sensors.timing import Timing
@@ -19,7 +26,7 @@ from worlds.frames import Pose
 Deliver = Callable[[Reading], None]
 
 TRUTH_DELAY_S = 0.01
-"""How long after a tick its truth is looked up: by then the samples around it have come."""
+"""How long after a tick its truth is looked up: by then the samples around it have arrived."""
 
 
 class Sensor(Protocol):
@@ -48,7 +55,7 @@ class OnDemand(Protocol):
 class SensorStream:
     """A stream of a sensor that samples the vehicle's truth at start + k / rate_hz.
 
-    A reading is delivered when its sensor says, in order, and never before it was made; one whose
+    A reading is delivered at its arrival time, in order, and never before it was made; one whose
     truth is not known is left out, and its number with it.
     """
 
@@ -73,7 +80,7 @@ class SensorStream:
         ready: asyncio.Queue[Reading] = asyncio.Queue()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._sense(ready), name="sensor samples")
-            tasks.create_task(_hand_over(ready, deliver), name="sensor delivery")
+            tasks.create_task(deliver_when_due(ready, deliver), name="sensor delivery")
 
     async def _sense(self, ready: asyncio.Queue[Reading]) -> None:
         loop = asyncio.get_running_loop()
@@ -85,23 +92,14 @@ class SensorStream:
             if truth is None:
                 self.left_out += 1
             else:
-                ready.put_nowait(replace(await self._on_sample(truth, t_s), seq=tick))
+                ready.put_nowait(replace(await self._sample(truth, t_s), seq=tick))
             behind_s = loop.time() - TRUTH_DELAY_S - start_s
             following = max(tick + 1, next_tick(behind_s, self._rate_hz))
             self.left_out += following - tick - 1
             tick = following
 
-    async def _on_sample(self, truth: Truth, t_s: float) -> Reading:
+    async def _sample(self, truth: Truth, t_s: float) -> Reading:
         return await self._compute(lambda: self._sensor.sample(truth, t_s, self._rng))
-
-
-async def _hand_over(ready: asyncio.Queue[Reading], deliver: Deliver) -> None:
-    """Deliver each reading of the stream when it is due, stamped with its sampling time."""
-    loop = asyncio.get_running_loop()
-    while True:
-        reading = await ready.get()
-        await sleep_until(reading.arrived_s)
-        deliver(replace(reading, arrived_s=loop.time()))
 
 
 class PoseStream:
@@ -184,7 +182,7 @@ class OnDemandSensor:
         body: Pose,
         t_s: float,
         *,
-        want_depth: bool = False,  # noqa: ARG002 - a camera's; what others know they always tell
+        want_depth: bool = False,  # noqa: ARG002 - only cameras use it
         want_ids: bool = False,  # noqa: ARG002 - the same
     ) -> Reading:
         """Return the sensor's reading from a body's pose (world frame) at t_s."""

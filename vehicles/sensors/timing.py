@@ -1,4 +1,4 @@
-"""When a sensor samples, and when its readings arrive; pure."""
+"""A sensor's timing: when it samples, and when its readings arrive; pure."""
 
 import math
 from dataclasses import dataclass
@@ -21,9 +21,11 @@ class Timing:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate_hz < math.inf:
-            raise ValueError(f"a sensor samples at a positive rate, not {self.rate_hz} Hz")
+            raise ValueError(f"rate_hz is {self.rate_hz}: a sensor's rate must be positive")
         if not (0.0 <= self.latency_s < math.inf and 0.0 <= self.jitter_s < math.inf):
-            raise ValueError(f"latency {self.latency_s} s, jitter {self.jitter_s} s")
+            raise ValueError(
+                f"latency_s is {self.latency_s} and jitter_s {self.jitter_s}: give 0 or more"
+            )
 
     def time_of(self, index: int) -> float:
         """Return the run-clock time of sample `index`."""

@@ -1,4 +1,4 @@
-"""What sensors feel: the true state of a vehicle at one moment."""
+"""The true state of a vehicle at one moment, as sensors sample it."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Truth:
 
     pose: body (FRD) in the world's local frame (NED metres). velocity_ned_m_s: over ground.
     rates_frd_rad_s: angular velocity in body axes. specific_force_frd_m_s2: what an
-    accelerometer in the origin feels, (0, 0, -9.81) at rest. motor_speeds_rad_s: of each rotor,
+    accelerometer in the origin measures, (0, 0, -9.81) at rest. motor_speeds_rad_s: of each rotor,
     zero or more; empty when not known.
     """
 

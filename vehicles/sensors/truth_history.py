@@ -1,4 +1,4 @@
-"""The truth of the last second, to be felt at any moment of it."""
+"""The history of a vehicle's true state over the last second, interpolated in time."""
 
 from bisect import bisect_right
 
@@ -8,7 +8,7 @@ from worlds.frames import Vec3, add, scale
 
 _HORIZON_S = 1.0
 _MAX_GAP_S = 0.2
-"""Between samples farther apart nothing is known of what lies in between."""
+"""Samples farther apart are not interpolated between."""
 _COMPACT_AFTER = 512
 
 

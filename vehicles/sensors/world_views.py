@@ -1,4 +1,4 @@
-"""What sensors see of a world: pictures and what rays meet, with what moves where it is."""
+"""Views of a world for sensors: images and ray hits, with moving objects where they are."""
 
 from collections.abc import Mapping
 
@@ -36,7 +36,7 @@ class WorldImages:
 
 
 class WorldRays:
-    """Views of one scene by the beams of ranging sensors; its tree is built at the first."""
+    """Views of one scene by the beams of ranging sensors; its tree is built at the first cast."""
 
     def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
         self._scene = scene

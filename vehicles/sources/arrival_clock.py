@@ -1,9 +1,9 @@
-"""A sender's clock on the run clock, when all that is known is when things arrive; pure.
+"""Maps a sender's clock to the run clock by the arrival times of its messages alone; pure.
 
-The thing that took the least time on its way tells the offset best: what came later than that
-was delayed. The least delay is taken over the last seconds, so that the rates of the clocks may
-differ a little. The least delay itself cannot be seen: it is measured once (`calibrate`) and
-handed in as `latency_s`.
+The message with the least delay gives the best estimate of the offset; later ones were delayed.
+The minimum is taken over the last seconds, so that the rates of the clocks may differ a little.
+The least delay itself cannot be observed: it is measured once (`calibrate`) and handed in as
+`latency_s`.
 """
 
 import math
@@ -15,8 +15,8 @@ _JUMP_S = 1.0
 class ArrivalClock:
     """Maps a sender's stamps to the run clock by their arrival.
 
-    latency_s: from the sampling to the arrival of the quickest one. window_s: over how long the
-    least delay is sought; a drift of 1e-4 makes an error of 1e-4 times this.
+    latency_s: from sampling to arrival of the message with the least delay. window_s: the window
+    of the minimum; a drift of 1e-4 causes an error of 1e-4 times this.
     """
 
     def __init__(self, *, latency_s: float = 0.0, window_s: float = 10.0) -> None:
@@ -31,30 +31,30 @@ class ArrivalClock:
     def run_time(self, sender_s: float | None, arrived_s: float) -> float:
         """Return a stamp's time on the run clock; never later than its arrival.
 
-        sender_s: its stamp; None for a thing without one, which counts as not delayed. A stamp
-        that goes back, or leaps ahead, means that the sender started anew.
+        sender_s: its stamp; None for a message without one, which counts as not delayed. A stamp
+        that goes back, or leaps ahead, means that the sender restarted.
         """
         if sender_s is None or not math.isfinite(sender_s):
             return arrived_s - self._latency_s
         delay_s = arrived_s - sender_s
         if sender_s < self._newest_sender_s or delay_s < self._least_s - _JUMP_S:
             self.resets += not math.isinf(self._least_s)
-            self._forget()
+            self._reset()
         self._newest_sender_s = sender_s
-        self._take(delay_s, arrived_s)
+        self._add_delay(delay_s, arrived_s)
         return sender_s + self._least_s - self._latency_s
 
     @property
     def _least_s(self) -> float:
         return min(self._current_s, self._previous_s)
 
-    def _take(self, delay_s: float, arrived_s: float) -> None:
+    def _add_delay(self, delay_s: float, arrived_s: float) -> None:
         if arrived_s - self._since_s > self._window_s:
             self._since_s, self._previous_s, self._current_s = arrived_s, self._current_s, delay_s
         else:
             self._current_s = min(self._current_s, delay_s)
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         """Forget all arrivals of the sender's clock."""
         self._since_s = -math.inf
         self._current_s = math.inf

@@ -1,4 +1,4 @@
-"""What every source of readings is, cameras among them: one protocol, its counts, its errors."""
+"""The protocol of live and recorded sources of readings, cameras among them; counts and errors."""
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ R_co = TypeVar("R_co", bound=Reading, covariant=True)
 
 
 class SourceError(VehicleError):
-    """A source that is unavailable or untrustworthy: what, where, what to do."""
+    """A source is unavailable or its data cannot be used; says which, why and what to do."""
 
 
 class SourceStalledError(SourceError):
-    """A source that was open and delivers nothing any more."""
+    """A source was open and has stopped delivering readings."""
 
 
 class ImageChangedError(SourceError):
-    """Images of another size than the camera source's intrinsics hold for."""
+    """A camera source's images have another size than its intrinsics."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceCounts:
     """The counts of a source's readings (of a camera: exposures) by outcome.
 
-    delivered: handed on. dropped: came, and made way for a newer one because nobody took them.
-    missed: never came, by the gaps in the stamps (only told when the rate is known). damaged:
-    came with lost or broken data, and were not handed on.
+    delivered: handed on. dropped: arrived, and replaced by a newer one before they were read.
+    missed: never arrived, by the gaps in the stamps (only counted when the rate is known).
+    damaged: arrived with lost or broken data, and not handed on.
     """
 
     delivered: int = 0
@@ -40,14 +40,14 @@ class SourceCounts:
 
 
 class ReadingSource(Protocol[R_co]):
-    """A source of readings that are not made by us: the one interface of all of them.
+    """A source of readings from outside this program, live or recorded (protocol).
 
     An async context manager and an async iterator of readings in order of sampling: `async with
     source: async for reading in source: ...`. `t_s` is the sampling and `arrived_s` the arrival,
-    both on the run clock; `seq` counts samples, so what was missed, damaged or dropped leaves a
-    gap. Opening raises SourceError when the source cannot be had. Iterating raises
-    SourceStalledError when nothing comes for too long, SourceError when a live source ends; a file
-    that is over ends the loop.
+    both on the run clock; `seq` counts samples, so that missed, damaged and dropped ones leave a
+    gap. Opening raises SourceError when the source is unavailable. Iterating raises
+    SourceStalledError when no reading arrives for too long, SourceError when a live source ends;
+    the end of a file ends the loop.
     """
 
     @property
@@ -77,7 +77,7 @@ class ReadingSource(Protocol[R_co]):
 
 @runtime_checkable
 class CameraSource(ReadingSource[CameraReading], Protocol):
-    """A camera source that is not rendered by us: its readings have rendered=False.
+    """A live or recorded camera (protocol): its readings have rendered=False.
 
     Iterating raises ImageChangedError, too, when the size changes.
     """

@@ -1,4 +1,4 @@
-"""Chunks of MCAP files, decompressed within limits: a few bytes may claim to be gigabytes."""
+"""Decompresses chunks of MCAP files within limits: a few bytes may claim to be gigabytes."""
 
 import struct
 from collections.abc import Iterator
@@ -20,36 +20,36 @@ RECORD_HEAD = struct.Struct("<BQ")
 
 
 class ChunkLimitError(McapError):
-    """A chunk or record that is larger than any that is read; says by how much."""
+    """A chunk or record exceeds the size limit; says by how much."""
 
 
 DAMAGED = (
     McapError,
     CRCValidationError,
     zstandard.ZstdError,
-    RuntimeError,  # lz4's word for a broken frame
+    RuntimeError,  # lz4 raises it for a damaged frame
     struct.error,
     UnicodeDecodeError,
     IndexError,
     EOFError,
     OverflowError,  # a length beyond what a machine addresses
 )
-"""What reading a damaged chunk raises, from whichever library."""
+"""The errors that reading a damaged chunk raises, from all libraries involved."""
 
 
 def check_length(length_bytes: int) -> None:
     """Raise ChunkLimitError for a record that is too long to be read."""
     if length_bytes > MAX_CHUNK_BYTES:
         raise ChunkLimitError(
-            f"a record of {length_bytes} bytes; at most {MAX_CHUNK_BYTES} are read"
+            f"a record has {length_bytes} bytes; at most {MAX_CHUNK_BYTES} are read"
         )
 
 
 def chunk_records(chunk: Chunk) -> Iterator[Schema | Channel | Message]:
     """Yield the records of a chunk one by one.
 
-    Raises ChunkLimitError before more is decompressed than is read, and what the decompressors and
-    mcap raise for a damaged chunk.
+    Raises ChunkLimitError before more than the limit is decompressed, and the errors of the
+    decompressors and of mcap for a damaged chunk.
     """
     data = _decompressed(chunk)
     plain = replace(chunk, compression="", data=data, uncompressed_size=len(data))
@@ -59,7 +59,7 @@ def chunk_records(chunk: Chunk) -> Iterator[Schema | Channel | Message]:
         opcode, length = RECORD_HEAD.unpack_from(data, at)
         at += RECORD_HEAD.size
         if at + length > len(data):
-            raise EOFError("a record ends behind its chunk")
+            raise EOFError("a record extends beyond the end of its chunk")
         count += 1
         if count > MAX_CHUNK_RECORDS:
             raise ChunkLimitError(f"a chunk has more than {MAX_CHUNK_RECORDS} records")
@@ -78,7 +78,7 @@ def _decompressed(chunk: Chunk) -> bytes:
         stated = zstandard.get_frame_parameters(chunk.data).content_size
         if stated not in {chunk.uncompressed_size, zstandard.CONTENTSIZE_UNKNOWN}:
             raise ChunkLimitError(
-                f"a chunk of {chunk.uncompressed_size} bytes whose data is {stated}"
+                f"a chunk states {chunk.uncompressed_size} bytes and its data {stated}"
             )
         return zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES).decompress(
             chunk.data, max_output_size=chunk.uncompressed_size
@@ -87,6 +87,8 @@ def _decompressed(chunk: Chunk) -> bytes:
         decompressor = lz4.frame.LZ4FrameDecompressor()
         data: bytes = decompressor.decompress(chunk.data, max_length=chunk.uncompressed_size)
         if not decompressor.eof:
-            raise ChunkLimitError(f"a chunk is more than its {chunk.uncompressed_size} bytes")
+            raise ChunkLimitError(
+                f"a chunk has more data than the {chunk.uncompressed_size} bytes it states"
+            )
         return data
     return chunk.data

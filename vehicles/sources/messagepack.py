@@ -1,4 +1,4 @@
-"""MessagePack headers from strangers: read key by key, and nothing is believed; pure."""
+"""Reads MessagePack headers of other programs key by key, and checks every value; pure."""
 
 import math
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ class Header:
     """A MessagePack message's header map, with a reader for each kind of value.
 
     Every reader raises BadMessageError when the key is missing or its value is of another kind.
-    Keys that nobody reads are ignored: a later version of a protocol may add some.
+    Unknown keys are ignored: a later version of a protocol may add some.
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
@@ -163,7 +163,7 @@ def pack(values: Mapping[str, Any]) -> bytes:
 
 
 def _finite(value: object) -> float | None:
-    """Return a header's value as a finite float; None when it is none."""
+    """Return a header's value as a finite float; None for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

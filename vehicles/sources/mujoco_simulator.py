@@ -1,10 +1,10 @@
-"""MuJoCo as the twin's world, written by docs/simulator-protocol.md: an example for other engines.
+"""MuJoCo renders the twin's world by docs/simulator-protocol.md: an example for other engines.
 
     pip install mujoco
     MUJOCO_GL=egl python -m vehicles.sources.mujoco_simulator --bind tcp://127.0.0.1:5555
 
-Draws what `hello` asks for: square gates, rooms and boxes, at rest or moving. Nothing of ours is
-imported. MuJoCo is no dependency of this program: only this file imports it.
+Draws the objects that `hello` lists: square gates, rooms and boxes, at rest or moving. It imports
+nothing of this program. MuJoCo is no dependency of this program: only this file imports it.
 """
 
 import argparse
@@ -67,7 +67,7 @@ def model_of(shapes: Shapes) -> Any:
 
 
 def shapes_of(model: Any, shapes: Shapes) -> dict[str, dict[str, Any]]:
-    """Measure the bodies of the model: what the scene has, not what was asked for."""
+    """Measure the bodies of the compiled model: what is drawn, not what was requested."""
     measured = {}
     for name, shape in shapes.items():
         body = model.body(name)
@@ -86,11 +86,11 @@ def shapes_of(model: Any, shapes: Shapes) -> dict[str, dict[str, Any]]:
 
 
 def place_camera(scene: Any, ask: Mapping[str, Any]) -> None:
-    """Put MuJoCo's cameras (one an eye) where the ask has the camera, with its pinhole."""
+    """Place MuJoCo's cameras (one for each eye) at the requested pose, with its pinhole."""
     turn, camera = np.zeros(9), ask["camera"]
     mujoco.mju_quat2Mat(turn, np.array(ask["q_wxyz"], float))
     forward, _, down = turn.reshape(3, 3).T * NWU
-    # Pixel (0, 0) is the middle of the first one: the picture begins half a pixel before it.
+    # Pixel (0, 0) is the middle of the first pixel: the image begins half a pixel before it.
     left, top = (-0.5 - camera["cx_px"]), (camera["cy_px"] + 0.5)
     right, bottom = left + camera["width_px"], top - camera["height_px"]
     for eye in scene.camera:
@@ -104,7 +104,7 @@ def place_camera(scene: Any, ask: Mapping[str, Any]) -> None:
 
 
 class DrawnScene:
-    """What one `hello` asked for, as MuJoCo draws it."""
+    """The scene that one `hello` requested, as MuJoCo draws it."""
 
     def __init__(self, hello: Mapping[str, Any]) -> None:
         self.model = model_of(hello["shapes"])
@@ -153,7 +153,7 @@ class DrawnScene:
 
 
 class MujocoSimulator:
-    """Replies to requests: shows one scene at a time, that of the last hello."""
+    """Replies to requests; shows one scene at a time, that of the last hello."""
 
     def __init__(self) -> None:
         self._scene: DrawnScene | None = None
@@ -164,8 +164,8 @@ class MujocoSimulator:
         try:
             request = msgpack.unpackb(parts[0])
             seq = request.get("seq", 0)
-            return self._welcome(request) if request["type"] == "hello" else self._picture(request)
-        except Exception as error:  # noqa: BLE001 - a REP socket has to reply, whatever it was
+            return self._welcome(request) if request["type"] == "hello" else self._image(request)
+        except Exception as error:  # noqa: BLE001 - a REP socket has to reply to every request
             return [_packed(type="error", seq=seq, message=f"{type(error).__name__}: {error}")]
 
     def _welcome(self, hello: Mapping[str, Any]) -> list[bytes]:
@@ -174,12 +174,18 @@ class MujocoSimulator:
         if self._scene is not None:
             self._scene.close()
         self._scene = DrawnScene(hello)
-        said = {"simulator": f"MuJoCo {mujoco.__version__}", "objects": list(hello["objects"])}
-        return [_packed(type="welcome", shapes=self._scene.shapes, **said)]
+        return [
+            _packed(
+                type="welcome",
+                shapes=self._scene.shapes,
+                simulator=f"MuJoCo {mujoco.__version__}",
+                objects=list(hello["objects"]),
+            )
+        ]
 
-    def _picture(self, ask: Mapping[str, Any]) -> list[bytes]:
+    def _image(self, ask: Mapping[str, Any]) -> list[bytes]:
         if self._scene is None:
-            raise ValueError("nothing is loaded: a hello comes first")
+            raise ValueError("no scene is loaded: send a hello first")
         drawn = list(self._scene.draw(ask))
         echo = {key: ask[key] for key in ("seq", "t_s", "position_ned_m", "q_wxyz")}
         listed = [{"name": name, "encoding": encoding} for name, encoding, _ in drawn]

@@ -1,9 +1,9 @@
-"""A simulator in a process of its own: what to write for Unity, Unreal, Gazebo or your own.
+"""The reference simulator: an example of a bridge for Unity, Unreal, Gazebo or your own engine.
 
     python -m vehicles.sources.reference_simulator --world worlds/gate.yaml \
         --bind tcp://127.0.0.1:5555
 
-It needs a REP socket of ZeroMQ and MessagePack, nothing else of ours but the renderer, which is
+It needs a REP socket of ZeroMQ and MessagePack, and of this program only the renderer, which is
 the part that you replace. docs/simulator-protocol.md says what each key means.
 """
 
@@ -28,10 +28,10 @@ PROTOCOL = "wil/pictures/1"
 
 
 def welcome(scene: Scene, world: str) -> list[bytes]:
-    """Return the reference simulator's reply to `hello`: its name, known objects and what it shows.
+    """Return the reference simulator's reply to `hello`: its name, known objects and their shapes.
 
-    `hello` says which case of the world is flown. This simulator knows one world file as it is, and
-    says so by the sizes of what it draws; yours may load the case that is asked for.
+    `hello` says which case of the world is flown. This simulator shows one world file as it is, and
+    reports the sizes of what it draws; yours may load the requested case.
     """
     answer = {
         "protocol": PROTOCOL,
@@ -69,7 +69,7 @@ def picture(renderer: Renderer, ask: dict[str, Any]) -> list[bytes]:
     header = {
         "protocol": PROTOCOL,
         "type": "picture",
-        # These four are checked: what was drawn must be what was asked.
+        # These four are checked: the image must be of the requested pose and time.
         "seq": ask["seq"],
         "t_s": ask["t_s"],
         "position_ned_m": ask["position_ned_m"],
@@ -97,7 +97,7 @@ def answer(renderer: Renderer, scene: Scene, world: str, question: bytes) -> lis
         seq = ask["seq"]
         return picture(renderer, ask)
     except (ValueError, TypeError, KeyError) as error:
-        return refusal(seq, f"the question cannot be read: {type(error).__name__}: {error}")
+        return refusal(seq, f"the request cannot be read: {type(error).__name__}: {error}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -113,11 +113,11 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     renderer, world = Renderer(scene), chosen.world.stem
-    # The first picture takes long, as with every engine: be ready before anybody can ask.
+    # The first image takes long, as with every engine: draw one before the first request.
     renderer.render(Pose((0.0, 0.0, 0.0)), Intrinsics.from_fov(16, 12, 1.0), 0.0)
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
         socket.bind(chosen.bind)
-        # With port * the operating system chooses: whoever started us reads which.
+        # With port * the operating system chooses one: the starting program reads which.
         sys.stdout.write(f"{socket.getsockopt_string(zmq.LAST_ENDPOINT)}\n")
         sys.stdout.flush()
         while True:

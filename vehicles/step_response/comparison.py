@@ -1,4 +1,4 @@
-"""Figures of a flight held against the firmware's ranges; pure but for reading the ranges."""
+"""Compares a flight's figures with the firmware's ranges; pure except for reading the ranges."""
 
 import json
 import math
@@ -9,22 +9,22 @@ from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.step_response.figures import Figures
 
 LIMIT = 0.15
-"""How far off the firmware's range a figure may be, relative to the range's nearer end."""
+"""The allowed deviation of a figure from the firmware's range, relative to the nearer end."""
 FIRMWARES: dict[AutopilotName, str] = {
     "px4": "PX4 of August 2026 in SIH",
     "ardupilot": "ArduCopter 4.7 in SITL",
 }
-"""What was flown four times for the ranges, and what the embedded vehicles emulate."""
+"""The firmware that was flown four times for the ranges, and that embedded vehicles emulate."""
 _OVERSHOOT = {"m": 0.15, "g": 5.0}
-"""An overshoot, which may be near zero, is off by its distance over 0.15 m, or 5 degrees."""
+"""The deviation of an overshoot, which may be near zero, is relative to 0.15 m, or 5 degrees."""
 
 Ranges = dict[str, dict[str, tuple[float, float]]]
 
 
 class Row(NamedTuple):
-    """A figure: of the firmware (least, most), of the vehicle, and how far off it is.
+    """A figure: of the firmware (least, most), of the vehicle, and its deviation.
 
-    off: relative to the range's nearer end; infinite without a figure.
+    off: the deviation relative to the range's nearer end; infinite without a figure.
     """
 
     segment: str
@@ -47,16 +47,18 @@ def load_ranges(autopilot: AutopilotName) -> Ranges:
 
 
 def compare(firmware: Ranges, flown: Figures) -> list[Row]:
-    """Return how far each figure is off the firmware's range."""
+    """Return each figure's deviation from the firmware's range."""
     rows = []
     for segment, figures in firmware.items():
         for name, (least, most) in figures.items():
             here = flown.get(segment, {}).get(name)
-            rows.append(Row(segment, name, (least, most), here, _off(name, here, least, most)))
+            rows.append(
+                Row(segment, name, (least, most), here, _deviation(name, here, least, most))
+            )
     return rows
 
 
-def _off(name: str, here: float | None, least: float, most: float) -> float:
+def _deviation(name: str, here: float | None, least: float, most: float) -> float:
     if here is None or not math.isfinite(here):
         return math.inf
     end = min(max(here, least), most)

@@ -1,6 +1,6 @@
-"""How modes, arming, takeoff and landing follow each other, against the firmware's order; pure.
+"""Compares the order of modes, arming, takeoff and landing with the firmware's; pure.
 
-What is expected stands in the reference traces of both firmwares (see docs/vehicle.md).
+The expected order is that of the reference traces of both firmwares (see docs/vehicle.md).
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,7 +31,7 @@ _MODE = frozenset({mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_NAV_LAND})
 
 
 class Occurrence(NamedTuple):
-    """An event of a vehicle: when its message arrived, and what it shows.
+    """An event of a vehicle: the arrival time of its message, and its name.
 
     command: of an acknowledgement; 0 otherwise.
     """
@@ -76,17 +76,17 @@ class EventTrace:
         match message.get_type():
             case "HEARTBEAT":
                 armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-                self._note("armed", _ARMED if armed else _DISARMED, t_s)
-                self._note("mode", self._autopilot.mode_of(message.custom_mode).value, t_s)
+                self._append_change("armed", _ARMED if armed else _DISARMED, t_s)
+                self._append_change("mode", self._autopilot.mode_of(message.custom_mode).value, t_s)
             case "EXTENDED_SYS_STATE":
                 if message.landed_state in _LANDED:
-                    self._note("landed", _LANDED[message.landed_state], t_s)
+                    self._append_change("landed", _LANDED[message.landed_state], t_s)
             case "COMMAND_ACK":
                 if message.result == mavlink.MAV_RESULT_ACCEPTED:
                     self.events.append(Occurrence(t_s, _ACKNOWLEDGED, message.command))
 
-    def _note(self, kind: str, name: str, t_s: float) -> None:
-        """Keep what differs from the last of its kind."""
+    def _append_change(self, kind: str, name: str, t_s: float) -> None:
+        """Append an event if it differs from the last one of its kind."""
         if self._last.get(kind) != name:
             self._last[kind] = name
             self.events.append(Occurrence(t_s, name))
@@ -99,16 +99,16 @@ def order_rows(events: Sequence[Occurrence], autopilot: AutopilotName) -> list[O
     return [
         OrderRow("modes", modes, _modes(events, autopilot)),
         OrderRow("landed states", _LANDED_STATES, _landed_states(events)),
-        _follow("arming", events, _ARM, _ARMED),
-        _follow("takeoff", events, _TAKEOFF, "taking off"),
-        _follow(guided, events, _MODE, guided),
-        _follow(land, events, _MODE, land),
-        _end(events),
+        _effect_order("arming", events, _ARM, _ARMED),
+        _effect_order("takeoff", events, _TAKEOFF, "taking off"),
+        _effect_order(guided, events, _MODE, guided),
+        _effect_order(land, events, _MODE, land),
+        _end_order(events),
     ]
 
 
 def _modes(events: Sequence[Occurrence], autopilot: AutopilotName) -> tuple[str, ...]:
-    """Return the modes that the vehicle was in while armed, but PX4's hold before its takeoff."""
+    """Return the modes that the vehicle was in while armed, without PX4's hold before takeoff."""
     names = {mode.value for mode in Mode}
     mode, seen, armed = "", [], False
     for event in events:
@@ -118,7 +118,7 @@ def _modes(events: Sequence[Occurrence], autopilot: AutopilotName) -> tuple[str,
         elif event.name in names:
             mode = event.name
             seen += [mode] if armed else []
-    # We arm a PX4 in Hold, and in the traces the takeoff was commanded before arming.
+    # This program arms a PX4 in Hold; in the traces the takeoff was commanded before arming.
     if autopilot == "px4" and seen[:1] == [Mode.HOLD.value]:
         del seen[0]
     return tuple(seen)
@@ -129,7 +129,7 @@ def _landed_states(events: Iterable[Occurrence]) -> tuple[str, ...]:
     return tuple(event.name for event in events if event.name in _LANDED.values())
 
 
-def _follow(
+def _effect_order(
     name: str, events: Sequence[Occurrence], commands: frozenset[int], effect: str
 ) -> OrderRow:
     """Return the order of a command's acknowledgement and the first sign of its effect."""
@@ -143,7 +143,7 @@ def _follow(
     return OrderRow(name, expected, expected if nearest_s <= done_s else expected[::-1])
 
 
-def _end(events: Sequence[Occurrence]) -> OrderRow:
+def _end_order(events: Sequence[Occurrence]) -> OrderRow:
     """Return the order of landing and disarming at the end."""
     expected = ("on the ground", _DISARMED)
     last: dict[str, int] = {

@@ -1,11 +1,11 @@
-"""The figures of a flight of step responses; pure."""
+"""Computes the figures of a flight of step responses; pure."""
 
 import math
 
 from vehicles.step_response.segments import SPEEDS_M_S, Sample, Series
 
 Figures = dict[str, dict[str, float | None]]
-"""By segment and name; the unit is the name's end. None: what is measured did not happen."""
+"""By segment and name, which ends with the unit. None: the measured event did not happen."""
 
 _STEADY_FROM_S = 4.0
 _CLIMB_STEADY_FROM_S = 2.0

@@ -1,4 +1,4 @@
-"""Flies the step responses with a driver's vehicle, under any clock."""
+"""Flies a vehicle's step responses by its driver, under any clock."""
 
 import asyncio
 from collections.abc import Callable
@@ -21,21 +21,21 @@ _READY_WITHIN_S = 120.0
 _CLOCK_OFF = 0.1
 
 Progress = Callable[[str], None]
-"""Is told the name of each stage and segment when it begins."""
+"""Called with the name of each stage and segment when it begins."""
 
 
 class StepFlight:
     """A flight of step responses of one vehicle, whose driver is entered and identified.
 
-    The world frame is that of its start: it stands at the origin and looks north. What ends the
-    flight early is raised as a VehicleError; landing is then the caller's.
+    The world frame is that of its start: it stands at the origin and looks north. A flight that
+    ends early raises a VehicleError; the caller then has to land.
     """
 
     def __init__(self, driver: Driver, *, progress: Progress = lambda _: None) -> None:
         self._driver = driver
         self._progress = progress
         self._samples: list[Sample] = []
-        driver.on_estimate(self._take)
+        driver.on_estimate(self._add_sample)
 
     async def fly(self, segments: tuple[Segment, ...] | None = None) -> Series:
         """Arm, take off, fly the segments, land; return the samples of each segment.
@@ -99,7 +99,7 @@ class StepFlight:
         if len(samples) < segment.seconds * SETPOINT_HZ:
             raise VehicleError(
                 f"{self._driver.name}: {len(samples)} estimates in {segment.seconds:g} s of "
-                f"'{segment.name}': too few to measure by; give the link a higher rate"
+                f"'{segment.name}' are too few to measure; give the link a higher rate"
             )
         flown_s = samples[-1].t_s - samples[0].t_s
         if abs(flown_s / segment.seconds - 1.0) > _CLOCK_OFF:
@@ -110,16 +110,18 @@ class StepFlight:
         return samples
 
     def _require_flying(self, segment: Segment) -> None:
-        """Raise VehicleError for a vehicle that does not follow setpoints any more."""
+        """Raise VehicleError when the vehicle has stopped following setpoints."""
         state, name = self._driver.state, self._driver.name
         if not state.link_up:
-            raise VehicleError(f"{name}: its link is lost in '{segment.name}'")
+            raise VehicleError(f"{name}: the link was lost in '{segment.name}'")
         if not state.armed:
-            raise VehicleError(f"{name}: it disarmed in '{segment.name}'")
+            raise VehicleError(f"{name}: the vehicle disarmed in '{segment.name}'")
         if state.mode is not Mode.GUIDED:
-            raise VehicleError(f"{name}: it went into {state.mode_name} in '{segment.name}'")
+            raise VehicleError(
+                f"{name}: the vehicle changed to {state.mode_name} in '{segment.name}'"
+            )
 
-    def _take(self, estimate: EstimateSample) -> None:
+    def _add_sample(self, estimate: EstimateSample) -> None:
         place, velocity = estimate.pose.position_ned_m, estimate.velocity_ned_m_s
         angles = euler_from_quat(estimate.pose.q_wxyz)
         self._samples.append(Sample(estimate.boot_s, *place, *velocity, *angles))

@@ -138,7 +138,7 @@ def conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
         outgoing=link.outgoing,
         incoming=link.incoming,
         seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_LUCK),
-        may_go_dark=bool(link.outages),
+        has_later_outage=bool(link.outages),
         signing=vehicle.signing,
     )
 

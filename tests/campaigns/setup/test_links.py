@@ -16,9 +16,9 @@ def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:
     setup = next(iter(files.load().setups.values()))
     (real,) = setup.links.values()
     dark = (LinkOutage(60, 3),)
-    assert real.outgoing == Impairment(loss=0.5, blackouts=dark)
+    assert real.outgoing == Impairment(loss=0.5, outages=dark)
     assert real.incoming == Impairment(
-        latency_s=0.08, jitter_s=0.04, loss=0.05, bandwidth_bit_s=57_600.0, blackouts=dark
+        latency_s=0.08, jitter_s=0.04, loss=0.05, bandwidth_bit_s=57_600.0, outages=dark
     )
 
 

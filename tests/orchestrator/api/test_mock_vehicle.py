@@ -50,7 +50,7 @@ def acknowledgement(link: Any, command: int) -> int:
         ({"link": "udp:14540"}, "link 'udp:14540' cannot be read"),
         ({"link": "memory://"}, "a mock vehicle is at udp or tcp"),
         ({"parameters": {"MIS_TAKEOF_ALT": 3}}, "did you mean 'MIS_TAKEOFF_ALT'?"),
-        ({"faults": ["motor 9 0"]}, "'motor 9 0' is no fault"),
+        ({"faults": ["motor 9 0"]}, "'motor 9 0' is not a fault"),
         ({"faults": ["mute", "camera stop@3"]}, "a mock vehicle has no camera"),
     ],
 )
@@ -96,7 +96,7 @@ def test_a_port_that_is_taken_is_named() -> None:
     with socket.create_server(("127.0.0.1", 0)) as holder:
         port = holder.getsockname()[1]
         mock = wil_campaign.mock_vehicle("px4", link=f"tcpin://127.0.0.1:{port}")
-        with pytest.raises(wil_campaign.MockVehicleError, match=f"port {port} is taken"):
+        with pytest.raises(wil_campaign.MockVehicleError, match=f"port {port} is in use"):
             mock.start()
     assert mock.pid is None
 

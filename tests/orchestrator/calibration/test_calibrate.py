@@ -169,8 +169,8 @@ GREY = [np.full((480, 640, 3), 90, np.uint8)] * 12
     ("images", "said"),
     [
         (GREY, "was found in none of 12 images: count a chessboard's inner corners"),
-        (lambda views: views[:5], "found in 5 pictures; 8 that differ are needed"),
-        (lambda views: views[:1] * 20, "20 pictures, and only 1 of them differ"),
+        (lambda views: views[:5], "found in 5 images; 8 that differ are needed"),
+        (lambda views: views[:1] * 20, "20 images, and only 1 of them differ"),
         (lambda views: [*views[:9], views[9][:240]], "image 10 has 640x240, those before it"),
     ],
 )

@@ -216,7 +216,7 @@ def test_links_of_campaigns_are_tried(tmp_path: Path) -> None:
             (tmp_path / name).symlink_to(ROOT / name)
         busy = only(links.campaign_links([copy]))
         assert busy.grade == "trouble", busy
-        assert "is taken by another program" in busy.text
+        assert "is in use by another program" in busy.text
     good = only(links.campaign_links([copy]))
     assert (good.grade, good.remedy) == (
         "good",

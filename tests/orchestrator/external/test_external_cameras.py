@@ -68,7 +68,7 @@ def test_a_recording_that_cannot_be_had_is_known_before_anything_flies(tmp_path:
         async with AsyncExitStack() as stack:
             await one.open(stack)
 
-    with pytest.raises(SourceError, match="64x48 came"):
+    with pytest.raises(SourceError, match="images are 64x48"):
         run_virtual(opened(camera(images(tmp_path / "i", 2, (64, 48)))))
     (tmp_path / "bad.mp4").write_text("no video")
     bad = camera(SourceSetup(kind="video", address=str(tmp_path / "bad.mp4")))
@@ -116,7 +116,7 @@ async def test_a_live_camera_that_stalls_says_so_and_may_go_on(
         running.cancel()
         await asyncio.wait([running])
     assert stalls[0].startswith("real camera: rtp://127.0.0.1:")
-    assert "no picture for 1.5 s" in stalls[0]
+    assert "no image for 1.5 s" in stalls[0]
     assert one.result.stalls >= 1
 
 
@@ -128,8 +128,8 @@ async def test_a_live_camera_whose_size_changes_is_lost_with_the_reason(
     async with AsyncExitStack() as stack:
         await one.open(stack)
         async with asyncio.timeout(30.0):
-            with pytest.raises(ImageChangedError, match="320x240 came"):
+            with pytest.raises(ImageChangedError, match="images are 320x240"):
                 await one.run(seen.append)
     shapes = {reading.image_bgr.shape for reading in seen if isinstance(reading, CameraReading)}
     assert shapes <= {(120, 160, 3)}
-    assert "320x240 came" in one.result.trouble
+    assert "images are 320x240" in one.result.trouble

@@ -141,7 +141,7 @@ def later(message: Any, **changes: float) -> Any:
 
 SPOILED: dict[str, tuple[str, int, Spoil, str]] = {
     "stops": ("imu", IMU, lambda m, _: None, "no HIGHRES_IMU for 1 s"),
-    "is no number": ("imu", IMU, lambda m, _: later(m, zacc=math.nan), "of no use"),
+    "is no number": ("imu", IMU, lambda m, _: later(m, zacc=math.nan), "was refused"),
     "is of another clock": (
         "imu",
         IMU,
@@ -158,7 +158,7 @@ SPOILED: dict[str, tuple[str, int, Spoil, str]] = {
         "gps",
         FIX,
         lambda m, _: later(m, lat=473979000, lon=85461000, alt_ellipsoid=488_000),
-        "it is frozen",
+        "the sensor is frozen",
     ),
 }
 
@@ -194,7 +194,7 @@ REFUSED: dict[str, tuple[str, int, Spoil, str]] = {
     "elsewhere": ("gps", FIX, lambda m, _: later(m, lat=m.lat // 10), "beside"),
     "without a fix": ("gps", FIX, lambda m, _: later(m, fix_type=1), "no 3-D fix"),
     "aside": ("rangefinder", RANGE, lambda m, _: later(m, orientation=0), "correct `mount`"),
-    "never": ("rangefinder", RANGE, lambda m, _: None, "no DISTANCE_SENSOR that can be used"),
+    "never": ("rangefinder", RANGE, lambda m, _: None, "no usable DISTANCE_SENSOR"),
 }
 
 

@@ -59,7 +59,7 @@ def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
     if ending == "is over":
         given, said = film(tmp_path / "short.mp4", 12.0), "the recording is over"
     else:
-        given, said = tmp_path / "images", "80x60 came"
+        given, said = tmp_path / "images", "images are 80x60"
         given.mkdir()
         for k in range(12 * HZ):
             size = SIZE if k < 11 * HZ else (80, 60)

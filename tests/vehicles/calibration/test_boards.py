@@ -54,7 +54,7 @@ def test_nothing_is_found_where_no_board_is() -> None:
 def test_what_is_no_board_is_refused() -> None:
     with pytest.raises(CalibrationError, match="3 x 3 inner corners"):
         ChessBoard(2, 6, 0.025)
-    with pytest.raises(CalibrationError, match="smaller than its squares"):
+    with pytest.raises(CalibrationError, match="must be smaller than its squares"):
         CharucoBoard(8, 6, 0.03, 0.03)
-    with pytest.raises(CalibrationError, match=r"no dictionary '9x9_7' .there are 4x4_50"):
+    with pytest.raises(CalibrationError, match=r"no dictionary '9x9_7'; choose one of 4x4_50"):
         CharucoBoard(8, 6, 0.03, 0.02, "9x9_7")

@@ -45,7 +45,7 @@ def test_a_body_that_is_not_turned_tells_nothing() -> None:
 
 
 def test_too_few_images_with_a_pose_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="pictures show the board while the body's pose"):
+    with pytest.raises(CalibrationError, match="images show the board while the body's pose"):
         fit_mounting(HAND.sightings(16.0)[:40], HAND.path(2.0), LENS)
     with pytest.raises(CalibrationError, match="no poses arrived"):
         fit_mounting(HAND.sightings(4.0), HAND.path(0.0), LENS)
@@ -53,7 +53,9 @@ def test_too_few_images_with_a_pose_are_refused() -> None:
 
 def test_the_poses_of_another_body_do_not_fit() -> None:
     other = Hand(AT_ORIGIN, 0.0, hz=0.23, sway_m=0.4)
-    with pytest.raises(CalibrationError, match=r"do not fit: .* px off; did the board stand still"):
+    with pytest.raises(
+        CalibrationError, match=r"do not fit: .* px off; check that the board did not move"
+    ):
         fit_mounting(HAND.sightings(16.0), other.path(17.0), LENS)
 
 

@@ -33,7 +33,7 @@ def test_the_lens_is_recovered(kind: str, request: pytest.FixtureRequest) -> Non
     off_px = np.linalg.norm(bent(lens) - bent(LENS), axis=1)
     assert float(np.sqrt(np.mean(off_px**2))) < 1.0
     assert fit.rms_px < 0.3
-    assert (fit.pictures, len(lens.distortion)) == (16, 4)
+    assert (fit.images, len(lens.distortion)) == (16, 4)
     assert fit.covered > 0.9
 
 
@@ -43,7 +43,7 @@ def test_more_coefficients_are_had_when_asked_for(of_charuco: list[Sighting]) ->
 
 
 def test_too_few_images_are_refused(of_charuco: list[Sighting]) -> None:
-    with pytest.raises(CalibrationError, match="found in 5 pictures; 8 that differ are needed"):
+    with pytest.raises(CalibrationError, match="found in 5 images; 8 that differ are needed"):
         fit_optics(of_charuco[:5], SIZE)
 
 
@@ -53,7 +53,7 @@ def test_one_view_over_and_over_is_refused(of_charuco: list[Sighting]) -> None:
         replace(one, pixels=one.pixels + random.normal(0.0, 0.1, one.pixels.shape))
         for one in of_charuco[:2] * 30
     ]
-    with pytest.raises(CalibrationError, match="60 pictures, and only 2 of them differ"):
+    with pytest.raises(CalibrationError, match="60 images, and only 2 of them differ"):
         fit_optics(still, SIZE)
 
 
@@ -76,7 +76,7 @@ def test_a_picture_that_was_moved_is_left_out(of_charuco: list[Sighting]) -> Non
         pixels=of_charuco[3].pixels + random.normal(0.0, 4.0, (len(of_charuco[3].pixels), 2)),
     )
     fit = fit_optics([*of_charuco[:3], spoiled, *of_charuco[4:]], SIZE)
-    assert fit.pictures == 15
+    assert fit.images == 15
     assert fit.rms_px < 0.3
 
 
@@ -86,7 +86,9 @@ def test_a_board_whose_print_is_bent_is_refused(of_charuco: list[Sighting]) -> N
         replace(one, pixels=one.pixels + random.normal(0.0, 6.0, one.pixels.shape))
         for one in of_charuco
     ]
-    with pytest.raises(CalibrationError, match=r"do not fit together: .* is the board flat"):
+    with pytest.raises(
+        CalibrationError, match=r"do not fit together: .* check that the board is flat"
+    ):
         fit_optics(wrong, SIZE)
 
 

@@ -138,11 +138,11 @@ def test_a_single_wild_stamp_changes_nothing() -> None:
 
 def test_nonsense_is_refused() -> None:
     clock = ClockMap()
-    with pytest.raises(ValueError, match="no TIMESYNC"):
+    with pytest.raises(ValueError, match="not answered TIMESYNC"):
         clock.run_time(1.0)
-    with pytest.raises(ValueError, match="no TIMESYNC"):
+    with pytest.raises(ValueError, match="not answered TIMESYNC"):
         clock.estimate()
-    with pytest.raises(ValueError, match="answered"):
+    with pytest.raises(ValueError, match="before its request"):
         clock.add(t_sent_s=2.0, t_received_s=1.0, remote_ns=5)
 
 
@@ -181,7 +181,7 @@ def test_telemetry_is_mapped_by_timesync() -> None:
 
 def test_before_timesync_the_least_delay_stands_in() -> None:
     vehicle = _Vehicle(boot_offset_s=500.0)
-    with pytest.raises(ValueError, match="neither"):
+    with pytest.raises(ValueError, match="time is unknown"):
         vehicle.clock.run_time(1.0)
     assert vehicle.clock.boot_time(1.0) == 0.0
     for number in range(10):

@@ -148,7 +148,7 @@ def test_a_scheduled_outage_on_the_ground_delays_only() -> None:
         await driver.identify(8.0)
         return asyncio.get_running_loop().time()
 
-    dark = Impairment(blackouts=(LinkOutage(0.0, 3.0),))
+    dark = Impairment(outages=(LinkOutage(0.0, 3.0),))
     assert 3.0 < _fly("px4", script, bad=dark, seed=1) < 5.0
 
 

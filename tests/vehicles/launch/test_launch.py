@@ -177,7 +177,7 @@ def test_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(LaunchError, match="docker is not installed"):
         Px4Launch(image="px4io/px4-sitl:v1.18.0").check()
-    with pytest.raises(ValueError, match="name one"):
+    with pytest.raises(ValueError, match="give one"):
         Px4Launch()
 
 

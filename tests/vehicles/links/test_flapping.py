@@ -229,7 +229,7 @@ def flapped(
     flaky = Flaky()
 
     async def run() -> None:
-        recovery = Reconnection(name="tcpout://x", again=flaky.again, back_off=BackOff())
+        recovery = Reconnection(name="tcpout://x", reconnect=flaky.again, back_off=BackOff())
         await script(recovery, flaky)
         await recovery.stop()
 
@@ -260,7 +260,7 @@ def test_what_flaps_is_reported_once_and_again_when_it_stays(
             "tcpout://x: lost again (reset by peer): the link flaps; further losses are "
             "not logged until it holds for 5 s"
         ),
-        "tcpout://x: back, and stays; it was lost 20 times",
+        "tcpout://x: back, and steady; it was lost 20 times",
         "tcpout://x: lost (unplugged)",
         "tcpout://x: back after 0.2 s",
     ]

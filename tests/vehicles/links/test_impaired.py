@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
 from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Bursts, ImpairedWay, Impairment, LinkOutage
+from vehicles.links.impairment import Bursts, ImpairedDirection, Impairment, LinkOutage
 from vehicles.links.memory import memory_pair
 from vehicles.mavlink.codec import Codec
 
@@ -46,7 +46,7 @@ def _fly(impairment: Impairment, *, count: int = 3000, seed: int = 7) -> list[tu
             await asyncio.sleep(2.0)
         counts = link.outgoing
         assert counts.frames == count
-        gone = counts.lost + counts.blacked_out + counts.overflowed
+        gone = counts.lost + counts.lost_in_outage + counts.overflowed
         assert counts.delivered == count - gone + counts.duplicated
         if not (impairment.duplicate and impairment.corrupt):
             assert len(arrived) == counts.delivered - counts.corrupted
@@ -138,7 +138,7 @@ def test_bandwidth_delays_and_then_drops() -> None:
 
 
 def test_a_outage_takes_what_was_under_way() -> None:
-    setting = Impairment(latency_s=0.1, blackouts=(LinkOutage(2.0, 3.0),))
+    setting = Impairment(latency_s=0.1, outages=(LinkOutage(2.0, 3.0),))
     arrived = _fly(setting, count=1000)
     gone = sorted(set(range(1, 1001)) - {number for _, number in arrived})
     assert gone == list(range(gone[0], gone[-1] + 1))
@@ -179,7 +179,7 @@ EVERYTHING = Impairment(
     reorder=0.05,
     corrupt=0.05,
     bandwidth_bit_s=50_000.0,
-    blackouts=(LinkOutage(3.0, 1.0),),
+    outages=(LinkOutage(3.0, 1.0),),
 )
 
 
@@ -230,7 +230,7 @@ def test_impossible_settings_are_refused(fields: dict[str, Any], words: str) -> 
 def test_impossible_bursts_and_outages_are_refused() -> None:
     with pytest.raises(ValueError, match="length_s is 0"):
         Bursts(length_s=0.0, gap_s=1.0)
-    with pytest.raises(ValueError, match=r"blackout from 1\.0 s for 0\.0 s"):
+    with pytest.raises(ValueError, match=r"a blackout from 1\.0 s for 0\.0 s"):
         LinkOutage(1.0, 0.0)
 
 
@@ -248,7 +248,7 @@ def test_impossible_bursts_and_outages_are_refused() -> None:
     st.integers(0, 2**32),
 )
 def test_every_frame_is_accounted_for(impairment: Impairment, seed: int) -> None:
-    way = ImpairedWay(impairment=impairment, rng=np.random.default_rng(seed), opened_s=0.0)
+    way = ImpairedDirection(impairment=impairment, rng=np.random.default_rng(seed), opened_s=0.0)
     arrived = []
     for number in range(60):
         way.put(bytes([number] * 20), number * 0.05)

@@ -133,7 +133,7 @@ async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() 
         assert there.heard == [_heartbeat(1)] * 30
         (said,) = there.told
         assert said == (
-            "system 1 speaks from 127.0.0.1:1002 as well as from 127.0.0.1:1001; two vehicles "
+            "system 1 sends from 127.0.0.1:1002 as well as from 127.0.0.1:1001: two vehicles "
             "have the same system id; only the latter is accepted"
         )
         assert list(there.link.rivals.values()) == there.told
@@ -188,7 +188,7 @@ async def test_with_signatures_everybody_is_received_for_they_settle_who_is_beli
 async def test_udp_busy_port_says_so() -> None:
     port = _free_port()
     async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)):
-        with pytest.raises(LinkError, match=f"{port} is taken"):
+        with pytest.raises(LinkError, match=f"{port} is in use"):
             await UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)).__aenter__()
     async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)) as again:
         assert again.local_port == port

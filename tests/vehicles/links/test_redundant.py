@@ -72,7 +72,7 @@ class Ends:
         self.told: list[str] = []
         self.heard: list[bytes] = []
         self.sent: list[list[Any]] = [[], []]
-        self.link = RedundantLink(links=[ours for ours, _ in pairs], told=self.told.append)
+        self.link = RedundantLink(links=[ours for ours, _ in pairs], on_switch=self.told.append)
         self.link.receive(lambda data, _: self.heard.append(data))
         self.far = [far for _, far in pairs]
         for far, box in zip(self.far, self.sent, strict=True):
@@ -112,8 +112,8 @@ def test_the_first_is_flown_by_until_it_is_silent_and_again_when_it_is_steady() 
             await ends.speak(0, 1, for_s=2.0)
             assert ends.link.active == 0
         assert ends.told == [
-            "one:a is silent for 0.3 s; flown by two:a now",
-            "one:a is heard again without a gap; flown by one:a now",
+            "one:a is silent for 0.3 s; switched to two:a",
+            "one:a receives again without a gap; switched to one:a",
         ]
 
     run_virtual(scenario())
@@ -200,9 +200,9 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
         told: list[str] = []
         events: list[VehicleEvent] = []
         conditions = LinkConditions(
-            outgoing=Impairment(loss=0.05), incoming=Impairment(loss=0.05), may_go_dark=True
+            outgoing=Impairment(loss=0.05), incoming=Impairment(loss=0.05), has_later_outage=True
         )
-        both = under_conditions(one, conditions, utc_s=0.0, spares=[two], told=told.append)
+        both = under_conditions(one, conditions, utc_s=0.0, spares=[two], on_switch=told.append)
         config = EmbeddedConfig(autopilot=autopilot, running_s=60.0)
         async with (
             EmbeddedVehicle(config=config, link=TwoRadios([far_one, far_two]), seed=1) as vehicle,
@@ -236,7 +236,7 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
 
 async def test_what_cannot_be_opened_closes_the_others(free_tcp_port: int) -> None:
     address = LinkAddress("tcpin", host="127.0.0.1", port=free_tcp_port)
-    with pytest.raises(LinkError, match="is taken"):
+    with pytest.raises(LinkError, match="is in use"):
         await RedundantLink(
             links=[TcpInLink(address=address), TcpInLink(address=address)]
         ).__aenter__()

@@ -152,7 +152,7 @@ async def test_no_permission(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize(
     ("number", "words"),
-    [(errno.EINVAL, "does not run at 9 baud"), (errno.EIO, "Input/output error")],
+    [(errno.EINVAL, "does not support 9 baud"), (errno.EIO, "Input/output error")],
 )
 def test_other_errors_in_words(number: int, words: str) -> None:
     assert words in remedy(OSError(number, os.strerror(number)), "/dev/ttyX", 9)

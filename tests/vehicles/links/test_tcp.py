@@ -85,7 +85,7 @@ async def test_a_host_that_cannot_be_reached(
 
 async def test_a_busy_port(free_tcp_port: int) -> None:
     async with _in(free_tcp_port):
-        with pytest.raises(LinkError, match=f"port {free_tcp_port} is taken"):
+        with pytest.raises(LinkError, match=f"port {free_tcp_port} is in use"):
             await _in(free_tcp_port).__aenter__()
 
 
@@ -145,7 +145,7 @@ async def test_a_second_client_is_turned_away_until_the_first_is_silent(
             with contextlib.suppress(ConnectionResetError):
                 assert await reader.read() == b""
             writer.close()
-            assert "turned away" in server.trouble
+            assert "was refused" in server.trouble
             monkeypatch.setattr("vehicles.links.tcp._SILENT_S", 0.0)
             reader, writer = await asyncio.open_connection("127.0.0.1", free_tcp_port)
             writer.write(b"second")

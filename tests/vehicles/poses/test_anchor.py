@@ -103,7 +103,7 @@ def test_average_refuses_what_cannot_be_averaged() -> None:
         average.mean()
     for number in range(50):
         average.add(2.0 + number * 0.05, Pose((math.nan, 0.0, 0.0)))
-    with pytest.raises(AnchorError, match="not a number"):
+    with pytest.raises(AnchorError, match="is not finite"):
         average.mean()
 
 

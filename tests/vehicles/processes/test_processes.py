@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from vehicles.processes import linux
-from vehicles.processes.child import ChildProcess, how_it_ended
+from vehicles.processes.child import ChildProcess, how_it_ended, run_briefly
 from vehicles.processes.identity import ProcessId, group_lives
 
 LEAVES_A_CHILD = (
@@ -134,3 +134,16 @@ def test_what_a_risen_process_starts_is_scheduled_normally() -> None:
         f"normal {os.SCHED_OTHER} {ours}",
     }
     assert its == f"{os.SCHED_OTHER} {ours if mine.startswith('normal') else 0}"
+
+
+async def test_a_brief_command_ends_when_its_wait_is_cancelled(tmp_path: Path) -> None:
+    written = tmp_path / "pid"
+    code = f"import os, time\nopen({str(written)!r}, 'w').write(str(os.getpid()))\ntime.sleep(60)"
+    task = asyncio.create_task(run_briefly((sys.executable, "-S", "-c", code)), name="brief")
+    async with asyncio.timeout(20.0):
+        while not (written.exists() and written.read_text()):  # noqa: ASYNC110 - a file
+            await asyncio.sleep(0.02)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert not group_lives(int(written.read_text()))

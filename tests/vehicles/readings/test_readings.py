@@ -161,7 +161,7 @@ def test_a_camera_that_changes_its_size_in_flight() -> None:
     other = replace(CAMERA, t_s=2.0, intrinsics=Intrinsics.from_fov(16, 12, 1.2))
     fault = fault_after(other, CAMERA)
     assert fault is not None
-    assert (fault.kind, fault.detail) == ("changed", "the picture was 8x6 and is 16x12")
+    assert (fault.kind, fault.detail) == ("changed", "the image size was 8x6 and is 16x12")
     focal = fault_after(replace(CAMERA, t_s=2.0, intrinsics=Intrinsics.from_fov(8, 6, 1.0)), CAMERA)
     assert focal is not None
     assert focal.kind == "changed"

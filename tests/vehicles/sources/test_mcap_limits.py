@@ -56,8 +56,11 @@ def written(path: Path, one: Chunk) -> Path:
     ("one", "said"),
     [
         (chunk(BOMB, CLAIMED_BYTES, "zstd"), "at most 20000000 are read"),
-        (chunk(BOMB, 10_000, "zstd"), "a chunk of 10000 bytes whose data is 30000000"),
-        (chunk(lz4.frame.compress(bytes(1 << 22)), 10_000, "lz4"), "more than its 10000 bytes"),
+        (chunk(BOMB, 10_000, "zstd"), "a chunk states 10000 bytes and its data 30000000"),
+        (
+            chunk(lz4.frame.compress(bytes(1 << 22)), 10_000, "lz4"),
+            "more data than the 10000 bytes",
+        ),
         (chunk(b"", 1 << 60, ""), "at most 20000000 are read"),
         (chunk(struct.pack("<BQ", 0, 0) * 600, 5_400, ""), "more than 500 records"),
     ],
@@ -101,6 +104,6 @@ def test_a_message_that_is_all_brackets_is_not_read(tmp_path: Path) -> None:
 def test_a_camera_file_without_an_index_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mcap", chunk(BOMB, CLAIMED_BYTES, "zstd"))
     file = McapFile(path=path)
-    with pytest.raises(SourceError, match=r"is not an MCAP file|name the topic"):
+    with pytest.raises(SourceError, match=r"not an MCAP file|choose one of its image topics"):
         file.open()
     file.close()

@@ -37,9 +37,9 @@ def terminate(_: EmbeddedVehicle, link: Link) -> None:
 @pytest.mark.parametrize(
     ("disturb", "said"),
     [
-        (lose, "ardupilot: its link is lost in 'speed 0.4'"),
-        (take_over, "ardupilot: it went into POSHOLD in 'speed 0.4'"),
-        (terminate, "ardupilot: it disarmed in 'speed 0.4'"),
+        (lose, "ardupilot: the link was lost in 'speed 0.4'"),
+        (take_over, "ardupilot: the vehicle changed to POSHOLD in 'speed 0.4'"),
+        (terminate, "ardupilot: the vehicle disarmed in 'speed 0.4'"),
     ],
 )
 def test_what_ends_a_flight_early_is_named(disturb: Disturb, said: str) -> None:

@@ -1,4 +1,4 @@
-"""Gets pictures from whatever FFmpeg opens, and keeps back those that lost data damaged."""
+"""Grabs images from any input that FFmpeg opens, and holds back those damaged by lost data."""
 
 import io
 import time
@@ -10,24 +10,24 @@ import av
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.av_input import (
     AvInput,
-    no_key_frame,
-    nothing_came,
+    no_image_error,
+    no_key_frame_error,
     opening_error,
-    shown,
+    redacted_address,
 )
 from vehicles.sources.cameras.h264_loss import LossFinder
-from vehicles.sources.cameras.live_camera import Grabbed
+from vehicles.sources.cameras.live_camera import GrabbedImage
 
 _READ_TIMEOUT_S = 0.2
-"""So often a thread that waits for data looks whether it is to stop."""
+"""How often a thread that waits for data checks whether it has to stop."""
 
 
 class AvGrabber:
     """A Grabber of camera images by PyAV: RTSP, RTP and V4L2.
 
-    After lost or broken data every picture is held back until the next key picture, since a
-    decoder goes on from wrong ones without a word. Who joins a stream waits for its first key
-    picture too: what came before it is neither handed on nor counted as damaged.
+    After lost or broken data every frame is held back until the next key frame, since a decoder
+    continues from wrong frames without an error. A stream that is joined late starts with its
+    first key frame: earlier frames are neither handed on nor counted as damaged.
     """
 
     def __init__(self, *, source: AvInput, open_timeout_s: float = 5.0) -> None:
@@ -40,7 +40,7 @@ class AvGrabber:
         self._losses = LossFinder()
         self._finds_losses = False
         self._broken = True
-        self._first: Grabbed | None = None
+        self._first: GrabbedImage | None = None
 
     def open(self) -> None:
         """Open PyAV's address and wait for its first image. Raises SourceError."""
@@ -48,12 +48,12 @@ class AvGrabber:
         self._open_stream(deadline_s)
         joined_late = False
         while self._first is None:
-            grabbed = self._next()
+            grabbed = self._next_frame()
             joined_late = joined_late or grabbed is not None
             if grabbed is not None and grabbed.image_bgr is not None:
                 self._first = grabbed
             elif time.monotonic() > deadline_s:
-                raise (no_key_frame if joined_late else nothing_came)(self._source.url)
+                raise (no_key_frame_error if joined_late else no_image_error)(self._source.url)
 
     def _open_stream(self, deadline_s: float) -> None:
         source = self._source
@@ -66,14 +66,14 @@ class AvGrabber:
                 timeout=(self._open_timeout_s, _READ_TIMEOUT_S),
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
-            # A wait that was broken off shows in many ways, as broken data too.
+            # An interrupted wait shows as any of many errors, among them invalid data.
             if time.monotonic() >= deadline_s:
-                raise nothing_came(source.url) from error
+                raise no_image_error(source.url) from error
             raise opening_error(source.url, error) from error
         if not self._container.streams.video:
-            raise SourceError(f"{shown(source.url)}: has no video")
+            raise SourceError(f"{redacted_address(source.url)}: has no video")
         self._stream = self._container.streams.video[0]
-        # More threads decode more pictures at once, each of them later.
+        # With more threads several frames are decoded at once, and each is later.
         self._stream.codec_context.thread_count = 1
         on_network = source.kind in {"rtp", "rtsp"}
         self._finds_losses = on_network and self._stream.codec_context.name == "h264"
@@ -81,21 +81,21 @@ class AvGrabber:
         if self._finds_losses and extradata:
             self._losses.lost_before(bytes(extradata))
 
-    def grab(self) -> Grabbed | None:
+    def grab(self) -> GrabbedImage | None:
         """Return PyAV's next image; None when none came for a moment. Raises SourceError."""
         first, self._first = self._first, None
-        return first or self._next()
+        return first or self._next_frame()
 
     def close(self) -> None:
         """Close PyAV's stream or device."""
         if self._container is not None:
             self._container.close()
 
-    def _next(self) -> Grabbed | None:
+    def _next_frame(self) -> GrabbedImage | None:
         frame = next(self._frames, None)
         if frame is not None:
             return self._check_frame(frame)
-        packet = self._packet()
+        packet = self._next_packet()
         if packet is None:
             return None
         try:
@@ -105,10 +105,10 @@ class AvGrabber:
         frame = next(self._frames, None)
         if frame is not None:
             return self._check_frame(frame)
-        # A decoder without its references gives nothing; a sound one may only be gathering.
-        return Grabbed(None, _stamp_s(packet)) if self._broken else None
+        # A decoder without its reference frames returns none; an intact one may only be buffering.
+        return GrabbedImage(None, _stamp_s(packet)) if self._broken else None
 
-    def _packet(self) -> Any | None:
+    def _next_packet(self) -> Any | None:
         if self._packets is None:
             self._packets = self._container.demux(self._stream)
         try:
@@ -118,11 +118,12 @@ class AvGrabber:
             return None
         except av.error.FFmpegError as error:
             raise SourceError(
-                f"{shown(self._source.url)}: was lost: {error.strerror}; check cable and network"
+                f"{redacted_address(self._source.url)}: the stream was lost: {error.strerror}; "
+                "check cable and network"
             ) from error
         if packet is None or packet.size == 0:
             raise SourceError(
-                f"{shown(self._source.url)}: has ended; whoever sends it closed the stream"
+                f"{redacted_address(self._source.url)}: the stream has ended: its sender closed it"
             )
         return packet
 
@@ -132,11 +133,11 @@ class AvGrabber:
             self._stream.codec_context.flush_buffers()
         return iter(packet.decode())
 
-    def _check_frame(self, frame: Any) -> Grabbed:
+    def _check_frame(self, frame: Any) -> GrabbedImage:
         self._broken = frame.is_corrupt or (self._broken and not frame.key_frame)
         if self._broken:
-            return Grabbed(None, frame.time)
-        return Grabbed(frame.to_ndarray(format="bgr24"), frame.time)
+            return GrabbedImage(None, frame.time)
+        return GrabbedImage(frame.to_ndarray(format="bgr24"), frame.time)
 
 
 def _stamp_s(packet: Any) -> float | None:

@@ -1,4 +1,4 @@
-"""How FFmpeg is asked to open an address, and its complaints in words."""
+"""FFmpeg inputs of camera addresses, their options, and FFmpeg's errors as messages."""
 
 import re
 from collections.abc import Mapping
@@ -14,18 +14,17 @@ from worlds.camera import Intrinsics
 AvKind = Literal["rtsp", "rtp", "v4l2", "file"]
 
 _LOW_DELAY: Mapping[str, str] = {
-    # The first picture's data is waited for, and no more: latency that is gathered while probing
-    # stays for good.
+    # Probing waits for the first frame's data only: latency gained while probing stays for good.
     "probesize": "32",
     "analyzeduration": "0",
     "flags": "low_delay",
 }
 _NETWORK: Mapping[str, str] = {
     **_LOW_DELAY,
-    # A queue holds all back while it waits for what was lost, and takes the numbers of a sender
-    # that starts anew for old ones. What comes out of order counts as lost.
+    # A reorder queue delays all packets while it waits for a lost one, and takes the sequence
+    # numbers of a restarted sender for old ones. Packets out of order count as lost.
     "reorder_queue_size": "0",
-    # For a thread that has to wait; the operating system grants at most net.core.rmem_max.
+    # For a thread that cannot read at once; the kernel grants at most net.core.rmem_max.
     "buffer_size": "4194304",
 }
 
@@ -59,7 +58,7 @@ def av_input(
 
     `rtp://` takes H.264 with dynamic payload type 96, as sent by `orchestrator.delivery`, by
     GStreamer's rtph264pay and by most drones; anything else is described by an SDP file.
-    intrinsics, rate_hz, v4l2_format: what a V4L2 device is asked for. Raises SourceError.
+    intrinsics, rate_hz, v4l2_format: requested of a V4L2 device. Raises SourceError.
     """
     if address.startswith(("rtsp://", "rtsps://")):
         return AvInput("rtsp", address, None, {**_NETWORK, "rtsp_transport": rtsp_transport})
@@ -73,7 +72,7 @@ def av_input(
     return AvInput("file", address)
 
 
-def shown(address: str) -> str:
+def redacted_address(address: str) -> str:
     """Return an input's address without its password."""
     return re.sub(r"(?<=://)([^/@:]*):[^/@]*@", r"\1:***@", address)
 
@@ -106,10 +105,10 @@ def _read_sdp(path: str) -> str:
     try:
         return Path(path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        said = error.strerror if isinstance(error, OSError) else "it is not text"
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise SourceError(
-            f"{path}: the session description cannot be read: {said}; whoever sends the stream "
-            "writes it"
+            f"{path}: the session description cannot be read: {reason}; the sender of the stream "
+            "writes this file"
         ) from error
 
 
@@ -135,7 +134,7 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
         "nothing listens there; start the camera or its server, and check host and port",
     ),
     (TimeoutError, "no answer in time; check host, port and network"),
-    (av.error.InvalidDataError, "is not video that can be decoded; play it with ffplay to see"),
+    (av.error.InvalidDataError, "is not video that can be decoded; check it with ffplay"),
     (av.error.HTTPUnauthorizedError, "asks for a user and password: rtsp://USER:PASSWORD@HOST/..."),
     (av.error.HTTPForbiddenError, "refuses this user; check user and password"),
     (av.error.HTTPNotFoundError, "has no such stream; check the path after the host"),
@@ -143,30 +142,31 @@ _REMEDIES: tuple[tuple[type[Exception], str], ...] = (
 )
 
 
-def nothing_came(address: str) -> SourceError:
+def no_image_error(address: str) -> SourceError:
     """Return the error of a camera input from which no image came in time."""
     return SourceError(
-        f"{shown(address)}: no image in time; check that it is sent to this host and port"
+        f"{redacted_address(address)}: no image arrived in time; check that it is sent to this "
+        "host and port"
     )
 
 
-def no_key_frame(address: str) -> SourceError:
+def no_key_frame_error(address: str) -> SourceError:
     """Return the error of a camera input in which nothing can be decoded."""
     return SourceError(
-        f"{shown(address)}: video comes, and no key picture that decoding can start from; let "
-        "the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
+        f"{redacted_address(address)}: video arrives without a key frame to start decoding from; "
+        "have the sender send one every second (keyint, GOP, I-frame interval), or wait longer"
     )
 
 
 def opening_error(address: str, error: Exception) -> SourceError:
     """Return FFmpeg's error of opening an input, with what to do."""
-    name = shown(address)
+    name = redacted_address(address)
     if isinstance(error, av.error.ExitError):
-        return nothing_came(address)
+        return no_image_error(address)
     for kind, remedy in _REMEDIES:
         if isinstance(error, kind):
             return SourceError(f"{name}: {remedy}")
-    said = getattr(error, "strerror", None) or str(error)
-    busy = "resource busy" in said.lower() or "address already in use" in said.lower()
+    reason = getattr(error, "strerror", None) or str(error)
+    busy = "resource busy" in reason.lower() or "address already in use" in reason.lower()
     remedy = "another program uses it; end that program" if busy else "check host, port and path"
-    return SourceError(f"{name}: cannot be opened: {said}; {remedy}")
+    return SourceError(f"{name}: cannot be opened: {reason}; {remedy}")

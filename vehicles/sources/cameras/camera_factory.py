@@ -5,7 +5,7 @@ from typing import Literal
 from vehicles.readings import Source
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.av_grabber import AvGrabber
-from vehicles.sources.cameras.av_input import av_input, shown
+from vehicles.sources.cameras.av_input import av_input, redacted_address
 from vehicles.sources.cameras.live_camera import LiveCamera
 from worlds.camera import Intrinsics
 
@@ -24,9 +24,9 @@ def live_camera(
 ) -> LiveCamera:
     """Return the camera behind `rtsp://...`, `rtp://HOST:PORT`, `*.sdp` or `/dev/video*`.
 
-    latency_s: middle of the exposure to arrival of the quickest picture (`wil-campaign
-    calibrate`). rate_hz: asked of a V4L2 device, and by which exposures that never came are
-    counted; None when the rate varies. Wall clock only. Raises SourceError for another address.
+    latency_s: middle of the exposure to arrival of the quickest image (`wil-campaign calibrate`).
+    rate_hz: requested of a V4L2 device, and used to count exposures that never arrived; None when
+    the rate varies. Wall clock only. Raises SourceError for another address.
     """
     source = av_input(
         address,
@@ -37,12 +37,12 @@ def live_camera(
     )
     if source.kind == "file":
         raise SourceError(
-            f"{shown(address)}: is not a live camera; live cameras are rtsp://..., "
+            f"{redacted_address(address)}: is not a live camera; live cameras are rtsp://..., "
             "rtp://HOST:PORT, "
             "FILE.sdp and /dev/videoN; a video file is a recording"
         )
     return LiveCamera(
-        name=shown(address),
+        name=redacted_address(address),
         grabber=AvGrabber(source=source, open_timeout_s=open_timeout_s),
         intrinsics=intrinsics,
         side=side,

@@ -1,4 +1,4 @@
-"""Compressed images in the encodings in which MCAP files carry them; pure.
+"""Decoders of the compressed image messages in MCAP files; pure.
 
 foxglove.CompressedImage (protobuf or JSON): https://docs.foxglove.dev/docs/sdk/schemas. Protobuf
 wire format: https://protobuf.dev/programming-guides/encoding. sensor_msgs/CompressedImage of

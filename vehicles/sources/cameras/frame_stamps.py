@@ -1,4 +1,4 @@
-"""From a bare picture to a reading: time, number, size; pure."""
+"""Stamps a camera's images with time and number, and checks their size; pure."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from worlds.camera import Intrinsics
 class Stamper:
     """Stamps and numbers one camera's images; refuses those of another size.
 
-    rate_hz: exposures a second, when the camera keeps it; then exposures that never came are
-    counted by the gaps in the stamps. None: every picture that comes counts one.
+    rate_hz: exposures a second, when the camera keeps it; then exposures that never arrived are
+    counted by the gaps in the stamps. None: every image that arrives counts one.
     """
 
     def __init__(
@@ -31,19 +31,19 @@ class Stamper:
         self._rate_hz = rate_hz
         self._seq = -1
         self._last_s: float | None = None
-        self._left_out = 0
+        self._skipped = 0
         self.missed = 0
 
-    def left_out(self) -> None:
-        """Note an exposure that is not handed on: its number is used up."""
-        self._left_out += 1
+    def skip_exposure(self) -> None:
+        """Count an exposure that is not handed on: its number is used up."""
+        self._skipped += 1
 
     def reading(
         self, image_bgr: BgrImage, *, stamp_s: float | None, arrived_s: float
     ) -> CameraReading | None:
         """Return the stamped reading of an image; None for one not newer than the last.
 
-        stamp_s: on the sender's clock. Raises PictureChangedError.
+        stamp_s: on the sender's clock. Raises ImageChangedError.
         """
         resets = self._clock.resets
         t_s = self._clock.run_time(stamp_s, arrived_s)
@@ -55,15 +55,15 @@ class Stamper:
     ) -> CameraReading | None:
         """Return the reading of an image whose exposure is known on the run clock.
 
-        restarted: the gap before it says nothing. None for a picture that is not newer than the
-        last. Raises PictureChangedError.
+        restarted: the sender restarted, so that the gap before the image counts no exposures. None
+        for an image that is not newer than the last. Raises ImageChangedError.
         """
         check_size(self._name, image_bgr, self._intrinsics)
         if self._last_s is not None and t_s <= self._last_s:
-            self._left_out += 1
+            self._skipped += 1
             return None
         self._seq += self._exposures_since(t_s, restarted=restarted)
-        self._last_s, self._left_out = t_s, 0
+        self._last_s, self._skipped = t_s, 0
         return CameraReading(
             t_s=t_s,
             arrived_s=arrived_s,
@@ -75,7 +75,7 @@ class Stamper:
         )
 
     def _exposures_since(self, t_s: float, *, restarted: bool) -> int:
-        known = 1 + self._left_out
+        known = 1 + self._skipped
         if self._rate_hz is None or self._last_s is None or restarted:
             return known
         by_time = max(known, round((t_s - self._last_s) * self._rate_hz))
@@ -90,7 +90,7 @@ def check_size(name: str, image_bgr: BgrImage, intrinsics: Intrinsics) -> None:
         return
     expected = f"{intrinsics.width_px}x{intrinsics.height_px}"
     raise ImageChangedError(
-        f"{name}: a picture of {width}x{height} came, and the camera's intrinsics are for "
+        f"{name}: the images are {width}x{height}, and the camera's intrinsics are for "
         f"{expected}; set the camera to {expected}, or calibrate it at {width}x{height}"
     )
 
@@ -103,11 +103,11 @@ def check_image(name: str, image_bgr: object) -> BgrImage:
         or image_bgr.ndim != 3
         or image_bgr.shape[2] != 3
     ):
-        raise SourceError(f"{name}: is not an 8-bit colour image")
+        raise SourceError(f"{name}: not an 8-bit colour image")
     return image_bgr
 
 
-def counted(
+def source_counts(
     stamper: Stamper, *, delivered: int, dropped: int = 0, damaged: int = 0
 ) -> SourceCounts:
     """Return the counts of a source that uses a stamper."""

@@ -1,8 +1,8 @@
-"""Finds out that H.264 pictures were lost on the way, from the numbers that they carry; pure.
+"""Detects lost H.264 frames by their frame numbers; pure.
 
-A decoder that misses a whole picture goes on from the one before and says nothing: all that
-follows looks right and is wrong until the next key picture. Every reference picture carries
-frame_num, one more than that of the reference picture before it, modulo a power of two.
+A decoder that misses a whole frame continues from the one before without an error: all that
+follows looks right and is wrong until the next key frame. Every reference frame carries
+frame_num, one more than that of the reference frame before it, modulo a power of two.
 
 ITU-T H.264: 7.3.1 (emulation prevention), 7.3.2.1.1 (sequence parameters), 7.3.3 (slice header),
 7.4.3 (frame_num), 9.1 (Exp-Golomb codes), Annex B (start codes).
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 _SLICE, _IDR, _SPS = 1, 5, 7
 _WITH_CHROMA = frozenset({100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135})
 _HEADER_BYTES = 64
-"""Enough of a unit for all that is read of it, but for scaling lists, which are rare."""
+"""Enough of a unit for all fields that are read, but for scaling lists, which are rare."""
 
 
 class LossFinder:
@@ -27,8 +27,7 @@ class LossFinder:
     def lost_before(self, access_unit: bytes) -> bool:
         """Return whether an H.264 frame that this one may build on was lost.
 
-        access_unit: a whole picture with start codes (Annex B). What cannot be read says
-        nothing: False.
+        access_unit: a whole frame with start codes (Annex B). False for one that cannot be read.
         """
         for unit in _units(access_unit):
             kind = unit[0] & 0x1F

@@ -1,4 +1,4 @@
-"""Recordings: a video file, a folder of images."""
+"""Recorded images: a video file, or a folder of image files."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ import cv2
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.av_input import opening_error
 from vehicles.sources.cameras.frame_stamps import check_image
-from vehicles.sources.cameras.recorded_camera import Still
+from vehicles.sources.cameras.recorded_camera import RecordedImage
 from worlds.files.images import ImageError, check_pixels, read_image
 from worlds.files.limits import MAX_IMAGE_PIXELS
 
@@ -34,7 +34,7 @@ class VideoFile:
     def open(self) -> None:
         """Open the video file. Raises SourceError."""
         try:
-            # A playlist or a session description would have it open other files, and addresses.
+            # A playlist or a session description would make FFmpeg open other files and addresses.
             options = {"protocol_whitelist": "file"}
             self._container = av.open(str(self._path), options=options)
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -43,25 +43,25 @@ class VideoFile:
             raise SourceError(f"{self.name}: has no video; is it audio only?")
         stream = self._container.streams.video[0]
         if stream.codec_context is None:
-            raise SourceError(f"{self.name}: its images are of a kind that FFmpeg does not know")
-        # Same pictures whatever the machine: some decoders conceal by thread.
+            raise SourceError(f"{self.name}: FFmpeg has no decoder for this video")
+        # One thread: some decoders conceal errors per thread, so that images depend on the machine.
         stream.codec_context.thread_count = 1
         self._check_size(stream.codec_context.width, stream.codec_context.height)
         stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
         self._frames = self._container.decode(stream)
 
-    def next(self) -> Still | None:
+    def next(self) -> RecordedImage | None:
         """Return the video file's next image. Raises SourceError for a broken file."""
         try:
             frame = next(self._frames, None)
         except av.error.FFmpegError as error:
-            raise SourceError(f"{self.name}: is broken: {error.strerror}") from error
+            raise SourceError(f"{self.name}: the file is damaged: {error.strerror}") from error
         if frame is None:
             return None
-        self._check(frame)
+        self._check_frame(frame)
         if self._first_s is None:
             self._first_s = frame.time
-        return Still(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
+        return RecordedImage(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
 
     def close(self) -> None:
         """Close the video file."""
@@ -74,21 +74,22 @@ class VideoFile:
         except ImageError as error:
             raise SourceError(f"{self.name}: cannot be decoded: {error}") from error
 
-    def _check(self, frame: Any) -> None:
+    def _check_frame(self, frame: Any) -> None:
         self._check_size(frame.width, frame.height)
         if frame.is_corrupt:
             raise SourceError(
-                f"{self.name}: is broken at {frame.time} s; copy it again, or cut it before"
+                f"{self.name}: the file is damaged at {frame.time} s; copy it again, or cut it "
+                "before that"
             )
         if frame.time is None:
             raise SourceError(
-                f"{self.name}: its images have no times; remux it: "
+                f"{self.name}: its images have no time stamps; remux it: "
                 "ffmpeg -r RATE -i IN -c copy OUT.mp4"
             )
         if frame.rotation:
             raise SourceError(
-                f"{self.name}: is marked as turned by {frame.rotation} degrees, as phones do; "
-                "write it upright: ffmpeg -i IN OUT.mp4"
+                f"{self.name}: the video is marked as rotated by {frame.rotation} degrees, as "
+                "phones do; convert it upright: ffmpeg -i IN OUT.mp4"
             )
 
 
@@ -100,7 +101,7 @@ class ImageFolder:
 
     def __init__(self, *, path: Path, rate_hz: float) -> None:
         if not 0.0 < rate_hz < 1e4:
-            raise SourceError(f"{path}: a rate of {rate_hz} Hz; it must be positive")
+            raise SourceError(f"{path}: the rate is {rate_hz} Hz; it must be positive")
         self._path = path
         self._rate_hz = rate_hz
         self._images: list[Path] = []
@@ -120,10 +121,10 @@ class ImageFolder:
         images = [entry for entry in entries if entry.suffix.lower() in IMAGE_SUFFIXES]
         if not images:
             kinds = ", ".join(sorted(IMAGE_SUFFIXES))
-            raise SourceError(f"{self.name}: has no image in it ({kinds})")
-        self._images = sorted(images, key=lambda image: _natural(image.name))
+            raise SourceError(f"{self.name}: the folder has no image ({kinds})")
+        self._images = sorted(images, key=lambda image: _natural_key(image.name))
 
-    def next(self) -> Still | None:
+    def next(self) -> RecordedImage | None:
         """Return the next image file. Raises SourceError for one that cannot be read."""
         if self._index >= len(self._images):
             return None
@@ -135,14 +136,14 @@ class ImageFolder:
             raise SourceError(
                 f"{path}: cannot be read as an image; remove it from the folder: {error}"
             ) from error
-        return Still(offset_s, check_image(str(path), image_bgr))
+        return RecordedImage(offset_s, check_image(str(path), image_bgr))
 
     def close(self) -> None:
         """Forget the list of image files."""
         self._images = []
 
 
-def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
+def _natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     """Return the sort key of an image file's name: numbers by value."""
     parts = re.findall(r"\d+|\D+", name)
     return tuple((0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts)

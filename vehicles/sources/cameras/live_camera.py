@@ -1,8 +1,8 @@
-"""Live cameras: a thread grabs pictures, the event loop hands them on.
+"""Live cameras: a thread grabs images, the event loop hands them on.
 
 A device or a network stream can block for long, and decoding takes milliseconds: both happen in
-a thread of the source's own. Between the thread and the loop lie at most a few pictures: the
-oldest makes way.
+a thread of the source's own. A short queue lies between the thread and the loop; when it is full
+the oldest image is dropped.
 """
 
 import asyncio
@@ -15,16 +15,16 @@ from typing import Literal, Protocol, Self
 from vehicles.readings import BgrImage, CameraReading, Source
 from vehicles.sources.arrival_clock import ArrivalClock
 from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStalledError
-from vehicles.sources.cameras.frame_stamps import Stamper, counted
+from vehicles.sources.cameras.frame_stamps import Stamper, source_counts
 from worlds.camera import Intrinsics
 
-_LONGEST_GRAB_S = 2.0
-"""After being told to stop, a grabber that hangs longer than this is left behind."""
+_STOP_TIMEOUT_S = 2.0
+"""A grabber's thread that has not stopped this long after the request is abandoned."""
 
 
 @dataclass(frozen=True, slots=True)
-class Grabbed:
-    """What a live camera's grabber got. image_bgr: None for a broken exposure. stamp_s: its own."""
+class GrabbedImage:
+    """An image that a grabber got. image_bgr: None when damaged. stamp_s: the sender's stamp."""
 
     image_bgr: BgrImage | None
     stamp_s: float | None
@@ -36,10 +36,10 @@ class Grabber(Protocol):
     def open(self) -> None:
         """Open the live camera's device or stream. Raises SourceError."""
 
-    def grab(self) -> Grabbed | None:
+    def grab(self) -> GrabbedImage | None:
         """Return the live camera's next image; None after a fraction of a second without.
 
-        Raises SourceError when there will be none any more.
+        Raises SourceError when the stream has ended.
         """
 
     def close(self) -> None:
@@ -50,7 +50,7 @@ class Grabber(Protocol):
 class _ArrivedImage:
     """A grabbed image and when it arrived."""
 
-    grabbed: Grabbed
+    grabbed: GrabbedImage
     arrived_s: float
 
 
@@ -62,7 +62,7 @@ class _Handoff:
         self._waiting: deque[_ArrivedImage] = deque()
         self._depth = depth
         self._wake = wake
-        self._surplus = 0
+        self._dropped_since_take = 0
         self.error: SourceError | None = None
         self.opened = False
 
@@ -71,7 +71,7 @@ class _Handoff:
         with self._lock:
             if len(self._waiting) >= self._depth:
                 self._waiting.popleft()
-                self._surplus += 1
+                self._dropped_since_take += 1
             self._waiting.append(item)
         self._wake()
 
@@ -88,17 +88,17 @@ class _Handoff:
     def take(self) -> tuple[_ArrivedImage | None, int]:
         """Return the oldest useful image of the queue, and how many were dropped before it."""
         with self._lock:
-            surplus, self._surplus = self._surplus, 0
-            return (self._waiting.popleft() if self._waiting else None), surplus
+            dropped, self._dropped_since_take = self._dropped_since_take, 0
+            return (self._waiting.popleft() if self._waiting else None), dropped
 
 
 class LiveCamera:
     """A live camera over a grabber; a CameraSource.
 
-    latency_s: from the middle of the exposure to the arrival of the quickest picture, as
-    calibrated. rate_hz: what the camera keeps, to count what never came; None when it varies.
-    open_timeout_s, stall_timeout_s: how long the first and each further picture is waited for.
-    depth: how many pictures may wait for whoever iterates.
+    latency_s: from the middle of the exposure to the arrival of the quickest image, as
+    calibrated. rate_hz: the camera's rate, to count exposures that never arrived; None when it
+    varies. open_timeout_s, stall_timeout_s: how long the first and each further image is waited
+    for. depth: how many images the queue holds.
     """
 
     kind: Literal["live"] = "live"
@@ -137,7 +137,7 @@ class LiveCamera:
     @property
     def counts(self) -> SourceCounts:
         """Return the counts of the live camera's exposures so far."""
-        return counted(
+        return source_counts(
             self._stamper, delivered=self._delivered, dropped=self._dropped, damaged=self._damaged
         )
 
@@ -152,7 +152,7 @@ class LiveCamera:
         )
         self._thread.start()
         try:
-            await self._on_opened()
+            await self._wait_until_open()
         except BaseException:
             await self._close()
             raise
@@ -169,7 +169,7 @@ class LiveCamera:
     async def __anext__(self) -> CameraReading:
         """Wait for the live camera's next image. Raises SourceError, of its kinds."""
         while True:
-            arrived = await self._next()
+            arrived = await self._next_image()
             reading = self._reading_of(arrived)
             if reading is not None:
                 self._delivered += 1
@@ -179,7 +179,7 @@ class LiveCamera:
         image_bgr = arrived.grabbed.image_bgr
         if image_bgr is None:
             self._damaged += 1
-            self._stamper.left_out()
+            self._stamper.skip_exposure()
             return None
         reading = self._stamper.reading(
             image_bgr, stamp_s=arrived.grabbed.stamp_s, arrived_s=arrived.arrived_s
@@ -187,25 +187,25 @@ class LiveCamera:
         self._damaged += reading is None
         return reading
 
-    async def _next(self) -> _ArrivedImage:
+    async def _next_image(self) -> _ArrivedImage:
         while True:
-            arrived, surplus = self._handoff.take()
-            for _ in range(surplus):
+            arrived, dropped = self._handoff.take()
+            for _ in range(dropped):
                 self._dropped += 1
-                self._stamper.left_out()
+                self._stamper.skip_exposure()
             if arrived is not None:
                 return arrived
             if self._handoff.error is not None:
                 raise self._handoff.error
-            await self._on_wake(self._stall_timeout_s, self._stall_error)
+            await self._wait_for_wake(self._stall_timeout_s, self._stall_error)
 
-    async def _on_opened(self) -> None:
+    async def _wait_until_open(self) -> None:
         while not self._handoff.opened:
             if self._handoff.error is not None:
                 raise self._handoff.error
-            await self._on_wake(self._open_timeout_s + 1.0, self._open_error)
+            await self._wait_for_wake(self._open_timeout_s + 1.0, self._open_error)
 
-    async def _on_wake(self, timeout_s: float, late: Callable[[], SourceError]) -> None:
+    async def _wait_for_wake(self, timeout_s: float, late: Callable[[], SourceError]) -> None:
         try:
             async with asyncio.timeout(timeout_s):
                 await self._awake.wait()
@@ -215,7 +215,7 @@ class LiveCamera:
 
     def _stall_error(self) -> SourceStalledError:
         return SourceStalledError(
-            f"{self.name}: no picture for {self._stall_timeout_s:g} s after "
+            f"{self.name}: no image for {self._stall_timeout_s:g} s after "
             f"{self._delivered} images; check the camera's power, cable and network"
         )
 
@@ -231,7 +231,7 @@ class LiveCamera:
 
     async def _close(self) -> None:
         self._stop.set()
-        await asyncio.to_thread(self._thread.join, _LONGEST_GRAB_S)
+        await asyncio.to_thread(self._thread.join, _STOP_TIMEOUT_S)
 
     def _run(self, clock: Callable[[], float]) -> None:
         handoff = self._handoff
@@ -244,7 +244,7 @@ class LiveCamera:
                     handoff.put(_ArrivedImage(grabbed, clock()))
         except SourceError as error:
             handoff.end(error)
-        except Exception as error:  # noqa: BLE001 - a thread's fault must reach who waits for it
+        except Exception as error:  # noqa: BLE001 - a thread's error must reach the reader
             handoff.end(SourceError(f"{self.name}: {type(error).__name__}: {error}"))
         finally:
             self._grabber.close()

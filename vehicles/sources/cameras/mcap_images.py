@@ -17,7 +17,7 @@ from mcap.summary import Summary
 from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.compressed_image import Decode, decoder_for
 from vehicles.sources.cameras.frame_stamps import check_image
-from vehicles.sources.cameras.recorded_camera import Still
+from vehicles.sources.cameras.recorded_camera import RecordedImage
 from vehicles.sources.mcap_limits import DAMAGED, RECORD_HEAD, check_length, chunk_records
 from vehicles.sources.messagepack import BadMessageError
 from worlds.files.images import ImageError, decode_image
@@ -55,15 +55,14 @@ class McapFile:
             raise self._broken_error(error) from error
         self._topic = topic
 
-    def next(self) -> Still | None:
+    def next(self) -> RecordedImage | None:
         """Return the MCAP file's next image. Raises SourceError for one that cannot be read."""
         try:
-            found = next(self._messages, None)
+            message = next(self._messages, None)
         except DAMAGED as error:
             raise self._broken_error(error) from error
-        if found is None or self._decode is None:
+        if message is None or self._decode is None:
             return None
-        message = found
         try:
             image = self._decode(bytes(message.data))
         except BadMessageError as error:
@@ -71,7 +70,7 @@ class McapFile:
         t_s = image.stamp_s if image.stamp_s is not None else message.log_time * 1e-9
         if self._first_s is None:
             self._first_s = t_s
-        return Still(t_s - self._first_s, self._decode_image(image.data, message.sequence))
+        return RecordedImage(t_s - self._first_s, self._decode_image(image.data, message.sequence))
 
     def close(self) -> None:
         """Close the MCAP file."""
@@ -91,16 +90,18 @@ class McapFile:
         if self._topic is None and len(topics) == 1:
             return next(iter(topics.items()))
         if self._topic is None:
-            raise SourceError(f"{self._path}: name the topic of images to use (there: {listed})")
+            raise SourceError(
+                f"{self._path}: choose one of its image topics by name (it has: {listed})"
+            )
         if self._topic not in topics:
             raise SourceError(
-                f"{self._path}: has no images on topic {self._topic!r} (there: {listed})"
+                f"{self._path}: has no images on topic {self._topic!r} (it has: {listed})"
             )
         return self._topic, topics[self._topic]
 
     def _broken_error(self, error: Exception) -> SourceError:
         return SourceError(
-            f"{self._path}: is not an MCAP file, or is truncated: {error or type(error).__name__}; "
+            f"{self._path}: not an MCAP file, or a truncated one: {error or type(error).__name__}; "
             "`mcap recover` repairs a truncated one"
         )
 
@@ -108,7 +109,8 @@ class McapFile:
 def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterator[Message]:
     """Yield the messages of a topic in the order of their log times, chunk by chunk.
 
-    Raises what DAMAGED lists. Chunks overlap in time; what may still come first is waited for.
+    Raises what DAMAGED lists. Chunks overlap in time: a message is yielded once no later chunk can
+    hold an earlier one.
     """
     if summary is None or not summary.chunk_indexes:
         raise McapError("it has no index of chunks")

@@ -1,4 +1,4 @@
-"""Recordings as cameras: pictures come at the times at which they were taken."""
+"""Recorded cameras: plays a recording's images at the times at which they were taken."""
 
 import asyncio
 from collections.abc import Callable
@@ -8,14 +8,14 @@ from typing import Any, Literal, Protocol, Self, TypeVar
 from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.readings import BgrImage, CameraReading, Source
 from vehicles.sources.camera_source import SourceCounts, SourceError
-from vehicles.sources.cameras.frame_stamps import Stamper, check_size, counted
+from vehicles.sources.cameras.frame_stamps import Stamper, check_size, source_counts
 from worlds.camera import Intrinsics
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Still:
+class RecordedImage:
     """An image of a recorded camera. offset_s: since its first one."""
 
     offset_s: float
@@ -32,7 +32,7 @@ class ImageFile(Protocol):
     def open(self) -> None:
         """Open the recorded camera's file. Raises SourceError."""
 
-    def next(self) -> Still | None:
+    def next(self) -> RecordedImage | None:
         """Return the next recorded image; None at the end. Raises SourceError."""
 
     def close(self) -> None:
@@ -42,8 +42,8 @@ class ImageFile(Protocol):
 class RecordedCamera:
     """A recorded camera, played from its opening on; a CameraSource for any clock.
 
-    latency_s: after its exposure a picture is delivered. A picture whose successor is due as
-    well is dropped, as a live camera's would be; in virtual time none is.
+    latency_s: from an image's exposure to its delivery. An image whose successor is due as well
+    is dropped, as a live camera's would be; in virtual time none is.
     """
 
     kind: Literal["file"] = "file"
@@ -61,8 +61,8 @@ class RecordedCamera:
         self._file = file
         self._latency_s = latency_s
         self._stamper = Stamper(name=file.name, side=side, intrinsics=intrinsics)
-        self._ahead: Still | None = None
-        self._running: asyncio.Future[Any] | None = None
+        self._next_image: RecordedImage | None = None
+        self._file_job: asyncio.Future[Any] | None = None
         self._start_s = 0.0
         self._delivered = 0
         self._dropped = 0
@@ -70,7 +70,7 @@ class RecordedCamera:
     @property
     def counts(self) -> SourceCounts:
         """Return the counts of the recorded camera's images so far."""
-        return counted(self._stamper, delivered=self._delivered, dropped=self._dropped)
+        return source_counts(self._stamper, delivered=self._delivered, dropped=self._dropped)
 
     async def __aenter__(self) -> Self:
         """Open the recorded camera's file, read the first image. Raises SourceError."""
@@ -81,7 +81,7 @@ class RecordedCamera:
         except BaseException:
             await self._close()
             raise
-        self._ahead = first
+        self._next_image = first
         self._start_s = asyncio.get_running_loop().time()
         return self
 
@@ -97,43 +97,43 @@ class RecordedCamera:
         """Wait for the next recorded image. Raises SourceError, or StopAsyncIteration."""
         loop = asyncio.get_running_loop()
         while True:
-            still = self._ahead
-            if still is None:
+            image = self._next_image
+            if image is None:
                 raise StopAsyncIteration
-            self._ahead = await self._in_thread(self._file.next)
-            await sleep_until(self._due_s(still))
-            if self._ahead is not None and self._due_s(self._ahead) < loop.time():
+            self._next_image = await self._in_thread(self._file.next)
+            await sleep_until(self._due_s(image))
+            if self._next_image is not None and self._due_s(self._next_image) < loop.time():
                 self._dropped += 1
-                self._stamper.left_out()
+                self._stamper.skip_exposure()
                 continue
-            reading = self._reading_of(still)
+            reading = self._reading_of(image)
             if reading is not None:
                 self._delivered += 1
                 return reading
 
-    def _reading_of(self, still: Still) -> CameraReading | None:
-        t_s = self._start_s + still.offset_s
+    def _reading_of(self, image: RecordedImage) -> CameraReading | None:
+        t_s = self._start_s + image.offset_s
         now_s = max(asyncio.get_running_loop().time(), t_s)
-        reading = self._stamper.reading_at(still.image_bgr, t_s=t_s, arrived_s=now_s)
+        reading = self._stamper.reading_at(image.image_bgr, t_s=t_s, arrived_s=now_s)
         if reading is None:
             self._dropped += 1
         return reading
 
-    def _due_s(self, still: Still) -> float:
-        return self._start_s + still.offset_s + self._latency_s
+    def _due_s(self, image: RecordedImage) -> float:
+        return self._start_s + image.offset_s + self._latency_s
 
-    def _check_first(self, first: Still | None) -> None:
+    def _check_first(self, first: RecordedImage | None) -> None:
         if first is None:
-            raise SourceError(f"{self.name}: has no image")
+            raise SourceError(f"{self.name}: the recording has no image")
         check_size(self.name, first.image_bgr, self.intrinsics)
 
     async def _in_thread(self, job: Callable[[], T]) -> T:
-        running = asyncio.get_running_loop().run_in_executor(None, job)
-        self._running = running
-        return await asyncio.shield(running)
+        job_future = asyncio.get_running_loop().run_in_executor(None, job)
+        self._file_job = job_future
+        return await asyncio.shield(job_future)
 
     async def _close(self) -> None:
-        # Who reads may have been cancelled while its thread still is at work on the file.
-        if self._running is not None and not self._running.done():
-            await asyncio.wait({self._running})
+        # The reader may have been cancelled while its thread still works on the file.
+        if self._file_job is not None and not self._file_job.done():
+            await asyncio.wait({self._file_job})
         self._file.close()

@@ -1,4 +1,4 @@
-"""Where motion capture comes in: UDP datagrams, or a ZeroMQ subscription. Wall clock only."""
+"""Motion capture inputs: UDP datagrams, or a ZeroMQ subscription. Wall clock only."""
 
 import asyncio
 from collections.abc import Callable
@@ -43,8 +43,8 @@ class UdpCapture(asyncio.DatagramProtocol):
             )
         except OSError as error:
             raise SourceError(
-                f"{self.name}: {error.strerror}; another program may use this port: end it, or "
-                "choose another one"
+                f"{self.name}: {error.strerror}; another program may use this port: end that "
+                "program, or choose another port"
             ) from error
         return self
 
@@ -90,11 +90,11 @@ class ZmqCapture:
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise SourceError(
-                f"{self.name}: is not an address: {error.strerror}; it looks like "
+                f"{self.name}: not a valid address: {error.strerror}; an example is "
                 "tcp://192.168.1.10:5570"
             ) from error
-        self._loop.add_reader(self._socket.fileno(), self._readable)
-        self._readable()
+        self._loop.add_reader(self._socket.fileno(), self._read)
+        self._read()
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -102,8 +102,8 @@ class ZmqCapture:
         self._loop.remove_reader(self._socket.fileno())
         self._context.destroy(linger=0)
 
-    def _readable(self) -> None:
-        # The descriptor tells of changes only: all that is there must be read at once.
+    def _read(self) -> None:
+        # The descriptor is edge-triggered: all messages that have arrived must be read at once.
         while self._socket.poll(0, zmq.POLLIN):
             parts = self._socket.recv_multipart(zmq.NOBLOCK)
             for reading in self._capture.take(parts[-1], self._loop.time()):

@@ -1,10 +1,10 @@
-"""How good a feed of poses is: rate, latency, dropouts; pure, and bounded in memory."""
+"""Statistics of a motion capture feed: rate, latency, dropouts; pure, and bounded in memory."""
 
 from collections import deque
 from dataclasses import dataclass
 
 _WINDOW = 2000
-"""Samples that figures are taken over: 10 s at 200 Hz."""
+"""Samples over which the statistics are taken: 10 s at 200 Hz."""
 DROPOUT_PERIODS = 3.0
 """A gap of more than so many periods is a dropout: one lost sample is interpolated over."""
 
@@ -14,8 +14,8 @@ class FeedStatistics:
     """The statistics of a motion capture feed: rate, latency, gaps, counts.
 
     samples: poses handed on. rate_hz, latency_ms_p50, latency_ms_p99 (sampling to arrival): over
-    the last samples; None before there are two. missing: frames whose numbers never came.
-    invalid: the body was not seen. out_of_order: came after a newer one, not handed on.
+    the last samples; None before there are two. missing: frames whose numbers never arrived.
+    invalid: the body was not seen. out_of_order: arrived after a newer one, not handed on.
     dropouts: gaps of more than three periods. longest_gap_s: between two poses.
     """
 

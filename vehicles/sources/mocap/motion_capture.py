@@ -1,4 +1,4 @@
-"""Motion capture: messages of named bodies to poses in the world; pure.
+"""Decodes motion capture messages of named bodies to poses in the world; pure.
 
 docs/motion-capture.md defines the message. It is the same over UDP and ZeroMQ, in MessagePack or
 JSON.
@@ -18,11 +18,11 @@ PROTOCOL = "wil/mocap/1"
 MAX_BODIES = 64
 
 _NED_FROM_ENU: Quat = (0.0, 0.5**0.5, 0.5**0.5, 0.0)
-"""Half a turn about the axis between x and y swaps them and turns z over."""
+"""Half a turn about the axis between x and y swaps them and reverses z."""
 _FLU_FROM_FRD: Quat = (0.0, 1.0, 0.0, 0.0)
-"""Half a turn about x turns y and z over."""
+"""Half a turn about x reverses y and z."""
 _RESTART_SEQ = 1000
-"""A frame number that falls back by more than this is a sender that started anew."""
+"""A frame number that falls by more than this shows that the sender restarted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +68,12 @@ def pose_from_enu(position_enu_m: Vec3, q_enu_from_flu: Quat) -> Pose:
 
 
 class MotionCapture:
-    """Turns motion capture messages into readings of requested bodies; keeps figures.
+    """Turns motion capture messages into readings of requested bodies, with statistics.
 
     bodies: name in the capture system to vehicle. latency_s: sampling to arrival of the quickest
     message, from the system's data sheet or `calibrate`. Poses are in the capture system's own
-    frame, which is the world's (`anchor: mocap`). Whatever comes, `take` raises nothing: what is
-    wrong is counted, and `complaint` keeps the last reason.
+    frame, which is the world's (`anchor: mocap`). `take` raises nothing: messages that cannot be
+    decoded are counted in `garbage`, and `complaint` is the reason of the last one.
     """
 
     def __init__(self, *, bodies: Mapping[str, Source], latency_s: float = 0.0) -> None:

@@ -1,7 +1,7 @@
 """Motion capture over VRPN, where a client library is installed. Wall clock only.
 
 The library is the Python binding that VRPN itself builds (module `vrpn`); it is on no package
-index, so it is looked for when it is asked for.
+index, so it is imported only when a VRPN capture is opened.
 """
 
 import asyncio
@@ -75,17 +75,18 @@ class VrpnCapture:
             self._tracker.mainloop()
 
     def _on_change(self, _userdata: object, report: dict[str, Any]) -> None:
-        self._loop.call_soon_threadsafe(self._take, report, self._loop.time())
+        self._loop.call_soon_threadsafe(self._take_report, report, self._loop.time())
 
-    def _take(self, report: dict[str, Any], arrived_s: float) -> None:
+    def _take_report(self, report: dict[str, Any], arrived_s: float) -> None:
         if self._stop.is_set():
             return
         self._seq += 1
-        frame = CaptureFrame(self._seq, _seconds(report["time"], arrived_s), (self._pose(report),))
+        stamp_s = _seconds(report["time"], arrived_s)
+        frame = CaptureFrame(self._seq, stamp_s, (self._body_pose(report),))
         for reading in self._capture.take_frame(frame, arrived_s):
             self._deliver(reading)
 
-    def _pose(self, report: dict[str, Any]) -> BodyPose:
+    def _body_pose(self, report: dict[str, Any]) -> BodyPose:
         px, py, pz = (float(number) for number in report["position"])
         x, y, z, w = (float(number) for number in report["quaternion"])
         try:

@@ -1,4 +1,4 @@
-"""Readings that stay the same while their vehicle moves: a sensor that froze; pure."""
+"""Detects a frozen sensor: its readings stay the same while the vehicle moves; pure."""
 
 import math
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from vehicles.readings import (
 from worlds.frames import Pose, Vec3, norm, rotate, subtract
 
 _SAME = 10
-"""So many equal readings one after another may be chance, of a sensor with coarse steps."""
+"""Up to so many equal readings in succession may be chance, with a sensor of coarse steps."""
 _MOVED_M = 0.5
 _APPROACHED_M = 0.25
 """Along its beam a rangefinder measures every centimetre."""
 
 
-class _Since(NamedTuple):
-    """Since when a sensor has said the same: its numbers, where it was, how many readings ago."""
+class _EqualReadings(NamedTuple):
+    """The first of a series of equal readings: numbers, place, time; times: their count."""
 
     numbers: tuple[object, ...]
     place: Vec3
@@ -32,13 +32,13 @@ class _Since(NamedTuple):
 
 
 class FrozenReadings:
-    """Finds that a sensor says the very same again and again, while its vehicle moves."""
+    """Detects that a sensor repeats the same reading while its vehicle moves."""
 
     def __init__(self) -> None:
-        self._since: _Since | None = None
+        self._since: _EqualReadings | None = None
 
     def take(self, reading: Reading, pose: Pose | None) -> str | None:
-        """Return in words that the sensor is frozen; None when it is not. pose: of the vehicle."""
+        """Return a message that the sensor is frozen; None when not. pose: of the vehicle."""
         numbers = _numbers(reading)
         if not numbers:
             self._since = None
@@ -46,7 +46,7 @@ class FrozenReadings:
             return None
         place, since = pose.position_ned_m, self._since
         if since is None or since.numbers != numbers:
-            self._since = _Since(numbers, place, reading.t_s, 1)
+            self._since = _EqualReadings(numbers, place, reading.t_s, 1)
             return None
         self._since = since = since._replace(times=since.times + 1)
         moved = subtract(place, since.place)
@@ -54,7 +54,7 @@ class FrozenReadings:
         if isinstance(reading, LidarScanReading):
             far = math.hypot(moved[0], moved[1])  # Walls are equally far from any height.
         if isinstance(reading, RangefinderReading):
-            # Flat ground is equally far wherever the vehicle goes: the way along the beam counts.
+            # Level flight over flat ground has the same range: only motion along the beam counts.
             beam = rotate(pose.q_wxyz, rotate(reading.mount.q_wxyz, (1.0, 0.0, 0.0)))
             far = abs(sum(a * b for a, b in zip(moved, beam, strict=True)))
             limit_m = _APPROACHED_M
@@ -64,12 +64,12 @@ class FrozenReadings:
             return None
         return (
             f"its last {since.times} readings, since {since.t_s:.2f} s, are the same, and the "
-            f"vehicle moved {norm(moved):.2f} m meanwhile: it is frozen"
+            f"vehicle moved {norm(moved):.2f} m meanwhile: the sensor is frozen"
         )
 
 
 def _numbers(reading: Reading) -> tuple[object, ...]:  # noqa: PLR0911 - a line for each type
-    """Return what a reading measured, to compare; empty where nothing was met, or not compared."""
+    """Return a reading's measured values to compare; empty without a hit, or if not compared."""
     match reading:
         case RangefinderReading(range_m=range_m):
             return (range_m,) if math.isfinite(range_m) else ()

@@ -1,4 +1,4 @@
-"""A live source of readings: what arrives is checked, counted and waited for."""
+"""A live source of readings: checks and counts arriving readings, and detects stalls."""
 
 import asyncio
 from collections import deque
@@ -10,24 +10,24 @@ from vehicles.readings.checks import fault_of
 from vehicles.sources.camera_source import SourceCounts, SourceStalledError
 
 OLDEST_S = 1.0
-"""What was sampled longer before its arrival has a stamp of another clock."""
+"""A reading that was sampled longer before its arrival has a stamp of another clock."""
 _EARLY_S = 0.05
 """A mapped clock is off by less: a stamp that is later than its arrival by more is wrong."""
 _DEPTH = 64
-"""Readings that wait for whoever iterates: small ones come in bursts when the loop was busy."""
+"""Length of the queue of readings: small ones arrive in bursts when the loop was busy."""
 
 
 class UnusableReadingError(ValueError):
-    """What came from a source is no reading to be used; says why, and what to do."""
+    """A message of a source holds no usable reading; says why, and what to do."""
 
 
 class LiveReadings:
     """A live source of readings that others feed; a ReadingSource.
 
-    name: of the source in messages. what: what is waited for, in words. stall_s: how long each
-    reading is waited for. remedy: what to do when nothing comes at all. `offer` and `refuse` are
-    called in the loop. A reading that is spoiled, older than the one before it, or stamped by
-    another clock is counted as damaged and never handed on; so a source that sends nothing else
+    name: of the source in messages. what: the awaited readings, in words. stall_s: how long each
+    reading is waited for. remedy: what to do when nothing arrives at all. `offer` and `refuse` are
+    called in the loop. A reading that is faulty, older than the one before it, or stamped by
+    another clock is counted as damaged and never handed on; a source that sends nothing else
     stalls.
     """
 
@@ -38,14 +38,14 @@ class LiveReadings:
         self._what = what
         self._remedy = remedy
         self.newest: Reading | None = None
-        """The last one that can be used."""
+        """The last usable reading."""
         self.complaint = ""
-        """Why the last one that cannot be used is of no use."""
+        """Why the last unusable message was refused."""
         self.missed = 0
         self._stall_s = stall_s
         self._waiting: deque[Reading] = deque()
-        self._came = asyncio.Event()
-        self._heard_s: float | None = None
+        self._arrived = asyncio.Event()
+        self._last_received_s: float | None = None
         self._seq = -1
         self._delivered = 0
         self._dropped = 0
@@ -57,11 +57,11 @@ class LiveReadings:
         return SourceCounts(self._delivered, self._dropped, self.missed, self._damaged)
 
     async def __aenter__(self) -> Self:
-        """Return the live source; what feeds it is opened by others."""
+        """Return the live source; its feed is opened by others."""
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Do nothing: what feeds the live source is closed by others."""
+        """Do nothing: the live source's feed is closed by others."""
 
     def __aiter__(self) -> Self:
         """Return the live source itself."""
@@ -70,51 +70,51 @@ class LiveReadings:
     async def __anext__(self) -> Reading:
         """Wait for the live source's next reading. Raises SourceStalledError."""
         loop = asyncio.get_running_loop()
-        if self._heard_s is None:
-            self._heard_s = loop.time()
+        if self._last_received_s is None:
+            self._last_received_s = loop.time()
         while not self._waiting:
-            self._came.clear()
+            self._arrived.clear()
             try:
-                async with asyncio.timeout_at(self._heard_s + self._stall_s):
-                    await self._came.wait()
+                async with asyncio.timeout_at(self._last_received_s + self._stall_s):
+                    await self._arrived.wait()
             except TimeoutError as error:
-                self._heard_s = loop.time()
+                self._last_received_s = loop.time()
                 raise self._stall_error() from error
         self._delivered += 1
         return self._waiting.popleft()
 
     def offer(self, reading: Reading, *, skipped: int = 0) -> None:
-        """Take a reading that has just arrived. skipped: how many never came before it."""
+        """Take a reading that has just arrived. skipped: how many before it never arrived."""
         self._seq += 1 + skipped
         self.missed += skipped
         if 0.0 < reading.t_s - reading.arrived_s <= _EARLY_S:
-            # What is here was sampled before.
+            # Sampling cannot be later than arrival.
             reading = replace(reading, t_s=reading.arrived_s)
         if (why := self._fault(reading)) is not None:
             self._damaged += 1
             self.complaint = why
             return
         self.newest = reading = replace(reading, seq=self._seq)
-        self._heard_s = reading.arrived_s
+        self._last_received_s = reading.arrived_s
         if len(self._waiting) >= _DEPTH:
             self._waiting.popleft()
             self._dropped += 1
         self._waiting.append(reading)
-        self._came.set()
+        self._arrived.set()
 
     def refuse(self, why: str) -> None:
-        """Count a message that has just arrived and is of no use."""
+        """Count an unusable message that has just arrived."""
         self._seq += 1
         self._damaged += 1
         self.complaint = why
 
-    def unheard_text(self, within_s: float) -> str:
-        """Return that no usable reading came in a time, with what came instead, or what to do."""
-        why = self.complaint or self._why_nothing()
-        return f"{self.name}: no {self._what} that can be used came within {within_s:g} s: {why}"
+    def missing_reading_text(self, within_s: float) -> str:
+        """Return the message that no usable reading arrived in time, with the reason or remedy."""
+        why = self.complaint or self._silence_reason()
+        return f"{self.name}: no usable {self._what} arrived within {within_s:g} s: {why}"
 
-    def _why_nothing(self) -> str:
-        """Return why nothing came at all, or what to do, in words."""
+    def _silence_reason(self) -> str:
+        """Return why nothing arrived at all, or what to do, in words."""
         return self._remedy
 
     def _fault(self, reading: Reading) -> str | None:
@@ -122,21 +122,21 @@ class LiveReadings:
         early_s = reading.t_s - reading.arrived_s
         if early_s > _EARLY_S:
             return (
-                f"it is stamped {early_s:.3g} s after its arrival: its clock is not the one that "
+                f"its stamp is {early_s:.3g} s after its arrival: it is not of the clock that "
                 "is mapped to the run clock"
             )
         if -early_s > OLDEST_S:
             return (
-                f"it is stamped {-early_s:.3g} s before its arrival: it is too old, or its clock "
-                "is not the one that is mapped to the run clock"
+                f"its stamp is {-early_s:.3g} s before its arrival: the reading is too old, or its "
+                "stamp is not of the clock that is mapped to the run clock"
             )
         if self.newest is not None and reading.t_s <= self.newest.t_s:
-            return f"its time does not advance: {reading.t_s:.3f} s came again"
+            return f"its time stamp does not advance: {reading.t_s:.3f} s was received before"
         fault = fault_of(reading)
         return None if fault is None else fault.detail
 
     def _stall_error(self) -> SourceStalledError:
-        why = f" (the last one that came is of no use: {self.complaint})" if self.complaint else ""
+        why = f" (the last message was refused: {self.complaint})" if self.complaint else ""
         return SourceStalledError(
             f"{self.name}: no {self._what} for {self._stall_s:g} s after {self._delivered} "
             f"readings{why}"

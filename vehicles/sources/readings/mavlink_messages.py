@@ -1,8 +1,8 @@
-"""Sensor messages of MAVLink as readings, by MAVLink's own units and axes; pure.
+"""Decodes MAVLink's sensor messages to readings, by MAVLink's own units and axes; pure.
 
 https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR, OBSTACLE_DISTANCE and GPS_RAW_INT state
 their units; SCALED_IMU is in milli-g and mrad/s, HIGHRES_IMU in m/s2 and rad/s. RAW_IMU has no unit
-there: ArduPilot fills it as SCALED_IMU (GCS_Common.cpp, send_raw_imu), and only it is believed.
+there: ArduPilot fills it as SCALED_IMU (GCS_Common.cpp, send_raw_imu), and only its is accepted.
 """
 
 import math
@@ -70,7 +70,7 @@ _LOOKS: Mapping[int, Vec3] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """When a message was sampled and when it arrived, on the run clock; and whose it is."""
+    """When a message was sampled and when it arrived, on the run clock; side: whose it is."""
 
     t_s: float
     arrived_s: float
@@ -88,7 +88,7 @@ class Beams:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedReach:
-    """The range limits that the campaign states of a sensor, metres; None: none stated."""
+    """The range limits that the campaign gives for a sensor, metres; None: not given."""
 
     min_m: float | None = None
     max_m: float | None = None
@@ -99,7 +99,7 @@ class StatedReach:
         for key, wanted, stated in pairs:
             if wanted is not None and abs(wanted - stated) > _SAME_REACH * max(wanted, stated):
                 raise UnusableReadingError(
-                    f"it states {stated:g} m where the campaign says {key}: {wanted:g}; one of "
+                    f"the message states {stated:g} m and the campaign {key}: {wanted:g}; one of "
                     f"the two has another unit: correct it, or leave out {key}"
                 )
 
@@ -128,10 +128,11 @@ def rangefinder_reading(
     if message.orientation != mavlink.MAV_SENSOR_ROTATION_CUSTOM and (
         looks is None or sum(a * b for a, b in zip(looks, axis, strict=True)) < _ASIDE_COS
     ):
-        said = enum_name("MAV_SENSOR_ORIENTATION", message.orientation)
+        orientation = enum_name("MAV_SENSOR_ORIENTATION", message.orientation)
         raise UnusableReadingError(
-            f"sensor {message.id} looks elsewhere than `mount` says: its orientation is {said}; "
-            "correct `mount`, or choose another sensor by `source: {address: mavlink, id: ...}`"
+            f"sensor {message.id} looks in another direction than its `mount`: its orientation is "
+            f"{orientation}; correct `mount`, or choose another sensor by `source: {{address: "
+            "mavlink, id: ...}`"
         )
     low_m, high_m = message.min_distance * _CM, message.max_distance * _CM
     reach.require(low_m, high_m)
@@ -168,7 +169,9 @@ def lidar_reading(
     first_rad = math.radians(message.angle_offset)
     if message.frame != mavlink.MAV_FRAME_BODY_FRD:
         if heading_rad is None:
-            raise UnusableReadingError("its sectors count from north, and no heading is known")
+            raise UnusableReadingError(
+                "its sectors count from north, and the vehicle's heading is not known"
+            )
         first_rad -= heading_rad
     low_m, high_m = message.min_distance * _CM, message.max_distance * _CM
     reach.require(low_m, high_m)
@@ -177,7 +180,7 @@ def lidar_reading(
         arrived_s=times.arrived_s,
         seq=0,
         source=times.side,
-        ranges_m=_sectors(message.distances, first_rad, width_rad, pattern, high_m),
+        ranges_m=_beam_ranges(message.distances, first_rad, width_rad, pattern, high_m),
         start_angle_rad=pattern.start_angle_rad,
         step_rad=pattern.step_rad,
         range_min_m=low_m,
@@ -186,7 +189,7 @@ def lidar_reading(
     )
 
 
-def _sectors(
+def _beam_ranges(
     distances_cm: Any, first_rad: float, width_rad: float, pattern: Beams, high_m: float
 ) -> Ranges:
     """Return the distances of a pattern's beams; inf where a sector is empty or unknown."""
@@ -194,15 +197,15 @@ def _sectors(
         raise UnusableReadingError("its sectors have no width: increment and increment_f are 0")
     count = min(len(distances_cm), round(2.0 * math.pi / width_rad))
     beams_rad = pattern.start_angle_rad + pattern.step_rad * np.arange(pattern.count)
-    # A hair more: a beam on the seam of two sectors belongs to one of them on every machine.
+    # 1e-9 more: a beam on the edge between two sectors belongs to the same one on every machine.
     sectors = np.rint(((beams_rad - first_rad) % (2.0 * math.pi)) / width_rad + 1e-9).astype(int)
     if count * width_rad >= 2.0 * math.pi - width_rad / 2.0:
         sectors %= count
     if (sectors >= count).any():
         raise UnusableReadingError(
-            f"{int((sectors >= count).sum())} of {pattern.count} beams are in none of its {count} "
+            f"{int((sectors >= count).sum())} of {pattern.count} beams are outside of its {count} "
             f"sectors of {math.degrees(width_rad):g} degrees from "
-            f"{math.degrees(first_rad):g}: make fov_deg as wide as they are"
+            f"{math.degrees(first_rad):g}: set fov_deg to the width of the sectors"
         )
     distances = np.asarray(distances_cm[:count])
     empty = (distances == _UINT16_MAX) | (distances * _CM > high_m)
@@ -218,7 +221,7 @@ def imu_reading(message: Any, times: Times) -> ImuReading:
     if message.get_type() == "HIGHRES_IMU":
         both = _ACCELERATION | _RATES
         if message.fields_updated & both != both:
-            raise UnusableReadingError("it says that accelerations or rates are not in it")
+            raise UnusableReadingError("its fields_updated lacks accelerations or rates")
     else:
         acceleration = tuple(a * _MILLI * _STANDARD_G for a in acceleration)
         rates = tuple(r * _MILLI for r in rates)
@@ -238,31 +241,31 @@ def gps_reading(
     """Return the reading in GPS_RAW_INT or GPS2_RAW.
 
     The messages have no vertical speed: it is the change of height since the reading `before`.
-    undulation_m: of the geoid above the ellipsoid, where the receiver does not say. Raises
+    undulation_m: of the geoid above the ellipsoid, where the receiver does not report it. Raises
     UnusableReadingError for a fix without position, height, speed or accuracy.
     """
     if message.fix_type < mavlink.GPS_FIX_TYPE_3D_FIX:
         raise UnusableReadingError(f"its fix_type is {message.fix_type}: no 3-D fix")
     if message.vel == _UINT16_MAX or (message.cog == _UINT16_MAX and message.vel > 0):
-        raise UnusableReadingError("it does not say how fast the vehicle is (vel, cog)")
+        raise UnusableReadingError("it has no speed or no course over ground (vel, cog)")
     if not (message.h_acc and message.v_acc):
         raise UnusableReadingError(
-            "it does not say how exact it is (h_acc, v_acc are 0): the link needs MAVLink 2, and "
-            "the receiver has to report it"
+            "it has no accuracy (h_acc, v_acc are 0): the link needs MAVLink 2, and the receiver "
+            "has to report it"
         )
     altitude_m = message.alt_ellipsoid * _MM
     if message.alt_ellipsoid == 0:
         if undulation_m is None:
             raise UnusableReadingError(
-                "it has no height above the ellipsoid (alt_ellipsoid is 0); write that of the "
-                "geoid there as `source: {address: mavlink, undulation_m: ...}`"
+                "it has no height above the ellipsoid (alt_ellipsoid is 0); give the geoid's "
+                "height at this place as `source: {address: mavlink, undulation_m: ...}`"
             )
         altitude_m = message.alt * _MM + undulation_m
-    speed_m_s, course_rad = message.vel * _CM, math.radians(message.cog * 0.01)
+    speed_m_s, cog_rad = message.vel * _CM, math.radians(message.cog * 0.01)
     down_m_s = 0.0
     if before is not None and times.t_s > before.t_s:
         down_m_s = (before.altitude_m - altitude_m) / (times.t_s - before.t_s)
-    north_m_s, east_m_s = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
+    north_m_s, east_m_s = speed_m_s * math.cos(cog_rad), speed_m_s * math.sin(cog_rad)
     seen = message.satellites_visible
     return GpsReading(
         t_s=times.t_s,

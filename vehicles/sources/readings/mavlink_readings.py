@@ -1,4 +1,4 @@
-"""The readings that a vehicle sends over its MAVLink link, stamped on the run clock."""
+"""Readings in a vehicle's MAVLink messages, stamped on the run clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _EARLIER_S = 1e-6
 
 
 class MavlinkVehicle(Protocol):
-    """What readings need of a vehicle's driver (protocol)."""
+    """The part of a vehicle's driver that MAVLink readings need (protocol)."""
 
     clock: VehicleClock
     """The vehicle's clock, mapped by TIMESYNC."""
@@ -49,8 +49,8 @@ class MavlinkSensor:
     """A sensor whose readings are in one of the vehicle's MAVLink messages.
 
     message: its name; None for a pose, which is the vehicle's estimate. rate_hz: at most; None:
-    as it comes. mount, reach, sensor_id: of ranging sensors; beams: of a lidar. undulation_m: of
-    the geoid above the ellipsoid, for a GPS receiver that does not say.
+    as it arrives. mount, reach, sensor_id: of ranging sensors; beams: of a lidar. undulation_m: of
+    the geoid above the ellipsoid, for a GPS receiver that does not report it.
     """
 
     message: str | None
@@ -74,7 +74,7 @@ class MavlinkReadings:
         self._side: Source = side
         self._into = into
         self._unix = ArrivalClock()
-        self._before: GpsReading | None = None
+        self._previous_fix: GpsReading | None = None
         self._due_s = 0.0
 
     def attach(self, vehicle: MavlinkVehicle) -> None:
@@ -116,21 +116,21 @@ class MavlinkReadings:
                 message, times, mount=sensor.mount, reach=sensor.reach, sensor_id=sensor.sensor_id
             )
         if sensor.beams is not None:
-            here = self._vehicle.state.local
+            local = self._vehicle.state.local
             return lidar_reading(
                 message,
                 times,
                 pattern=sensor.beams,
                 mount=sensor.mount,
                 reach=sensor.reach,
-                heading_rad=None if here is None else here.pose.yaw_rad,
+                heading_rad=None if local is None else local.pose.yaw_rad,
             )
         if sensor.message in {"GPS_RAW_INT", "GPS2_RAW"}:
-            known = self._before
-            self._before = fix = gps_reading(
-                message, times, before=known, undulation_m=sensor.undulation_m
+            before = self._previous_fix
+            self._previous_fix = fix = gps_reading(
+                message, times, before=before, undulation_m=sensor.undulation_m
             )
-            return fix if known is not None else None
+            return fix if before is not None else None
         return imu_reading(message, times)
 
     def _times(self, message: Any, arrived_s: float) -> Times:
@@ -142,6 +142,6 @@ class MavlinkReadings:
             t_s = self._vehicle.clock.run_time(sent_s)
         except ValueError as error:
             raise UnusableReadingError(str(error)) from error
-        # The mapping is exact to its uncertainty: within that, what arrives was sampled before.
-        known_s = self._vehicle.clock.uncertainty_s or 0.0
-        return Times(min(t_s, max(arrived_s, t_s - known_s)), arrived_s, self._side)
+        # Sampling is before arrival: within the clock map's uncertainty a later stamp is reduced.
+        uncertainty_s = self._vehicle.clock.uncertainty_s or 0.0
+        return Times(min(t_s, max(arrived_s, t_s - uncertainty_s)), arrived_s, self._side)

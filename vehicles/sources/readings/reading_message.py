@@ -1,6 +1,6 @@
-"""A sensor's reading as a message of a program: MessagePack or JSON, SI units, FRD; pure.
+"""Decodes readings in messages of other programs: MessagePack or JSON, SI units, FRD; pure.
 
-docs/reading-message.md defines it. Nothing in it is believed before it was looked at.
+docs/reading-message.md defines the message. Every value in it is checked.
 """
 
 import json
@@ -30,7 +30,7 @@ from worlds.frames import Pose, Vec3, quat_normalize
 
 PROTOCOL = "wil/reading/1"
 MAX_READING_BYTES = 4 * 2**20
-"""A cloud of 300,000 points; no 3-D lidar turns out more in one turn."""
+"""A cloud of 300,000 points; no 3-D lidar has more in one turn."""
 _MOST_BEAMS = 100_000
 _MOST_SAMPLES = 65_536
 _FIX_3D, _SATELLITES = 3, 12
@@ -39,7 +39,7 @@ _LEAST_WHOLE = -(2**63)
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What every message says beside its reading. sent_s: sampling, on the sender's clock."""
+    """A message's fields beside its reading. sent_s: sampling, on the sender's clock."""
 
     sensor: str
     kind: str
@@ -49,7 +49,7 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """When a message was sampled and when it arrived, on the run clock; and of what.
+    """When a message was sampled and when it arrived, on the run clock; side: of which vehicle.
 
     mount: the sensor's pose in the body's FRD frame, by the campaign.
     """
@@ -73,7 +73,7 @@ def read_header(data: bytes | memoryview) -> Header:
 
 
 def read_envelope(header: Header) -> Envelope:
-    """Return what a message says beside its reading. Raises BadMessageError."""
+    """Return a message's fields beside its reading. Raises BadMessageError."""
     if header.text("protocol") != PROTOCOL:
         raise BadMessageError(f"it speaks {header.text('protocol')!r:.40}, we speak {PROTOCOL!r}")
     return Envelope(
@@ -90,12 +90,12 @@ def read_reading(header: Header, kind: str, when: Sampled) -> Reading:
 
 def _numbers(header: Header, kind: str, when: Sampled) -> Any:
     """Return a reading that is numbers alone: its fields are the message's keys."""
-    made: Any = SENSOR_TYPES[kind]
+    reading_type: Any = SENSOR_TYPES[kind]
     numbers = {
         name: header.number(name) if of is float else header.whole(name, low=_LEAST_WHOLE)
-        for name, of in number_fields(made).items()
+        for name, of in number_fields(reading_type).items()
     }
-    return made(t_s=when.t_s, arrived_s=when.arrived_s, seq=0, source=when.side, **numbers)
+    return reading_type(t_s=when.t_s, arrived_s=when.arrived_s, seq=0, source=when.side, **numbers)
 
 
 def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
@@ -213,4 +213,4 @@ _READERS: Mapping[str, Callable[[Header, Sampled], Any]] = MappingProxyType(
         "microphone": _microphone,
     }
 )
-"""Of the types whose readings are more than numbers."""
+"""The decoders of the types whose readings are more than numbers."""

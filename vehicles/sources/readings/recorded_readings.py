@@ -1,4 +1,4 @@
-"""A recording of a sensor, played from its opening on, in its own time."""
+"""Plays a recording of a sensor from its opening on, in its own time."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class ReadingFile(Protocol):
 
     @property
     def unusable(self) -> int:
-        """Return how many messages were passed over so far, for they are of no use."""
+        """Return how many unusable messages were skipped so far."""
 
     def open(self) -> None:
         """Open the recording. Raises SourceError."""
@@ -37,8 +37,8 @@ class ReadingFile(Protocol):
 class RecordedReadings:
     """A recorded sensor, played from its opening on; a ReadingSource for any clock.
 
-    latency_s: after its sampling a reading is delivered, at the least; one that was later when it
-    was recorded is as late again. What is spoiled in the recording is counted as damaged.
+    latency_s: the least time from a reading's sampling to its delivery; one that was later when
+    it was recorded is as late again. Faulty readings are counted as damaged.
     """
 
     kind: Literal["file"] = "file"
@@ -48,9 +48,9 @@ class RecordedReadings:
         self._file = file
         self._side: Source = side
         self._latency_s = latency_s
-        self._ahead: Reading | None = None
-        self._before: Reading | None = None
-        self._running: asyncio.Future[Any] | None = None
+        self._next_reading: Reading | None = None
+        self._previous: Reading | None = None
+        self._file_job: asyncio.Future[Any] | None = None
         self._shift_s = 0.0
         self._seq = -1
         self._delivered = 0
@@ -65,7 +65,7 @@ class RecordedReadings:
         """Open the recording and read its first reading. Raises SourceError."""
         try:
             await self._in_thread(self._file.open)
-            self._ahead = first = await self._first()
+            self._next_reading = first = await self._read_first()
         except BaseException:
             await self._close()
             raise
@@ -82,39 +82,39 @@ class RecordedReadings:
 
     async def __anext__(self) -> Reading:
         """Wait for the next recorded reading. Raises SourceError, or StopAsyncIteration."""
-        found = self._ahead
-        if found is None:
+        reading = self._next_reading
+        if reading is None:
             raise StopAsyncIteration
-        self._ahead = await self._next_sound()
-        t_s = found.t_s + self._shift_s
-        await sleep_until(t_s + max(self._latency_s, found.arrived_s - found.t_s))
+        self._next_reading = await self._read_next_faultless()
+        t_s = reading.t_s + self._shift_s
+        await sleep_until(t_s + max(self._latency_s, reading.arrived_s - reading.t_s))
         now_s = max(asyncio.get_running_loop().time(), t_s)
         self._seq += 1
         self._delivered += 1
-        return replace(found, t_s=t_s, arrived_s=now_s, seq=self._seq, source=self._side)
+        return replace(reading, t_s=t_s, arrived_s=now_s, seq=self._seq, source=self._side)
 
-    async def _first(self) -> Reading:
+    async def _read_first(self) -> Reading:
         """Return the recording's first reading. Raises SourceError without one."""
-        if (found := await self._next_sound()) is None:
-            raise SourceError(f"{self.name}: has no reading that can be used")
-        return found
+        if (reading := await self._read_next_faultless()) is None:
+            raise SourceError(f"{self.name}: has no usable reading")
+        return reading
 
-    async def _next_sound(self) -> Reading | None:
+    async def _read_next_faultless(self) -> Reading | None:
         """Return the next recorded reading without fault; None at the end."""
-        while (found := await self._in_thread(self._file.next)) is not None:
-            if fault_of(found) is None and fault_after(found, self._before) is None:
-                self._before = found
-                return found
+        while (reading := await self._in_thread(self._file.next)) is not None:
+            if fault_of(reading) is None and fault_after(reading, self._previous) is None:
+                self._previous = reading
+                return reading
             self._damaged += 1
         return None
 
     async def _in_thread(self, job: Callable[[], T]) -> T:
-        running = asyncio.get_running_loop().run_in_executor(None, job)
-        self._running = running
-        return await asyncio.shield(running)
+        job_future = asyncio.get_running_loop().run_in_executor(None, job)
+        self._file_job = job_future
+        return await asyncio.shield(job_future)
 
     async def _close(self) -> None:
-        # Who reads may have been cancelled while its thread still is at work on the file.
-        if self._running is not None and not self._running.done():
-            await asyncio.wait({self._running})
+        # The reader may have been cancelled while its thread still works on the file.
+        if self._file_job is not None and not self._file_job.done():
+            await asyncio.wait({self._file_job})
         self._file.close()

@@ -1,7 +1,7 @@
-"""What a reading of a vehicle that stands must say: a wrong unit or axis shows before arming.
+"""Checks the readings of a vehicle at rest for wrong units and axes, before arming; pure.
 
-Pure. A sensor that stands on the ground has few ways to be right, and a wrong unit is a factor of
-nine at the least (g for m/s2), a wrong axis a quarter of a turn.
+At rest the right values are known closely, and a wrong unit is a factor of nine at the least (g
+for m/s2), a wrong axis a quarter of a turn.
 """
 
 import math
@@ -15,22 +15,22 @@ from worlds.geodesy import LocalFrame
 
 _G_M_S2 = 9.80665
 _G_FACTOR = 2.0
-"""An accelerometer at rest feels gravity within a few per cent."""
+"""An accelerometer at rest measures gravity within a few per cent."""
 _ASIDE_RAD = math.radians(45.0)
 _STILL_RAD_S = 0.35
-"""20 deg/s: a gyroscope that stands says less, and deg/s for rad/s no less than its noise."""
+"""20 deg/s: a gyroscope at rest reports less; one in deg/s for rad/s exceeds it by its noise."""
 _ORIGIN_M = 10.0
 _DEVIATIONS = 5.0
 _HEIGHT_M = 1000.0
-"""Of a fix beside what its accuracy explains: origins are read off maps, heights off geoids."""
+"""Height error of a fix that is let pass: worlds' altitudes are read off maps and geoids."""
 _POSE_M = 3.0
 """Two sources of a pose differ by less: an estimate at rest drifts by a metre."""
 
 
 def rest_fault(reading: Reading, *, pose: Pose, frame: LocalFrame) -> str | None:
-    """Return what is wrong with a reading of a vehicle that stands, in words; None for nothing.
+    """Return what is wrong with a reading of a vehicle at rest, in words; None for nothing.
 
-    pose: where the vehicle stands in the world, by what judges it. frame: of the world on earth.
+    pose: of the vehicle in the world, from the source that judges it. frame: of the world on earth.
     """
     check = _CHECKS.get(type(reading))
     return None if check is None else check(reading, pose, frame)
@@ -46,14 +46,14 @@ def _imu(reading: ImuReading, pose: Pose, _: LocalFrame) -> str | None:
     expected = rotate(quat_conjugate(pose.q_wxyz), (0.0, 0.0, -_G_M_S2))
     cos = sum(a * b for a, b in zip(force, expected, strict=True)) / (size * _G_M_S2)
     if cos < math.cos(_ASIDE_RAD):
-        said = ", ".join(f"{part:.2f}" for part in force)
+        parts = ", ".join(f"{part:.2f}" for part in force)
         return (
-            f"its specific force at rest is ({said}), not about (0, 0, -9.81) m/s2: its axes are "
+            f"its specific force at rest is ({parts}), not about (0, 0, -9.81) m/s2: its axes are "
             "not forward, right, down"
         )
     rate = norm(reading.rates_frd_rad_s)
     if rate > _STILL_RAD_S:
-        return f"it turns at {rate:.3g} rad/s at rest: its unit is wrong, or the vehicle moves"
+        return f"its rate at rest is {rate:.3g} rad/s: its unit is wrong, or the vehicle moves"
     return None
 
 
@@ -67,7 +67,7 @@ def _gps(reading: GpsReading, pose: Pose, frame: LocalFrame) -> str | None:
     return (
         f"its fix ({reading.latitude_deg:.6f}, {reading.longitude_deg:.6f}, "
         f"{reading.altitude_m:.0f} m) is {apart_m:.4g} m beside and {abs(down_m):.4g} m above or "
-        "below where the vehicle stands in the world: give the world the latitude, longitude and "
+        "below the vehicle's place in the world: give the world the latitude, longitude and "
         "altitude of this place, or correct the unit"
     )
 
@@ -76,8 +76,7 @@ def _pose(reading: PoseReading, pose: Pose, _: LocalFrame) -> str | None:
     apart_m = norm(subtract(reading.pose.position_ned_m, pose.position_ned_m))
     if apart_m > _POSE_M:
         return (
-            f"its position is {apart_m:.4g} m from where the vehicle stands: its unit or frame is "
-            "wrong"
+            f"its position is {apart_m:.4g} m from the vehicle's place: its unit or frame is wrong"
         )
     turned_rad = angle_between(reading.pose.q_wxyz, pose.q_wxyz)
     if turned_rad > _ASIDE_RAD:

@@ -1,7 +1,7 @@
-"""Readings in messages of ROS 2, as mcap-ros2-support decodes them; pure.
+"""Converts ROS 2 messages, as mcap-ros2-support decodes them, to readings; pure.
 
-Axes by REP 103: a body's forward, left, up; the world's east, north, up. Of the definitions of
-sensor_msgs, geometry_msgs and nav_msgs those fields are read that stand in them since ROS 2 began.
+Axes by REP 103: a body's forward, left, up; the world's east, north, up. Only those fields of
+sensor_msgs, geometry_msgs and nav_msgs are read that all versions of ROS 2 have.
 """
 
 import math
@@ -44,12 +44,12 @@ _UNKNOWN = 0
 _FIX_TYPES: Mapping[int, int] = MappingProxyType({0: 3, 1: 4, 2: 5})
 """GPS_FIX_TYPE of MAVLink by NavSatStatus: a fix, with SBAS, with ground stations (RTK float)."""
 _FLOATS: Mapping[int, str] = MappingProxyType({7: "f4", 8: "f8"})
-"""Of PointField.datatype."""
+"""NumPy's format by PointField.datatype."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ros2Type:
-    """What a ROS 2 message is read as. kind: the type of sensor."""
+    """The sensor type of a ROS 2 message (kind), and its decoder."""
 
     kind: str
     read: Callable[[Any, Sampled], Any]
@@ -64,29 +64,29 @@ def stamp_s(message: Any) -> float:
 def read_ros2(schema: str, message: Any, when: Sampled, before: Reading | None) -> Reading:
     """Return the reading in a message of ROS 2. Raises BadMessageError.
 
-    schema: as in "sensor_msgs/msg/Imu". before: the sound reading before it; a fix has no velocity
-    of its own: it is the change of place since then, and 0 of the first.
+    schema: as in "sensor_msgs/msg/Imu". before: the last faultless reading; a fix has no velocity
+    of its own: it is the change of place since then, and 0 for the first.
     """
     try:
         reading: Reading = ROS2_TYPES[schema].read(message, when)
     except (ValueError, TypeError, AttributeError, IndexError, KeyError, OverflowError) as error:
-        raise BadMessageError(f"is no {schema}: {error}") from error
+        raise BadMessageError(f"is not a {schema}: {error}") from error
     if not isinstance(reading, GpsReading) or not isinstance(before, GpsReading):
         return reading
-    return _moving(reading, before) if fault_of(reading) is None else reading
+    return _add_velocity(reading, before) if fault_of(reading) is None else reading
 
 
 def _rangefinder(message: Any, when: Sampled) -> RangefinderReading:
     low_m, high_m = float(message.min_range), float(message.max_range)
-    found_m = float(message.range)
-    if found_m == -math.inf:
-        found_m = low_m  # REP 117: something is nearer than that
+    range_m = float(message.range)
+    if range_m == -math.inf:
+        range_m = low_m  # REP 117: something is nearer than that
     return RangefinderReading(
         t_s=when.t_s,
         arrived_s=when.arrived_s,
         seq=0,
         source=when.side,
-        range_m=math.inf if found_m > high_m else found_m,
+        range_m=math.inf if range_m > high_m else range_m,
         range_min_m=low_m,
         range_max_m=high_m,
         mount=when.mount,
@@ -97,19 +97,19 @@ def _lidar(message: Any, when: Sampled) -> LidarScanReading:
     low_m, high_m = float(message.range_min), float(message.range_max)
     ranges_m = np.asarray(message.ranges, np.float32)
     if len(ranges_m) and np.isnan(ranges_m).all():
-        raise BadMessageError("each of its beams is not a number")
+        raise BadMessageError("all of its ranges are NaN")
     # REP 117: something is nearer than that.
     ranges_m = np.where(np.isneginf(ranges_m), np.float32(low_m), ranges_m)
-    nothing = ~((ranges_m >= np.float32(low_m)) & (ranges_m <= np.float32(high_m)))
+    missed = ~((ranges_m >= np.float32(low_m)) & (ranges_m <= np.float32(high_m)))
     step_rad = float(message.angle_increment)
     last_rad = float(message.angle_min) + (len(ranges_m) - 1) * step_rad
-    # ROS counts to the left: from the last beam on it is to the right.
+    # ROS counts beams to the left: in reverse they count to the right.
     return LidarScanReading(
         t_s=when.t_s,
         arrived_s=when.arrived_s,
         seq=0,
         source=when.side,
-        ranges_m=np.where(nothing, np.float32(np.inf), ranges_m)[::-1],
+        ranges_m=np.where(missed, np.float32(np.inf), ranges_m)[::-1],
         start_angle_rad=-last_rad,
         step_rad=step_rad,
         range_min_m=low_m,
@@ -160,7 +160,7 @@ def _gps(message: Any, when: Sampled) -> GpsReading:
     if message.status.status not in _FIX_TYPES:
         raise BadMessageError("it has no fix (its status is not 0, 1 or 2)")
     if message.position_covariance_type == _UNKNOWN:
-        raise BadMessageError("it does not say how exact it is (position_covariance_type is 0)")
+        raise BadMessageError("it has no accuracy (position_covariance_type is 0)")
     east, north, up = (float(message.position_covariance[at]) for at in (0, 4, 8))
     return GpsReading(
         t_s=when.t_s,
@@ -178,7 +178,7 @@ def _gps(message: Any, when: Sampled) -> GpsReading:
     )
 
 
-def _moving(fix: GpsReading, before: GpsReading) -> GpsReading:
+def _add_velocity(fix: GpsReading, before: GpsReading) -> GpsReading:
     """Return a fix with the velocity that the one before it implies."""
     took_s = fix.t_s - before.t_s
     if took_s <= 0.0:
@@ -198,13 +198,13 @@ def _pose_with_covariance(message: Any, when: Sampled) -> PoseReading:
 
 def _odometry(message: Any, when: Sampled) -> PoseReading:
     pose = _pose_of(message.pose.pose)
-    # By its definition the twist is in the frame of the body.
+    # By nav_msgs/Odometry's definition the twist is in the frame of the body.
     velocity = rotate(pose.q_wxyz, frd_from_flu(_vector(message.twist.twist.linear)))
     return PoseReading(when.t_s, when.arrived_s, when.side, pose, velocity)
 
 
 def _pose_of(pose: Any) -> Pose:
-    """Return a pose of a body (FLU) in the world (ENU) as ours."""
+    """Return a pose of a body (FLU) in the world (ENU) as one of FRD in NED."""
     q = pose.orientation
     body = quat_normalize((float(q.w), float(q.x), float(q.y), float(q.z)))
     turned = quat_multiply(quat_multiply(_NED_OF_ENU, body), _FLU_OF_FRD)
@@ -227,4 +227,4 @@ ROS2_TYPES: Mapping[str, Ros2Type] = MappingProxyType(
         "nav_msgs/msg/Odometry": Ros2Type("pose", _odometry),
     }
 )
-"""What is read, by the name of its definition."""
+"""The ROS 2 messages that are read, by the names of their definitions."""

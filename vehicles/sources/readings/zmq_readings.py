@@ -20,8 +20,9 @@ from vehicles.sources.readings.reading_message import (
 from worlds.frames import AT_ORIGIN, Pose
 
 _POLL_S = 0.02
+_MOST_NAMES = 8
 _RESTART_SEQ = 1000
-"""A number that falls back by more than this is a sender that started anew."""
+"""A `seq` that falls by more than this shows that the sender restarted."""
 
 
 class ZmqReadings(LiveReadings):
@@ -29,8 +30,7 @@ class ZmqReadings(LiveReadings):
 
     address: tcp://HOST:PORT that the publisher has bound. sensor: its name in the messages.
     kind_of: its type. topic: prefix of the first part. latency_s: sampling to arrival of the
-    quickest. open_s: how long the first reading may take. Messages of other sensors are passed
-    over.
+    quickest. open_s: how long the first reading may take. Messages of other sensors are ignored.
     """
 
     def __init__(
@@ -72,11 +72,11 @@ class ZmqReadings(LiveReadings):
             self._socket.connect(self._address)
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
-            raise SourceError(f"{self.name}: is not an address: {error.strerror}") from error
+            raise SourceError(f"{self.name}: not a valid address: {error.strerror}") from error
         self._loop.add_reader(self._socket.fileno(), self._read)
         self._read()
         try:
-            await self._first()
+            await self._wait_for_first()
         except BaseException:
             await self.__aexit__()
             raise
@@ -87,23 +87,23 @@ class ZmqReadings(LiveReadings):
         self._loop.remove_reader(self._socket.fileno())
         self._context.destroy(linger=0)
 
-    async def _first(self) -> None:
+    async def _wait_for_first(self) -> None:
         try:
             async with asyncio.timeout(self._open_s):
                 while self.newest is None:  # noqa: ASYNC110 - a socket's reader sets no event
                     await asyncio.sleep(_POLL_S)
         except TimeoutError as error:
-            raise SourceError(self.unheard_text(self._open_s)) from error
+            raise SourceError(self.missing_reading_text(self._open_s)) from error
 
-    def _why_nothing(self) -> str:
-        """Return why nothing came at all, or what to do, in words."""
+    def _silence_reason(self) -> str:
+        """Return why nothing arrived at all, or what to do, in words."""
         if self._others:
             known = ", ".join(sorted(self._others))
-            return f"messages came of other sensors ({known}): give its name there by `name`"
-        return "nothing came at all; check that a publisher has bound this address, and its topic"
+            return f"only messages of other sensors arrived ({known}): set `name` to one of them"
+        return "nothing arrived; check that a publisher has bound this address, and its topic"
 
     def _read(self) -> None:
-        # The descriptor tells of changes only: all that is there must be read at once.
+        # The descriptor is edge-triggered: all messages that have arrived must be read at once.
         while self._socket.poll(0, zmq.POLLIN):
             parts = self._socket.recv_multipart(zmq.NOBLOCK)
             try:
@@ -121,8 +121,8 @@ class ZmqReadings(LiveReadings):
             return
         if envelope.kind != self._kind_of:
             raise BadMessageError(
-                f"'{self._sensor}' is a {envelope.kind!r:.40} there, and a {self._kind_of} in the "
-                "campaign"
+                f"'{self._sensor}' is a {envelope.kind!r:.40} in the message, and a "
+                f"{self._kind_of} in the campaign"
             )
         skipped = self._skipped(envelope.seq)
         t_s = self._clock.run_time(envelope.sent_s, arrived_s)
@@ -136,8 +136,5 @@ class ZmqReadings(LiveReadings):
             return 0
         if seq <= last:
             self._last_seq = last
-            raise BadMessageError(f"its `seq` {seq} came after {last}")
+            raise BadMessageError(f"its `seq` {seq} arrived after {last}")
         return seq - last - 1
-
-
-_MOST_NAMES = 8

@@ -1,4 +1,4 @@
-"""Pictures as bytes: raw, JPEG or PNG, each with a word that says which; pure.
+"""Encodes and decodes images, depth and ids as bytes, by the name of their encoding; pure.
 
 image: `bgr8`, `rgb8` (height x width x 3 bytes, rows from the top), `jpeg`, `png`.
 depth: `f32` (height x width little-endian floats, metres along the optical axis, infinity where
@@ -51,7 +51,7 @@ def decode_depth(data: Buffer, encoding: str, size: Size) -> DepthImage:
     if math.isnan(nearest_m):
         raise BadMessageError(f"depth has {int(np.isnan(depth_m).sum())} values that are NaN")
     if nearest_m < 0.0:
-        raise BadMessageError(f"depth has a value of {nearest_m} m")
+        raise BadMessageError(f"depth has a negative value: {nearest_m} m")
     return depth_m
 
 
@@ -89,8 +89,8 @@ def encode_ids(object_ids: IdImage) -> Buffer:
 def compressed_size(data: Buffer) -> Size | None:
     """Return the image size that a PNG or JPEG part announces; None when it is neither.
 
-    So that a few bytes that announce a huge picture are never decoded. PNG: IHDR is the first
-    chunk. JPEG: the first frame header (SOF, ITU-T T.81 B.2.2).
+    So that a few bytes that announce a huge image are never decoded. PNG: IHDR is the first chunk.
+    JPEG: the first frame header (SOF, ITU-T T.81 B.2.2).
     """
     start = bytes(data[:24])
     if start.startswith(b"\x89PNG\r\n\x1a\n") and len(start) == 24:
@@ -102,7 +102,7 @@ def _bytes(encoded: tuple[bool, NDArray[Any]]) -> Buffer:
     """Return a compressed image part's bytes. Raises ValueError when compression failed."""
     done, data = encoded
     if not done:
-        raise ValueError("the picture cannot be compressed")
+        raise ValueError("the image cannot be compressed")
     return data.data.cast("B")
 
 
@@ -122,7 +122,7 @@ def _raw(data: Buffer, dtype: np.dtype[Any], shape: tuple[int, ...], name: str) 
     """Return an uncompressed image part as an array. Raises BadMessageError for a wrong size."""
     needed = dtype.itemsize * math.prod(shape)
     if len(data) != needed:
-        raise BadMessageError(f"{name} has {len(data)} bytes, {needed} are a picture of {shape}")
+        raise BadMessageError(f"{name} has {len(data)} bytes, an array of {shape} has {needed}")
     return np.frombuffer(data, dtype).reshape(shape)
 
 

@@ -1,6 +1,6 @@
-"""What a simulator is to show, what it says that it shows, and whether the two are the same; pure.
+"""Compares the world that a simulator reports to show with the requested one; pure.
 
-A picture alone does not tell a gate of 1.0 m from one of 0.5 m that is nearer.
+An image alone does not distinguish a gate of 1.0 m from one of 0.5 m that is nearer.
 """
 
 import math
@@ -15,7 +15,7 @@ from worlds.scene.meshes import Material
 from worlds.scene.scene import Scene
 
 TOLERANCE_M, TOLERANCE = 0.01, 0.01
-"""An engine's units and meshes are as exact as this, in metres, or as a part of a size."""
+"""Allowed difference of an engine's shapes: in metres, or as a fraction of a size."""
 _TURN_RAD = math.radians(1.0)
 
 
@@ -39,7 +39,7 @@ class ShownObject:
 
 @dataclass(frozen=True, slots=True)
 class ShownWorld:
-    """A world by name, its case, and its objects by name; None is not said."""
+    """A world by name, its case, and its objects by name; None where not reported."""
 
     world: str | None = None
     case: str | None = None
@@ -48,7 +48,7 @@ class ShownWorld:
 
 @dataclass(frozen=True, slots=True)
 class AskedWorld:
-    """What a simulator is asked to show. ids: what the objects carry in pictures of ids."""
+    """The world that a simulator is asked to show. ids: the objects' values in id images."""
 
     world: str = ""
     case: str = ""
@@ -57,30 +57,30 @@ class AskedWorld:
 
 
 def asked_world(scene: Scene, *, world: str, case: str) -> AskedWorld:
-    """Return what a scene is."""
+    """Return a scene as the world that a simulator is asked to show."""
     return AskedWorld(
         world=world,
         case=case,
         objects=shown_objects(scene),
-        ids={thing.name: thing.object_id for thing in scene.objects},
+        ids={placed.name: placed.object_id for placed in scene.objects},
     )
 
 
 def shown_objects(scene: Scene) -> dict[str, ShownObject]:
     """Return the objects of a scene, by name."""
     found: dict[str, ShownObject] = {}
-    for thing in scene.objects:
-        corners_m = thing.shape.mesh.vertices_m
+    for placed in scene.objects:
+        corners_m = placed.shape.mesh.vertices_m
         north, east, down = (corners_m.max(axis=0) - corners_m.min(axis=0)).tolist()
-        openings = thing.shape.openings
-        found[thing.name] = ShownObject(
-            kind=thing.shape.kind,
+        openings = placed.shape.openings
+        found[placed.name] = ShownObject(
+            kind=placed.shape.kind,
             size_m=(north, east, down),
-            position_ned_m=thing.pose.position_ned_m,
-            q_wxyz=thing.pose.q_wxyz,
+            position_ned_m=placed.pose.position_ned_m,
+            q_wxyz=placed.pose.q_wxyz,
             opening_m=2.0 * openings[0].limit_m if len(openings) == 1 else None,
             form=openings[0].form if len(openings) == 1 else "",
-            color_rgb=_color_of(thing.shape.mesh.materials),
+            color_rgb=_color_of(placed.shape.mesh.materials),
         )
     return found
 
@@ -88,9 +88,9 @@ def shown_objects(scene: Scene) -> dict[str, ShownObject]:
 def poses_of_moving(scene: Scene, t_s: float, events: Mapping[str, float]) -> dict[str, Pose]:
     """Return where the objects of a scene that move are at a time, by name."""
     return {
-        thing.name: thing.pose_at(t_s, events)
-        for thing in scene.objects
-        if thing.motion is not None
+        placed.name: placed.pose_at(t_s, events)
+        for placed in scene.objects
+        if placed.motion is not None
     }
 
 
@@ -101,7 +101,7 @@ def _color_of(materials: Sequence[Material]) -> Rgb | None:
 
 
 def packed_objects(objects: Mapping[str, ShownObject]) -> dict[str, dict[str, Any]]:
-    """Return objects as a greeting carries them."""
+    """Return objects as `hello` and `welcome` carry them."""
     return {
         name: {
             "kind": one.kind,
@@ -117,7 +117,7 @@ def packed_objects(objects: Mapping[str, ShownObject]) -> dict[str, dict[str, An
 
 
 def shown_world(header: Header) -> ShownWorld:
-    """Return what an answer to the greeting says that is shown. Raises BadMessageError."""
+    """Return the world that a `welcome` reports to show. Raises BadMessageError."""
     return ShownWorld(
         world=header.text("world") if "world" in header else None,
         case=header.text("case") if "case" in header else None,
@@ -142,24 +142,24 @@ def _objects_of(shapes: Header) -> dict[str, ShownObject]:
                 form=one.text("form") if "form" in one else "",
             )
         except BadMessageError as error:
-            raise BadMessageError(f"of shape {name!r:.40}: {error}") from error
+            raise BadMessageError(f"shape {name!r:.40}: {error}") from error
     return found
 
 
 def disagreements(asked: AskedWorld, shown: ShownWorld) -> tuple[str, ...]:
-    """Return in words what a simulator shows otherwise than asked; what it leaves unsaid agrees."""
+    """Return in words how the shown world differs from the requested one, where it is reported."""
     found = [
-        f"it shows the {what} '{says}', and '{wants}' is flown"
-        for what, wants, says in (
+        f"it shows the {what} '{reported}', and '{requested}' is flown"
+        for what, requested, reported in (
             ("world", asked.world, shown.world),
             ("case", asked.case, shown.case),
         )
-        if says is not None and says != wants
+        if reported is not None and reported != requested
     ]
     if shown.objects is not None:
         for name, wanted in asked.objects.items():
             there = shown.objects.get(name)
-            missing = (f"it does not show {name}: the `shapes` of its `welcome` leave it out",)
+            missing = (f"it does not show {name}: the `shapes` of its `welcome` lack this object",)
             found += missing if there is None else _differences(name, wanted, there)
     return tuple(found)
 

@@ -1,4 +1,4 @@
-"""A simulator in another process, asked for pictures over ZeroMQ."""
+"""Requests images of a simulator in another process over ZeroMQ."""
 
 import asyncio
 import threading
@@ -45,8 +45,8 @@ class SimulatorTimeoutError(SimulatorError):
 class SimulatorCounts:
     """The counts of requests to the simulator's camera by outcome.
 
-    late: answers to questions that had been given up. garbage: answers that broke the protocol.
-    refused: questions that the simulator said it cannot answer.
+    late: replies to requests that had timed out. garbage: replies that broke the protocol.
+    refused: requests that the simulator answered with an error.
     """
 
     asked: int = 0
@@ -70,12 +70,12 @@ def _nothing_moves(_: float) -> Mapping[str, Pose]:
 class ZmqImageSource:
     """A simulator's camera by ZMQ as an ImageSource; an async context manager.
 
-    address: `tcp://HOST:PORT` where the simulator has bound. world: what the simulator is asked to
-    show; `disagreements` says where it shows something else. events, and moved of a time:
-    asked for before each question. `picture` blocks, for a thread (`compute=asyncio.to_thread`);
-    several threads may call it, they wait in turn.
-    Whatever the simulator answers, a picture is returned only if it is the right one: its number,
-    pose, time, size and type are checked. Wall clock only.
+    address: `tcp://HOST:PORT` that the simulator has bound. world: what the simulator is asked to
+    show; `disagreements` says where it shows something else. events, moved (at a time): called
+    before each request. `picture` blocks, for a thread (`compute=asyncio.to_thread`); several
+    threads may call it, they wait in turn.
+    An image is returned only if it is the requested one: its number, pose, time, size and type are
+    checked. Wall clock only.
     """
 
     def __init__(
@@ -98,12 +98,12 @@ class ZmqImageSource:
         self._seq = 0
         self.counts = SimulatorCounts()
         self.trouble = ""
-        """Why the last question that got no picture got none."""
+        """Why the last failed request got no image."""
         self.welcome = Welcome("")
 
     @property
     def disagreements(self) -> tuple[str, ...]:
-        """Return in words what it says that it shows otherwise than it was asked."""
+        """Return in words where the world that it shows differs from the requested one."""
         return disagreements(self._world, self.welcome.shown)
 
     async def __aenter__(self) -> Self:
@@ -122,7 +122,7 @@ class ZmqImageSource:
         await self._close()
 
     async def warm_up(self, camera_pose: Pose, intrinsics: Intrinsics, t_s: float) -> None:
-        """Have a first image drawn, which takes an engine long, and leave it out of the counts.
+        """Request a first image, which takes an engine long, and leave it out of the counts.
 
         Waits as long as for the connection. Raises SimulatorError.
         """
@@ -172,28 +172,25 @@ class ZmqImageSource:
             ask = Ask(self._seq, t_s, camera_pose, intrinsics, want_depth, want_ids, events, moved)
             self._count(asked=1)
             try:
-                picture = self._await_answer(ask, within_s or self._timeout_s)
+                image = self._request(
+                    ask_parts(ask), lambda parts: image_of(parts, ask), within_s or self._timeout_s
+                )
             except SimulatorError as error:
                 self.trouble = str(error)
                 raise
             except zmq.ZMQError as error:
                 raise SimulatorError(
-                    f"{self.name}: the connection is closed ({error.strerror}); ask within "
-                    "`async with`"
+                    f"{self.name}: the connection is closed ({error.strerror}); request images "
+                    "within `async with`"
                 ) from error
             self._count(answered=1)
-            return picture
-
-    def _await_answer(self, ask: Ask, within_s: float) -> SimulatedImage:
-        deadline_s = time.monotonic() + within_s
-        self._send(ask_parts(ask), deadline_s)
-        return self._answer(lambda parts: image_of(parts, ask), deadline_s)
+            return image
 
     def _connect(self) -> "zmq.Socket[bytes]":
         """Return a new socket connected to the simulator."""
         socket = self._context.socket(zmq.DEALER)
         socket.setsockopt(zmq.LINGER, 0)
-        # A question is for a simulator that is there, not for the one that comes back later.
+        # A request is for a simulator that is connected now, not queued for one that returns later.
         socket.setsockopt(zmq.IMMEDIATE, 1)
         socket.setsockopt(zmq.SNDHWM, 2)
         socket.setsockopt(zmq.MAXMSGSIZE, _MAX_MESSAGE_BYTES)
@@ -203,17 +200,16 @@ class ZmqImageSource:
         except zmq.ZMQError as error:
             socket.close()
             raise SimulatorError(
-                f"{self.name}: is not an address of a simulator: {error.strerror}; it looks like "
+                f"{self.name}: not a valid address of a simulator: {error.strerror}; an example is "
                 "tcp://127.0.0.1:5555"
             ) from error
         return socket
 
     def _greet(self) -> None:
         """Send the simulator hello and keep its welcome."""
-        deadline_s = time.monotonic() + self._open_timeout_s
         with self._lock:
-            self._send(hello_parts(self._world), deadline_s)
-            self.welcome = self._answer(welcome_of, deadline_s)
+            hello = hello_parts(self._world)
+            self.welcome = self._request(hello, welcome_of, self._open_timeout_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:
         """Send a request to the simulator. Raises SimulatorTimeoutError."""
@@ -222,15 +218,19 @@ class ZmqImageSource:
             raise SimulatorTimeoutError(
                 f"{self.name}: no simulator is connected; start it, or check why it stopped"
             )
-        # The empty part makes us look like a REQ socket to the simulator's REP.
+        # The empty part makes this DEALER socket look like a REQ socket to the simulator's REP.
         self._socket.send_multipart([b"", *parts])
 
-    def _answer(self, read: Callable[[Sequence[Buffer]], T], deadline_s: float) -> T:
-        """Return the simulator's reply to the present request; late ones are skipped."""
+    def _request(
+        self, parts: Sequence[Buffer], read: Callable[[Sequence[Buffer]], T], within_s: float
+    ) -> T:
+        """Send a request and return the simulator's reply to it; late ones are skipped."""
+        deadline_s = time.monotonic() + within_s
+        self._send(parts, deadline_s)
         while True:
-            parts = self._receive(deadline_s)
+            reply = self._receive(deadline_s, within_s)
             try:
-                return read(parts)
+                return read(reply)
             except LateAnswerError:
                 self._count(late=1)
             except RefusedError as error:
@@ -239,16 +239,16 @@ class ZmqImageSource:
             except BadMessageError as error:
                 self._count(garbage=1)
                 raise SimulatorError(
-                    f"{self.name}: the simulator's answer is wrong: {error}; "
+                    f"{self.name}: the simulator's reply is wrong: {error}; "
                     "see docs/simulator-protocol.md"
                 ) from error
 
-    def _receive(self, deadline_s: float) -> Sequence[Buffer]:
+    def _receive(self, deadline_s: float, within_s: float) -> Sequence[Buffer]:
         """Return the simulator's next message. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLIN):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
-                f"{self.name}: the simulator did not answer in {self._timeout_s:g} s; it hangs, "
+                f"{self.name}: the simulator did not answer in {within_s:g} s; it hangs, "
                 "has stopped, or is too slow for this limit"
             )
         parts = [frame.buffer for frame in self._socket.recv_multipart(copy=False)]

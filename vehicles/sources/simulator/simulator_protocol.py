@@ -1,7 +1,6 @@
-"""The protocol between us and any simulator: who asks for a picture, and what is a right answer.
+"""The client's side of the simulator protocol: encodes requests and checks replies; pure.
 
-docs/simulator-protocol.md is its definition; this is our side of it. Pure: parts of messages in,
-values or BadMessageError out.
+docs/simulator-protocol.md is its definition. Parts of messages in, values or BadMessageError out.
 """
 
 import math
@@ -21,7 +20,7 @@ from worlds.camera import Intrinsics
 from worlds.frames import Pose
 
 PROTOCOL = "wil/pictures/1"
-"""The number rises when an old answer would be misread; keys may be added at any time."""
+"""The number rises when an old reply would be misread; keys may be added at any time."""
 
 POSITION_TOLERANCE_M = 1e-3
 QUATERNION_TOLERANCE = 1e-4
@@ -61,7 +60,7 @@ class SimulatedImage:
 class Welcome:
     """A simulator's welcome in the protocol.
 
-    objects: names that it marks with the ids we gave. shown: the world that it shows.
+    objects: names that it marks with the requested ids. shown: the world that it shows.
     """
 
     simulator: str
@@ -70,7 +69,7 @@ class Welcome:
 
 
 class RefusedError(BadMessageError):
-    """The simulator refused a request, in its own words."""
+    """The simulator refused a request; the message is the simulator's own."""
 
 
 class LateAnswerError(BadMessageError):
@@ -93,7 +92,7 @@ def hello_parts(asked: AskedWorld) -> list[Buffer]:
 def welcome_of(parts: Sequence[Buffer]) -> Welcome:
     """Return the simulator's welcome in its reply to hello.
 
-    Raises RefusedError for its own refusal, BadMessageError for what is not as the protocol says.
+    Raises RefusedError for its own refusal, BadMessageError where it breaks the protocol.
     """
     header = _header(parts)
     if header.text("type") == "error":
@@ -123,7 +122,7 @@ def ask_parts(ask: Ask) -> list[Buffer]:
             "cy_px": i.cy_px,
             "distortion": list(i.distortion),
         },
-        "want": ["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids],
+        "want": _wanted_parts(ask),
         "events": dict(ask.events),
         "moved": {
             name: {"position_ned_m": list(pose.position_ned_m), "q_wxyz": list(pose.q_wxyz)}
@@ -136,15 +135,15 @@ def ask_parts(ask: Ask) -> list[Buffer]:
 def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
     """Return the simulator's image in a reply, if it is the reply to this request.
 
-    Raises LateAnswerError for one to an earlier question, RefusedError for the simulator's own
-    refusal, BadMessageError for all that is not as the protocol says.
+    Raises LateAnswerError for one to an earlier request, RefusedError for the simulator's own
+    refusal, BadMessageError where it breaks the protocol.
     """
     header = _header(parts)
     seq = header.whole("seq")
     if seq < ask.seq:
-        raise LateAnswerError(f"it is the answer to question {seq}")
+        raise LateAnswerError(f"it is the reply to request {seq}")
     if seq != ask.seq:
-        raise BadMessageError(f"it answers question {seq}, which was not asked yet")
+        raise BadMessageError(f"it is the reply to request {seq}, which was not sent yet")
     kind = header.text("type")
     if kind == "error":
         raise _refused(header)
@@ -159,7 +158,7 @@ def image_of(parts: Sequence[Buffer], ask: Ask) -> SimulatedImage:
         found.get("ids") if ask.want_ids else None,
     )
     if image is None or (ask.want_depth and depth is None) or (ask.want_ids and ids is None):
-        raise BadMessageError(f"it has {sorted(found)}; asked were {_wanted_parts(ask)}")
+        raise BadMessageError(f"it has {sorted(found)}; requested were {_wanted_parts(ask)}")
     return SimulatedImage(
         decode_image(image[1], image[0], size),
         decode_depth(depth[1], depth[0], size) if depth is not None else None,
@@ -189,7 +188,7 @@ def _named_parts(header: Header, parts: Sequence[Buffer]) -> dict[str, tuple[str
     """Return a protocol message's parts by name with their encodings. Raises BadMessageError."""
     listed = header.headers("parts")
     if len(listed) != len(parts):
-        raise BadMessageError(f"`parts` lists {len(listed)}, {len(parts)} came")
+        raise BadMessageError(f"`parts` lists {len(listed)} parts, {len(parts)} arrived")
     found = {
         each.text("name"): (each.text("encoding"), data)
         for each, data in zip(listed, parts, strict=True)
@@ -208,7 +207,7 @@ def _check_echo(header: Header, ask: Ask) -> None:
     turned = min(math.dist(q, pose.q_wxyz), math.dist(q, opposite))
     if away_m > POSITION_TOLERANCE_M or turned > QUATERNION_TOLERANCE:
         raise BadMessageError(
-            f"it is from another pose: {away_m:.4f} m away, quaternion {turned:.5f} apart"
+            f"it is of another pose: {away_m:.4f} m away, quaternion {turned:.5f} apart"
         )
     late_s = header.number("t_s") - ask.t_s
     if abs(late_s) > TIME_TOLERANCE_S:
@@ -217,4 +216,4 @@ def _check_echo(header: Header, ask: Ask) -> None:
 
 def _wanted_parts(ask: Ask) -> list[str]:
     """Return the names of the parts that a protocol request wants."""
-    return sorted(["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids])
+    return ["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids]

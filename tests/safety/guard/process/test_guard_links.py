@@ -43,7 +43,7 @@ def _runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 async def test_one_link_goes_dark_for_a_while_and_the_other_does_not(tmp_path: Path) -> None:
     late = Impairment(latency_s=0.02)
-    conditions = LinkConditions(outgoing=late, incoming=late, may_go_dark=True)
+    conditions = LinkConditions(outgoing=late, incoming=late, has_later_outage=True)
     async with RemoteFlight(tmp_path, conditions=conditions) as flight:
         flight.guard.start_outage("real", 1.5)
         await asyncio.sleep(0.3)
@@ -129,7 +129,7 @@ _impairments = st.builds(
     bursts=st.none() | st.builds(Bursts, length_s=st.floats(0.1, 5), gap_s=st.floats(0.1, 5)),
     duplicate=_chances,
     bandwidth_bit_s=st.none() | st.floats(100.0, 1e6),
-    blackouts=st.lists(st.builds(LinkOutage, _times, st.floats(0.1, 3.0))).map(tuple),
+    outages=st.lists(st.builds(LinkOutage, _times, st.floats(0.1, 3.0))).map(tuple),
 )
 _conditions = st.builds(
     LinkConditions,
@@ -137,7 +137,7 @@ _conditions = st.builds(
     incoming=_impairments,
     seed=st.lists(st.integers(0, 2**63), min_size=1).map(tuple),
     signing=st.none() | st.builds(KeySource, st.sampled_from(["file", "environment"]), st.text()),
-    may_go_dark=st.booleans(),
+    has_later_outage=st.booleans(),
 )
 
 

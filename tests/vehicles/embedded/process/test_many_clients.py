@@ -160,7 +160,7 @@ async def test_a_second_vehicle_at_a_port_to_listen_at_is_refused() -> None:
     port = free_port(socket.SOCK_STREAM)
     settings = ProcessSettings(autopilot="ardupilot", link=f"tcpin://127.0.0.1:{port}", seed=1)
     async with EmbeddedProcess(settings=settings), TcpClient(port) as client:
-        with pytest.raises(LinkError, match=f"port {port} is taken by another program"):
+        with pytest.raises(LinkError, match=f"port {port} is in use by another program"):
             await EmbeddedProcess(settings=settings).__aenter__()
         assert await client.is_answered()
 

@@ -45,8 +45,8 @@ def test_an_unsteady_camera_counts_what_came() -> None:
 def test_what_was_left_out_is_not_missed_as_well() -> None:
     camera = stamper(rate_hz=10.0)
     seqs(camera, [0.0])
-    camera.left_out()
-    camera.left_out()
+    camera.skip_exposure()
+    camera.skip_exposure()
     assert seqs(camera, [0.3]) == [3]
     assert camera.missed == 0
 
@@ -70,5 +70,5 @@ def test_a_new_start_of_the_sender_is_no_gap() -> None:
 
 
 def test_another_size_is_an_error_that_says_both() -> None:
-    with pytest.raises(ImageChangedError, match=r"4x3 came.*8x6.*calibrate"):
+    with pytest.raises(ImageChangedError, match=r"images are 4x3.*8x6.*calibrate"):
         stamper().reading(np.zeros((3, 4, 3), np.uint8), stamp_s=0.0, arrived_s=0.0)

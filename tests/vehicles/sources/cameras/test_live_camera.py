@@ -16,7 +16,7 @@ from vehicles.sources.camera_source import (
     SourceError,
     SourceStalledError,
 )
-from vehicles.sources.cameras.live_camera import Grabbed, LiveCamera
+from vehicles.sources.cameras.live_camera import GrabbedImage, LiveCamera
 from worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(8, 6, 1.0)
@@ -32,18 +32,18 @@ class FakeGrabber:
     """Gives what a test puts in; None ends `grab` without a picture."""
 
     def __init__(self, opening: Callable[[], None] = lambda: None) -> None:
-        self.things: queue.Queue[Grabbed | Exception] = queue.Queue()
+        self.things: queue.Queue[GrabbedImage | Exception] = queue.Queue()
         self.opening = opening
         self.closed = threading.Event()
         self.idle = threading.Event()
 
     def put(self, level: int, stamp_s: float | None) -> None:
-        self.things.put(Grabbed(picture(level), stamp_s))
+        self.things.put(GrabbedImage(picture(level), stamp_s))
 
     def open(self) -> None:
         self.opening()
 
-    def grab(self) -> Grabbed | None:
+    def grab(self) -> GrabbedImage | None:
         try:
             thing = self.things.get(timeout=0.01)
         except queue.Empty:
@@ -102,7 +102,7 @@ async def test_a_broken_picture_is_counted_and_leaves_a_gap() -> None:
     async with camera(grabber) as source:
         grabber.put(0, 1.0)
         first = await anext(source)
-        grabber.things.put(Grabbed(None, 1.1))
+        grabber.things.put(GrabbedImage(None, 1.1))
         grabber.put(2, 1.2)
         second = await anext(source)
     assert (first.seq, second.seq) == (0, 2)
@@ -115,7 +115,7 @@ async def test_a_camera_that_stalls_says_so() -> None:
         grabber.put(0, 1.0)
         await asyncio.to_thread(grabber.all_taken)
         await anext(source)
-        with pytest.raises(SourceStalledError, match=r"camera 1: no picture for 0\.1 s after 1"):
+        with pytest.raises(SourceStalledError, match=r"camera 1: no image for 0\.1 s after 1"):
             await anext(source)
         grabber.put(1, 1.5)
         await asyncio.to_thread(grabber.all_taken)
@@ -127,8 +127,8 @@ async def test_another_size_in_flight_is_an_error_and_no_reading() -> None:
     seen: list[Any] = []
     async with camera(grabber) as source:
         grabber.put(0, 1.0)
-        grabber.things.put(Grabbed(picture(1, 12, 16), 1.1))
-        with pytest.raises(ImageChangedError, match="16x12 came"):
+        grabber.things.put(GrabbedImage(picture(1, 12, 16), 1.1))
+        with pytest.raises(ImageChangedError, match="images are 16x12"):
             await pump(source, seen.append)
     assert [reading.seq for reading in seen] == [0]
 

@@ -128,14 +128,14 @@ def test_what_cannot_be_played_says_what_to_do(tmp_path: Path) -> None:
     refused(ImageFolder(path=tmp_path / "none", rate_hz=1), "No such file")
     refused(ImageFolder(path=tmp_path / "empty", rate_hz=1), "has no image")
     refused(ImageFolder(path=broken, rate_hz=1), "2.png: cannot be read as an image")
-    with pytest.raises(SourceError, match="rate of 0"):
+    with pytest.raises(SourceError, match="rate is 0"):
         ImageFolder(path=tmp_path, rate_hz=0)
 
 
 def test_a_picture_of_another_size_ends_it(tmp_path: Path) -> None:
     path = folder(tmp_path / "images", ["1.png", "2.png"])
     cv2.imwrite(str(path / "3.png"), np.zeros((24, 32, 3), np.uint8))
-    refused(ImageFolder(path=path, rate_hz=5), "32x24 came", ImageChangedError)
+    refused(ImageFolder(path=path, rate_hz=5), "images are 32x24", ImageChangedError)
 
 
 def test_a_video_cut_short_ends_or_says_so(tmp_path: Path) -> None:
@@ -235,7 +235,7 @@ def test_mcap_images_play_by_their_own_stamps(kind: str, tmp_path: Path) -> None
 def test_one_of_several_topics_is_named(tmp_path: Path) -> None:
     path = mcap(tmp_path / "a.mcap", "protobuf", ["/left", "/right"], [JPEG])
     assert len(played(McapFile(path=path, topic="/right"))) == 1
-    refused(McapFile(path=path), r"name the topic.*/left, /right")
+    refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
     refused(McapFile(path=path, topic="/front"), r"'/front'.*/left, /right")
 
 

@@ -256,7 +256,7 @@ async def test_a_publisher_is_received() -> None:
 
 
 async def test_an_address_that_is_none_is_reported() -> None:
-    with pytest.raises(SourceError, match="not an address"):
+    with pytest.raises(SourceError, match="not a valid address"):
         async with ZmqCapture(address="hall", capture=capture(), deliver=print):
             pass
 

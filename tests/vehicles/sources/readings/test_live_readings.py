@@ -116,7 +116,7 @@ def test_the_oldest_makes_way_when_nobody_takes_them() -> None:
 
 
 def test_nothing_at_all_names_the_remedy() -> None:
-    assert source().unheard_text(5.0).endswith("came within 5 s: plug in")
+    assert source().missing_reading_text(5.0).endswith("arrived within 5 s: plug in")
 
 
 def at(north_m: float, up_m: float = 1.0) -> Pose:
@@ -135,7 +135,7 @@ def test_readings_that_stay_while_the_vehicle_moves_are_frozen() -> None:
     frozen = FrozenReadings()
     said = [frozen.take(gps(0.1 * k), at(0.1 * k)) for k in range(12)]
     assert said[:9] == [None] * 9
-    assert "it is frozen" in str(said[9])
+    assert "the sensor is frozen" in str(said[9])
     assert frozen.take(gps(2.0, north_m=1.0), at(1.2)) is None
 
 
@@ -174,7 +174,7 @@ def test_at_rest_a_wrong_unit_or_axis_shows() -> None:
         assert "unit is wrong" in fault_text(imu(0.0, down=down))
     assert "not forward, right, down" in fault_text(imu(0.0, down=9.8))
     turning = replace(imu(0.0), rates_frd_rad_s=(0.0, 0.0, 2.0))
-    assert "rad/s at rest" in fault_text(turning)
+    assert "rate at rest is" in fault_text(turning)
     assert fault_text(gps(0.0)) == ""
     assert "latitude, longitude" in fault_text(replace(gps(0.0), latitude_deg=4.73977))
     assert "m above or" in fault_text(replace(gps(0.0), altitude_m=488_000.0))

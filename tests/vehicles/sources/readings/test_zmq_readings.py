@@ -155,9 +155,9 @@ async def test_readings_come_on_the_run_clock_and_a_silence_is_a_stall(
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"sensor": "other"}, r"of other sensors \(other\)"),
-        ({"type": "gps"}, "is a 'gps' there, and a rangefinder in the campaign"),
-        ({"range_min_m": 20.0}, "measures from 20"),
+        ({"sensor": "other"}, r"of other sensors arrived \(other\)"),
+        ({"type": "gps"}, "is a 'gps' in the message, and a rangefinder in the campaign"),
+        ({"range_min_m": 20.0}, "range limits are 20"),
         ({"protocol": "x"}, "we speak"),
     ],
 )

@@ -85,7 +85,7 @@ def test_what_is_left_out_agrees() -> None:
         ),
         (
             answered(replace(GATE, name="gaet")),
-            ("it does not show gate: the `shapes` of its `welcome` leave it out",),
+            ("it does not show gate: the `shapes` of its `welcome` lack this object",),
         ),
         (answered(world="hall"), ("it shows the world 'hall', and 'gate' is flown",)),
         (answered(case="small"), ("it shows the case 'small', and 'large' is flown",)),

@@ -133,11 +133,11 @@ def garbage() -> list[tuple[str, Reply, str]]:
         ("rubbish", lambda _: [b"rubbish"], "MessagePack"),
         ("empty", lambda _: [b""], "MessagePack"),
         ("version", lambda a: right(a, protocol="wil/pictures/9"), "speaks 'wil/pictures/9'"),
-        ("next", lambda a: right(a, seq=a["seq"] + 1), "not asked yet"),
+        ("next", lambda a: right(a, seq=a["seq"] + 1), "not sent yet"),
         ("pose", lambda a: right(a, position_ned_m=[9.0, 0.0, 0.0]), "another pose"),
         ("time", lambda a: right(a, t_s=a["t_s"] + 1.0), "another time"),
         ("short", lambda a: [right(a)[0], right(a)[1][:-1]], "bytes"),
-        ("bare", lambda a: right(a)[:1], "lists 1, 0 came"),
+        ("bare", lambda a: right(a)[:1], "lists 1 parts, 0 arrived"),
         ("image", lambda a: [right(a)[0], b""], "0 bytes"),
     ]
 
@@ -149,7 +149,7 @@ async def test_garbage_is_counted_reported_and_never_an_image(answer: Reply, wor
     good = [False]
     with Simulator(lambda a: right(a) if good[0] else answer(a)) as simulator:
         async with ZmqImageSource(address=simulator.address, timeout_s=20.0) as source:
-            with pytest.raises(SimulatorError, match=f"answer is wrong.*{words}"):
+            with pytest.raises(SimulatorError, match=f"reply is wrong.*{words}"):
                 await ask(source)
             assert source.counts.garbage == 1
             good[0] = True
@@ -203,7 +203,7 @@ async def test_nobody_there_is_reported_at_the_start() -> None:
     with pytest.raises(SimulatorTimeoutError, match="no simulator is connected; start it"):
         async with ZmqImageSource(address="tcp://127.0.0.1:9", open_timeout_s=0.2):
             pass
-    with pytest.raises(SimulatorError, match="not an address"):
+    with pytest.raises(SimulatorError, match="not a valid address"):
         async with ZmqImageSource(address="gate.yaml"):
             pass
 
@@ -275,3 +275,16 @@ async def test_a_first_image_that_takes_long_is_waited_for_and_not_counted() -> 
             await ask(source)
     assert source.counts.answered == 1
     assert source.counts.timeouts == 0
+
+
+async def test_a_time_out_names_the_limit_that_was_waited_for() -> None:
+    def silent(question: dict[str, Any]) -> list[bytes]:
+        time.sleep(0.6 if question["type"] == "ask" else 0.0)
+        return right(question)
+
+    with Simulator(silent) as simulator:
+        async with ZmqImageSource(
+            address=simulator.address, timeout_s=9.0, open_timeout_s=0.3
+        ) as source:
+            with pytest.raises(SimulatorError, match=r"did not answer in 0\.3 s"):
+                await source.warm_up(AHEAD, CAMERA, 0.0)

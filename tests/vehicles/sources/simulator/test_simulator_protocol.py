@@ -106,7 +106,7 @@ def test_an_echo_may_have_been_through_single_precision() -> None:
         ({"protocol": "wil/pictures/2"}, "speaks 'wil/pictures/2'.*update"),
         ({"protocol": "absent"}, "`protocol` is missing"),
         ({"type": "welcome"}, "`type`"),
-        ({"seq": 6}, "not asked yet"),
+        ({"seq": 6}, "not sent yet"),
         ({"seq": 5.0}, "`seq`"),
         ({"seq": True}, "`seq`"),
         ({"seq": "absent"}, "`seq`"),
@@ -115,11 +115,11 @@ def test_an_echo_may_have_been_through_single_precision() -> None:
         ({"position_ned_m": [1.0, 2.0]}, "3 finite numbers"),
         ({"position_ned_m": [1.0, float("nan"), -3.0]}, "3 finite numbers"),
         ({"q_wxyz": [1.0, 0.0, 0.0, 0.0]}, "another pose"),
-        ({"parts": []}, "lists 0, 3 came"),
+        ({"parts": []}, "lists 0 parts, 3 arrived"),
         ({"parts": 3}, "list of maps"),
         ({"parts": [{"name": "image"}] * 3}, "`encoding` is missing"),
         ({"parts": [{"name": "image", "encoding": "bgr8"}] * 3}, "a name twice"),
-        ({"parts": [{"name": k, "encoding": "u8"} for k in "xyz"]}, "asked were"),
+        ({"parts": [{"name": k, "encoding": "u8"} for k in "xyz"]}, "requested were"),
     ],
 )
 def test_a_wrong_answer_says_what_is_wrong(changed: dict[str, Any], words: str) -> None:
@@ -137,7 +137,7 @@ def test_wrong_arrays_are_refused() -> None:
         parts[k + 1] = bad
         with pytest.raises(BadMessageError, match=r"image|depth|ids"):
             image_of(parts, ASK)
-    with pytest.raises(BadMessageError, match="lists 3, 2 came"):
+    with pytest.raises(BadMessageError, match="lists 3 parts, 2 arrived"):
         image_of([header, *good[:2]], ASK)
     for count in (0, 20):
         with pytest.raises(BadMessageError, match="parts"):
@@ -145,7 +145,7 @@ def test_wrong_arrays_are_refused() -> None:
 
 
 def test_late_answers_and_refusals_are_distinguished() -> None:
-    with pytest.raises(LateAnswerError, match="question 4"):
+    with pytest.raises(LateAnswerError, match="request 4"):
         image_of(answer(right(seq=4, t_s=0.0)), ASK)
     refusal = pack({"protocol": PROTOCOL, "type": "error", "seq": 5, "message": "no such map"})
     with pytest.raises(RefusedError, match="no such map"):
