@@ -55,9 +55,9 @@ class RtpSink:
             # Else the host's name is looked up with the first picture.
             self._container.start_encoding()
         except (av.error.FFmpegError, OSError, ValueError) as error:
-            said = getattr(error, "strerror", None) or error
+            reason = getattr(error, "strerror", None) or error
             raise DeliveryError(
-                f"{self.name}: cannot be opened: {said}; check the host's name and the network"
+                f"{self.name}: cannot be opened: {reason}; check the host's name and the network"
             ) from error
 
     def write(self, reading: CameraReading) -> None:

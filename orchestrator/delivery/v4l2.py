@@ -12,7 +12,7 @@ from orchestrator.delivery.image_delivery import DeliveryError
 from orchestrator.delivery.threaded_delivery import ThreadedDelivery
 from vehicles.readings import CameraReading
 
-_HOW = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"
+_LOAD_MODULE = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"
 
 
 class V4l2Sink:
@@ -37,10 +37,10 @@ class V4l2Sink:
             self._stream.pix_fmt = "yuv420p"
             self._container.start_encoding()
         except (av.error.FFmpegError, OSError, ValueError) as error:
-            said = getattr(error, "strerror", None) or error
+            reason = getattr(error, "strerror", None) or error
             raise DeliveryError(
-                f"{self.name}: cannot be written to: {said}; is it a loopback device, and not a "
-                f"camera? {_HOW}"
+                f"{self.name}: cannot be written to: {reason}; is it a loopback device, and not a "
+                f"camera? {_LOAD_MODULE}"
             ) from error
 
     def write(self, reading: CameraReading) -> None:
@@ -68,9 +68,9 @@ class V4l2Sink:
         try:
             is_device = stat.S_ISCHR(self._device.stat().st_mode)
         except OSError as error:
-            raise DeliveryError(f"{self.name}: {error.strerror}; {_HOW}") from error
+            raise DeliveryError(f"{self.name}: {error.strerror}; {_LOAD_MODULE}") from error
         if not is_device:
-            raise DeliveryError(f"{self.name}: is no device; {_HOW}")
+            raise DeliveryError(f"{self.name}: is no device; {_LOAD_MODULE}")
 
 
 def v4l2_delivery(

@@ -1,8 +1,7 @@
-"""Whether a vehicle may fly back to its start after a run, and which way; pure.
+"""Whether a vehicle may fly back to its start after a run, and by which path; pure.
 
-A vehicle flies on by itself only after a flight that ended as it should, for the vehicle: landed,
-disarmed, nothing touched that is there, nobody took over. Whether battery and estimator are good
-for it, its own preflight says.
+A vehicle flies back only after a flight that was safe for it: landed, disarmed, nothing real
+touched, no intervention. Battery and estimator are checked by the preflight of the return flight.
 """
 
 import csv
@@ -18,19 +17,19 @@ from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose, Vec3, norm, subtract
 
 CLEAR_M = 0.5
-"""What is left free round a vehicle that nobody steers in sight of things."""
+"""Clearance around a vehicle on its return path, which avoids no obstacles."""
 _STEP_M = 0.1
 _FORBIDDING = frozenset({"failsafe", "lost", "takeover", "silence", "guard", "clock", "abort"})
-"""Events of the guard after which a person looks first."""
+"""Events of the guard after which an operator has to inspect the vehicle."""
 
 _FAULTS = frozenset({"fault", "failsafe", "reboot"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReturnPath:
-    """A return path. stand: where the vehicle stands, start: where it flies; world frame.
+    """A return path. stand: pose of the vehicle, start: its destination; world frame.
 
-    altitude_m: above the world's ground, of the way; speed_m_s: on it.
+    altitude_m: above the world's ground; speed_m_s: of the flight.
     """
 
     stand: Pose
@@ -94,16 +93,16 @@ def why_not_on(
 ) -> str:
     """Return why a vehicle must not fly a return path after a run; "" where it may.
 
-    log: of the run. solid: names of what stands in the real world, which it may have touched.
+    log: events of the run. solid: names of the real world's objects.
     """
     if result.verdict in {"ABORTED", "ERROR"}:
         return f"the run ended as {result.verdict}: {result.reason}"
     if stand is None:
         return "its position is unknown"
     if stand.armed or stand.stage not in {"landed", "end"}:
-        return "it is not landed and disarmed"
+        return "it has not landed and disarmed"
     touched = (
-        f"{flag.text}, which is there"
+        f"{flag.text}, a real object"
         for flag in result.collisions
         if flag.vehicle == "real" and any(name in flag.text for name in solid)
     )
@@ -114,7 +113,7 @@ def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a run's log entries that forbid a return path."""
     armed = False
     for line in log:
-        # What an estimator says before it has converged is not about the flight.
+        # Faults of an estimator before it has converged do not concern the flight.
         armed = armed or (line.get("event") == "stage" and line.get("stage") == "arm")
         if line.get("event") == "guard" and line.get("kind") in _FORBIDDING:
             yield f"the guard took over: {line.get('text')}"
@@ -134,7 +133,7 @@ def why_not_there(
     yaw_rad = way.start.yaw_rad
     poses = [Pose.of(n, e, -d, yaw_rad=yaw_rad) for n, e, d in (above, over)]
     near = probe.sweep(poses[0], 0.0, poses[1], 1.0)
-    return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the way" if near else ""
+    return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the path" if near else ""
 
 
 def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:

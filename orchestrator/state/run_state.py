@@ -50,10 +50,10 @@ class RunState:
         self.over = asyncio.Event()
         self.last_note: Callable[[], str] = str
         """What the autonomy of the judged vehicle noted last; set once there is one."""
-        self._held = False
+        self._is_held = False
         self.holds = 0
         """How often the operator has held the run."""
-        self._due = False
+        self._is_end_due = False
         self._stage_watchers: list[StageWatcher] = []
         self._entries: dict[Stage, asyncio.Event] = {}
         self._decisive_watchers: list[DecisiveWatcher] = []
@@ -79,7 +79,7 @@ class RunState:
             return
         self.dropped_out[vehicle] = left = DropOut(self.time(), reason)
         for watcher in tuple(self._drop_out_watchers):
-            with self.taking(f"the end of the flight of {vehicle}"):
+            with self.recording_faults(f"the end of the flight of {vehicle}"):
                 watcher(vehicle, left)
 
     @contextmanager
@@ -104,7 +104,7 @@ class RunState:
         if stage in self._entries:
             self._entries[stage].set()
         for watcher in self._stage_watchers:
-            with self.taking(f"stage {stage}"):
+            with self.recording_faults(f"stage {stage}"):
                 watcher(stage, now_s)
         return now_s
 
@@ -134,14 +134,14 @@ class RunState:
         at_s = self.time() if t_s is None else t_s
         event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
         self.decisive.append(event)
-        if ends_flight and self._held:
-            self._due = True
+        if ends_flight and self._is_held:
+            self._is_end_due = True
         elif ends_flight:
             self.over.set()
         if self._deciding_faults > 1:
             return  # A watcher that raises whenever it is called would be called without end.
         for watcher in self._decisive_watchers:
-            with self.taking("a watcher of decisive events"):
+            with self.recording_faults("a watcher of decisive events"):
                 watcher(event)
 
     @property
@@ -153,9 +153,9 @@ class RunState:
         """Record an exception of ours in the run, once: it is decisive."""
         self._faults.take(error, where)
 
-    def taking(self, where: str) -> AbstractContextManager[None]:
+    def recording_faults(self, where: str) -> AbstractContextManager[None]:
         """Record an exception raised within as the run's fault, and go on after it."""
-        return self._faults.taking(where)
+        return self._faults.recording(where)
 
     def _decide_fault(self, fault: Fault) -> None:
         self._deciding_faults += 1
@@ -167,15 +167,15 @@ class RunState:
     @property
     def held(self) -> bool:
         """Return whether the operator holds the run."""
-        return self._held
+        return self._is_held
 
     def hold(self) -> None:
         """Let nothing end the run's flight until `release`."""
-        self._held = True
+        self._is_held = True
         self.holds += 1
 
     def release(self) -> None:
         """End the run's hold; what was to end the flight meanwhile does so now."""
-        self._held = False
-        if self._due:
+        self._is_held = False
+        if self._is_end_due:
             self.over.set()

@@ -118,7 +118,7 @@ class VehicleContext:
     def take_estimate(self, sample: EstimateSample) -> None:
         """Take an estimate of the vehicle's autopilot."""
         if self.driver.state.armed:
-            self._lift(sample)
+            self._detect_liftoff(sample)
         if self._faulty_estimate is not None:
             passed = self._faulty_estimate.passed(sample)
             if passed is None:
@@ -166,9 +166,9 @@ class VehicleContext:
         self._refer("truth", sample.t_s, sample.pose, sample.velocity_ned_m_s)
         if sample.contact is not None and self.contact is None:
             self.contact = sample.contact
-            for told in self._contact_listeners:
+            for listener in self._contact_listeners:
                 with _LISTENER:
-                    told(sample)
+                    listener(sample)
 
     def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):
@@ -196,7 +196,7 @@ class VehicleContext:
         moved = subtract(reading.pose.position_ned_m, earlier.pose.position_ned_m)
         return scale(moved, 10.0)
 
-    def _lift(self, sample: EstimateSample) -> None:
+    def _detect_liftoff(self, sample: EstimateSample) -> None:
         height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
         climb_m_s = -sample.velocity_ned_m_s[2]
         self.liftoff.take(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)

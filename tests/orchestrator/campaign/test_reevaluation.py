@@ -241,8 +241,8 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
     [
         ({"stopped": "signal"}, 130, "stopped by Ctrl-C or SIGTERM"),
         ({"stopped": "command"}, 4, "stopped by an operator's command"),
-        ({"broken": True}, 3, "an exception of this program came up outside of its runs"),
-        ({"broken": None}, 3, "summary.json does not say that it came to its end"),
+        ({"broken": True}, 3, "an internal exception occurred outside of its runs"),
+        ({"broken": None}, 3, "summary.json does not record the end of the campaign"),
         (None, 3, "it was cut off, or flown by an earlier version"),
     ],
 )

@@ -176,7 +176,7 @@ ARMED = {"event": "stage", "stage": "arm"}
             result(collisions=(Flag(3.0, "collision", "real", "real touched pillar"),)),
             LANDED,
             [],
-            "real touched pillar, which is there",
+            "real touched pillar, a real object",
         ),
         (result(collisions=(Flag(3.0, "collision", "real", "real touched gate"),)), LANDED, [], ""),
     ],
@@ -194,7 +194,7 @@ def test_after_which_runs_it_may_fly_on(
         (way(), ""),
         (way(altitude_m=4.5), "the path leaves the fence at its ceiling"),
         (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the path leaves the fence at its side"),
-        (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the way"),
+        (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the path"),
         (way(Pose.of(3.0, 5.5, 0.0), altitude_m=3.9), ""),
     ],
 )

@@ -121,7 +121,7 @@ def test_what_the_campaign_sets_is_set_back(
 ) -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has(name) == 5.0
         assert len(list(parameter_backup_folder().iterdir())) == 1
         assert onboard.unbooted == {"real": frozenset({name})}
@@ -141,7 +141,7 @@ def test_what_the_campaign_sets_is_set_back(
 def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has("PRX1_TYPE") == 2.0
         with pytest.raises(
             UnsupportedInjectionError, match=r"PRX1_TYPE was set to 2 since .* reboot it"
@@ -159,7 +159,7 @@ def test_a_vehicle_that_booted_with_it_gets_the_rest_from_the_campaign() -> None
         with pytest.raises(UnsupportedInjectionError, match="set AVOID_ENABLE to 2"):
             await rig.prove(bare)
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         await rig.prove(onboard)
         await onboard.restore()
         assert rig.has("AVOID_ENABLE") == 0.0
@@ -196,7 +196,7 @@ def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
         assert killed.returncode == -signal.SIGKILL
         assert rig.has("AVOID_MARGIN") == 9.0  # as that run left it
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has("AVOID_MARGIN") == 2.0
         assert rig.noted[0][0] == "parameter"
         assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
@@ -226,7 +226,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
         before = rig.has(ceiling)
         onboard = rig.onboard(PreflightPart(failsafe="set"), {"real": first})
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has(ceiling) == 10.0
         await onboard.fences.offer({"real": second})
         if settled:
