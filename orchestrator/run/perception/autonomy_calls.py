@@ -89,7 +89,13 @@ def command_of(answer: object) -> Command:
     note = answer.note
     if not isinstance(note, str):
         raise AutonomyFault(f"returned a note that is {_kind(note)}, not text")
-    return Command(_setpoint(answer.setpoint), bool(answer.done), printable(note)[:_LONGEST_NOTE])
+    try:
+        done = bool(answer.done)
+    except (TypeError, ValueError):  # as of an array with several values
+        raise AutonomyFault(
+            f"returned a done that is {_kind(answer.done)}, not True or False"
+        ) from None
+    return Command(_setpoint(answer.setpoint), done, printable(note)[:_LONGEST_NOTE])
 
 
 def _setpoint(value: object) -> Setpoint:

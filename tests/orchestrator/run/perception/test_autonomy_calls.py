@@ -127,6 +127,7 @@ def test_somebody_elses_timer_goes_on() -> None:
         (Command(VelocitySetpoint((0.0, 0.0, 0.0), 0.0, 0.0)), "both yaw_rad and yaw_rate_rad_s"),
         (Command(PositionSetpoint((math.nan, 0.0, 0.0))), "position_ned_m is not finite"),
         (Command(STILL, note={"a": 1}), "a note that is a dict"),  # type: ignore[arg-type]
+        (Command(STILL, done=np.zeros(2)), "a done that is a ndarray"),  # type: ignore[arg-type]
     ],
 )
 def test_an_answer_that_no_vehicle_can_fly_is_a_fault(answer: object, said: str) -> None:
