@@ -84,7 +84,7 @@ def read_standing_pose(folder: Path, name: str) -> StandingPose | None:
         return None
 
 
-def why_not_on(
+def why_no_return(
     result: RunResult,
     stand: StandingPose | None,
     log: Iterable[Mapping[str, Any]],
@@ -95,8 +95,10 @@ def why_not_on(
 
     log: events of the run. solid: names of the real world's objects.
     """
-    if result.verdict in {"ABORTED", "ERROR"}:
-        return f"the run ended as {result.verdict}: {result.reason}"
+    decided = [(one.verdict, one.reason) for one in result.also]
+    for verdict, reason in ((result.verdict, result.reason), *decided):
+        if verdict in {"ABORTED", "ERROR"}:
+            return f"the run ended as {verdict}: {reason}"
     if stand is None:
         return "its position is unknown"
     if stand.armed or stand.stage not in {"landed", "end"}:
@@ -106,10 +108,10 @@ def why_not_on(
         for flag in result.collisions
         if flag.vehicle == "real" and any(name in flag.text for name in solid)
     )
-    return next(touched, "") or next(_troubles(log), "")
+    return next(touched, "") or next(_forbidding_events(log), "")
 
 
-def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+def _forbidding_events(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a run's log entries that forbid a return path."""
     armed = False
     for line in log:
@@ -121,16 +123,16 @@ def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
             yield f"{line.get('vehicle')} reported a {line.get('kind')}: {line.get('text')}"
 
 
-def why_not_there(
-    way: ReturnPath, *, fence: Fence | None, keep_m: float, probe: ClearanceProbe
+def why_path_blocked(
+    path: ReturnPath, *, fence: Fence | None, keep_m: float, probe: ClearanceProbe
 ) -> str:
     """Return what blocks a return path; "" for nothing. probe: real world without floors."""
     if fence is not None:
-        for point in _points(way):
+        for point in _points(path):
             if fence.margin_m(point) < keep_m:
                 return f"the path leaves the fence at its {fence.boundary(point)}"
-    _, above, over, _ = way.points
-    yaw_rad = way.start.yaw_rad
+    _, above, over, _ = path.points
+    yaw_rad = path.start.yaw_rad
     poses = [Pose.of(n, e, -d, yaw_rad=yaw_rad) for n, e, d in (above, over)]
     near = probe.sweep(poses[0], 0.0, poses[1], 1.0)
     return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the path" if near else ""
@@ -145,9 +147,9 @@ def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | 
     return math.hypot(north_m, east_m), abs(math.degrees(turn_rad))
 
 
-def _points(way: ReturnPath) -> Iterator[Vec3]:
+def _points(path: ReturnPath) -> Iterator[Vec3]:
     """Yield points on a return path's level part, and above both its ends."""
-    _, above, over, _ = way.points
+    _, above, over, _ = path.points
     leg = subtract(over, above)
     count = max(1, math.ceil(norm(leg) / _STEP_M))
     for index in range(count + 1):

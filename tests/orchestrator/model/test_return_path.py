@@ -13,15 +13,15 @@ from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from orchestrator.campaign.between_runs import BetweenRuns
 from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.results import RunResult, SyncResult
+from orchestrator.model.results import Also, RunResult, SyncResult
 from orchestrator.model.return_path import (
     CLEAR_M,
     ReturnPath,
     StandingPose,
     off_start,
     read_standing_pose,
-    why_not_on,
-    why_not_there,
+    why_no_return,
+    why_path_blocked,
 )
 from orchestrator.run.stages.return_flight import return_setup
 from orchestrator.state.run_setup import RunOrder, RunSetup
@@ -150,6 +150,13 @@ ARMED = {"event": "stage", "stage": "arm"}
         (result(verdict="INVALID", reason="mixing"), LANDED, [], ""),
         (result(verdict="ABORTED", reason="by anna"), LANDED, [], "ended as ABORTED: by anna"),
         (result(verdict="ERROR", reason="lost"), LANDED, [], "ended as ERROR: lost"),
+        (
+            result(verdict="FAIL", also=(Also("ERROR", "real still has its parameters", 9.0),)),
+            LANDED,
+            [],
+            "the run ended as ERROR: real still has its parameters",
+        ),
+        (result(verdict="FAIL", also=(Also("INVALID", "mixing", 9.0),)), LANDED, [], ""),
         (result(), None, [], "its position is unknown"),
         (result(), replace(LANDED, armed=True), [], "not landed and disarmed"),
         (result(), replace(LANDED, stage="land"), [], "not landed and disarmed"),
@@ -184,7 +191,7 @@ ARMED = {"event": "stage", "stage": "arm"}
 def test_after_which_runs_it_may_fly_on(
     ended: RunResult, stand: StandingPose | None, log: list[dict[str, Any]], why: str
 ) -> None:
-    said = why_not_on(ended, stand, log, solid={"pillar"})
+    said = why_no_return(ended, stand, log, solid={"pillar"})
     assert (why in said) if why else said == ""
 
 
@@ -201,7 +208,7 @@ def test_after_which_runs_it_may_fly_on(
 def test_which_ways_are_free(back: ReturnPath, why: str) -> None:
     scene = World.parse(parse(WORLD.encode(), name="world.yaml")).scene("real", "W")
     probe = ClearanceProbe(scene, BODY, floors=False, within_m=CLEAR_M)
-    assert why_not_there(back, fence=FENCE, keep_m=0.0, probe=probe) == why
+    assert why_path_blocked(back, fence=FENCE, keep_m=0.0, probe=probe) == why
 
 
 class Asked:
