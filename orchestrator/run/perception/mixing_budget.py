@@ -95,19 +95,19 @@ class MixingBudgetWatch:
 
         alive: called four times a second.
         """
-        loop = asyncio.get_running_loop()
+        loop, is_decided = asyncio.get_running_loop(), False
         while True:
             alive()
             await asyncio.sleep(STALLED_S / 4)
             if self._run_state.stage == "goal":
                 for watched in self._watched.values():
                     self._check_mixing(watched, loop.time())
-            if self._doubt is None:
+            if self._doubt is None or is_decided:
                 continue
             t_s, reason = self._doubt
             if loop.time() - t_s > _SETTLE_S and not self._is_any_silent():
                 self._run_state.decide("INVALID", reason, t_s=t_s, source="mixing")
-                return
+                is_decided = True
 
     def _check_mixing(self, watched: _WatchedMixing, now_s: float) -> None:
         last_s = watched.loop.statistics.last_delivery_s or 0.0

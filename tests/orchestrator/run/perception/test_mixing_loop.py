@@ -477,6 +477,24 @@ class Flight:
         asyncio.get_running_loop().call_at(t_s + late_s, mix)
 
 
+def test_the_watch_stays_alive_after_it_has_decided_the_run() -> None:
+    """Else the watchdog takes it for blocked, while an operator holds the vehicles in the air."""
+
+    async def run() -> list[float]:
+        flight, loop, alive_s = Flight(BODY), asyncio.get_running_loop(), list[float]()
+        task = asyncio.ensure_future(flight.watch.run(lambda: alive_s.append(loop.time())))
+        flight.run_state.enter("goal")
+        flight.watch.doubted("the camera stopped")
+        await asyncio.sleep(20.0)
+        assert flight.reason() == ("INVALID", "the camera stopped", 0.0)
+        assert len(flight.run_state.decisive) == 1
+        task.cancel()
+        await asyncio.wait([task])
+        return alive_s
+
+    assert run_virtual(run())[-1] > 19.0
+
+
 def judged(body: str, feed: Callable[[Flight], Awaitable[None]]) -> Flight:
     async def run() -> Flight:
         flight = Flight(body)
