@@ -71,10 +71,14 @@ class OnboardConfiguration:
 
     async def restore(self) -> None:
         """Restore the onboard configuration; a failure decides the run as ERROR."""
-        await asyncio.gather(
-            *(self._restore_vehicle(name, one) for name, one in self._stacks.items())
+        results = await asyncio.gather(
+            *(self._restore_vehicle(name, one) for name, one in self._stacks.items()),
+            return_exceptions=True,
         )
         self._stacks.clear()
+        for result in results:
+            if result is not None:
+                raise result
 
     async def fetch_logs(self) -> None:
         """Fetch each vehicle's newest log into the run's folder; failures are noted."""

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
@@ -240,6 +241,33 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         assert rig.decided == []
 
     with_vehicle(autopilot, script, params={})
+
+
+def test_a_vehicle_is_restored_although_another_one_cannot_be() -> None:
+    """A backup that cannot be deleted (OSError) must not cut short what takes longer elsewhere."""
+    restored: list[str] = []
+
+    async def fail() -> None:
+        raise OSError("disk failed")
+
+    async def restore_slowly() -> None:
+        await asyncio.sleep(1.0)
+        restored.append("twin")
+
+    async def run() -> None:
+        setup: Any = SimpleNamespace(flown=lambda _: SimpleNamespace(attached="udpin://:14540"))
+        anything: Any = SimpleNamespace(restored=lambda *_, **__: None)
+        onboard = OnboardConfiguration(
+            setup=setup, contexts=(), run_state=anything, record=anything, note=print
+        )
+        for name, undo in (("real", fail), ("twin", restore_slowly)):
+            onboard._stacks[name] = stack = AsyncExitStack()
+            stack.push_async_callback(undo)
+        with pytest.raises(OSError, match="disk failed"):
+            await onboard.restore()
+
+    run_virtual(run())
+    assert restored == ["twin"]
 
 
 def backups() -> int:
