@@ -14,7 +14,7 @@ from orchestrator.run.flight.operator_handler import OperatorHandler, operator_h
 from orchestrator.run.flight.progress_reporter import ProgressReporter
 from orchestrator.run.flight.recorder_factory import recorder_of
 from orchestrator.run.flight.run_feed import RunFeed
-from orchestrator.run.flight.watchdog import Watchdog
+from orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from orchestrator.run.judging.oracle_runner import OracleRunner
 from orchestrator.run.judging.run_oracles import build_judge
 from orchestrator.run.perception.perception import Perception
@@ -212,7 +212,11 @@ def flight_parts(
         operator_hold=operator_hold,
         reporter=reporter,
         before_arming=before_arming,
-        watchdog=Watchdog.of(run_state, setup.campaign.sync, pace=setup.pace),
+        watchdog=Watchdog(
+            run_state=run_state,
+            patience_s=stage_patience_s(setup.campaign.sync),
+            pace=setup.pace,
+        ),
         operator_handler=operator_handler_of(
             setup,
             pair,

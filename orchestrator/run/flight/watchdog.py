@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
-from typing import Self
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.state.run_state import RunState, Stage
@@ -49,11 +48,6 @@ class Watchdog:
         self._awaited: set[str] = set()
         self._stage = run_state.stage
         self._looks = 0
-
-    @classmethod
-    def of(cls, run_state: RunState, sync: SyncSetup, *, pace: float) -> Self:
-        """Return the watchdog of a campaign's run."""
-        return cls(run_state=run_state, patience_s=stage_patience_s(sync), pace=pace)
 
     def watch(self, name: str) -> Sign:
         """Watch a task; return what it has to call at least twice in ten seconds."""

@@ -7,7 +7,7 @@ from campaigns.setup.named_objects import named_objects
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.external.program_runner import ProgramRunner
 from orchestrator.model.arming_steps import ArmingStep
-from orchestrator.model.control_results import control_result
+from orchestrator.model.control_results import ControlResult, control_result
 from orchestrator.model.external_results import ExternalResult
 from orchestrator.model.results import (
     ActorResult,
@@ -93,13 +93,7 @@ def result_of(
         not_judged=unjudged(
             setup.campaign.oracles, collision_always=setup.campaign.collision_always
         ),
-        control=control_result(
-            plan.control,
-            verdict=decision.verdict,
-            reason=decision.reason,
-            decided_by=decision.source,
-            subject=setup.subject,
-        ),
+        control=_control_result(setup, decision),
         exceptions=exceptions_of(run_state),
         twin=twin,
         losses=losses,
@@ -133,14 +127,19 @@ def broken_result(
         sync=SyncResult(),
         mixing=None,
         decided_by=decision.source,
-        control=control_result(
-            plan.control,
-            verdict=decision.verdict,
-            reason=decision.reason,
-            decided_by=decision.source,
-            subject=setup.subject,
-        ),
+        control=_control_result(setup, decision),
         exceptions=exceptions_of(run_state),
+    )
+
+
+def _control_result(setup: RunSetup, decision: Decision) -> ControlResult | None:
+    """Return the control result of a run by its verdict; None where the run is no control."""
+    return control_result(
+        setup.order.plan.control,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        decided_by=decision.source,
+        subject=setup.subject,
     )
 
 

@@ -27,7 +27,7 @@ _LONGEST_LINE = 100
 _LONGEST_TRACE = 8000
 _STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
 _ROOT = Path(__file__).parents[3]
-_OURS = tuple(
+_LIBRARY_PACKAGES = tuple(
     _ROOT / name
     for name in ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
 )
@@ -217,7 +217,7 @@ def _frames(error: BaseException) -> list[traceback.FrameSummary]:
 def _is_library(filename: str) -> bool:
     """Return whether a traceback's file is a library, not the autonomy's code."""
     path = Path(filename)
-    if any(path.is_relative_to(ours) for ours in _OURS):
+    if any(path.is_relative_to(package) for package in _LIBRARY_PACKAGES):
         return not path.is_relative_to(_SHIPPED)
     installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
     return filename.startswith("<") or installed or path.is_relative_to(_STANDARD_LIBRARY)

@@ -60,15 +60,15 @@ class MixingBudgetWatch:
         if self._run_state.stage != "goal":
             return
         if provenance.dropped is not None:
-            self.breach_seen(frame.name, provenance.detail or provenance.dropped)
+            self.note_breach(frame.name, provenance.detail or provenance.dropped)
             return
         budget = watched.loop.mixer.combination.budget
         breach = breach_of(budget, provenance)
         if breach is not None:
-            self.breach_seen(frame.name, str(breach))
+            self.note_breach(frame.name, str(breach))
         limit_px = budget.max_registration_error_px
         if limit_px is not None and frame.unbounded:
-            self.breach_seen(
+            self.note_breach(
                 frame.name, f"max_registration_error_px: {limit_px:g}, and {frame.unbounded}"
             )
         self._check_frame_visibility(watched.loop, frame)
@@ -79,13 +79,13 @@ class MixingBudgetWatch:
             return
         fault = loop.probe.coverage.take(frame.visibility)
         if fault is not None:
-            self.breach_seen(loop.name, fault.text + loop.probe.why_nothing())
+            self.note_breach(loop.name, fault.text + loop.probe.why_nothing())
 
-    def breach_seen(self, name: str, reason: str) -> None:
+    def note_breach(self, name: str, reason: str) -> None:
         """Note the breach of a mixing budget while the goal is flown; the first one counts."""
-        self.doubted(f"mixing of {name}: {reason}")
+        self.note_doubt(f"mixing of {name}: {reason}")
 
-    def doubted(self, reason: str) -> None:
+    def note_doubt(self, reason: str) -> None:
         """Note a sensor without valid readings while the goal is flown; the first counts."""
         if self._run_state.stage == "goal" and self._doubt is None:
             self._doubt = (asyncio.get_running_loop().time(), reason)
@@ -116,10 +116,10 @@ class MixingBudgetWatch:
             reason = f"no mixed reading for more than {watched.stalled_s:g} s"
             if why := watched.loop.statistics.last_miss:
                 reason += f": {why}"
-            self.breach_seen(watched.loop.name, reason)
+            self.note_breach(watched.loop.name, reason)
         breach = watched.rate.breach(now_s)
         if breach is not None:
-            self.breach_seen(watched.loop.name, str(breach))
+            self.note_breach(watched.loop.name, str(breach))
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage == "goal":

@@ -82,7 +82,7 @@ def build_perception(
         external_io=external_io,
         faults=faults,
     )
-    perception.has_external_sensors = external_io.senses(budgets.doubted)
+    perception.has_external_sensors = external_io.senses(budgets.note_doubt)
     builder = _PerceptionBuilder(
         setup=setup,
         contexts=contexts,
@@ -177,7 +177,7 @@ class _PerceptionBuilder:
             probe=probe if isinstance(probe, VisibilityProbe) else None,
             unmeasured="" if isinstance(probe, VisibilityProbe) else probe.why,
             on_mixture=perception.report_mixture,
-            on_fault=lambda reason: perception.budgets.breach_seen(name, reason),
+            on_fault=lambda reason: perception.budgets.note_breach(name, reason),
         )
         perception.budgets.watch(mixing, max(period_s, 1.0 / rate_hz if rate_hz else 0.0))
         self._source("real", real).takers.append(mixing.real_reading)

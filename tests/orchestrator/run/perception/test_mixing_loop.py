@@ -484,7 +484,7 @@ def test_the_watch_stays_alive_after_it_has_decided_the_run() -> None:
         flight, loop, alive_s = Flight(BODY), asyncio.get_running_loop(), list[float]()
         task = asyncio.ensure_future(flight.watch.run(lambda: alive_s.append(loop.time())))
         flight.run_state.enter("goal")
-        flight.watch.doubted("the camera stopped")
+        flight.watch.note_doubt("the camera stopped")
         await asyncio.sleep(20.0)
         assert flight.reason() == ("INVALID", "the camera stopped", 0.0)
         assert len(flight.run_state.decisive) == 1
