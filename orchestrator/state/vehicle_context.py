@@ -2,12 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from orchestrator.state.liftoff_detector import LiftoffDetector
-from orchestrator.state.signal_faults import (
-    SignalFaults,
-    restamp_estimate,
-)
+from orchestrator.state.signal_faults import SignalFaults, restamp_estimate
 from safety.model.samples import PoseSample, ReferenceSample
 from vehicles.autonomy import Telemetry
 from vehicles.autopilots.injection_support.rules import Setpoints
@@ -21,6 +19,8 @@ from vehicles.readings.copies import restamp_pose
 from vehicles.setpoints import PositionSetpoint, Setpoint
 from vehicles.tasks import Contained
 from worlds.frames import Pose, Vec3, scale, subtract
+
+T = TypeVar("T")
 
 _LISTENER = Contained("a listener to a vehicle's pose")
 HISTORY_S = 2.0
@@ -118,37 +118,19 @@ class VehicleContext:
         """Process an estimate of the vehicle's autopilot."""
         if self.driver.state.armed:
             self._detect_liftoff(sample)
-        if self._faulty_estimate is not None:
-            passed = self._faulty_estimate.passed(sample)
-            if passed is None:
-                return
-            sample = passed
-        if self.pose_source == "mavlink":
-            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        else:
-            self._refer("mavlink", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        self._take_sample("mavlink", _pass_fault(self._faulty_estimate, sample))
 
     def take_simulator(self, sample: EstimateSample) -> None:
         """Process a ground truth of the vehicle that its simulator sent over MAVLink."""
         if not self._has_own_truth:
             self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        if self._faulty_simulator is not None:
-            passed = self._faulty_simulator.passed(sample)
-            if passed is None:
-                return
-            sample = passed
-        if self.pose_source == "simulator":
-            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        else:
-            self._refer("simulator", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        self._take_sample("simulator", _pass_fault(self._faulty_simulator, sample))
 
-    def take_mocap(self, reading: PoseReading) -> None:
+    def take_mocap(self, captured: PoseReading) -> None:
         """Process a motion capture pose of the vehicle."""
-        if self._faulty_mocap is not None:
-            passed = self._faulty_mocap.passed(reading)
-            if passed is None:
-                return
-            reading = passed
+        reading = _pass_fault(self._faulty_mocap, captured)
+        if reading is None:
+            return
         for listener in self._mocap_listeners:
             with _LISTENER:
                 listener(reading)
@@ -168,6 +150,15 @@ class VehicleContext:
             for listener in self._contact_listeners:
                 with _LISTENER:
                     listener(sample)
+
+    def _take_sample(self, source: str, sample: EstimateSample | None) -> None:
+        """Take a sample as a pose if it is of the pose source, else as a reference."""
+        if sample is None:
+            return
+        if source == self.pose_source:
+            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        else:
+            self._refer(source, sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
     def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):
@@ -199,3 +190,8 @@ class VehicleContext:
         height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
         climb_m_s = -sample.velocity_ned_m_s[2]
         self.liftoff.take(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)
+
+
+def _pass_fault(fault: FaultySignal[T] | None, sample: T) -> T | None:
+    """Return a vehicle's sample with its fault injected; None while the signal has stopped."""
+    return sample if fault is None else fault.passed(sample)

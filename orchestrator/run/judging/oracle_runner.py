@@ -4,7 +4,7 @@ import asyncio
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import cast, get_args
+from typing import TypeVar, cast, get_args
 
 from orchestrator.model.results import FenceChange
 from orchestrator.model.twin_results import DropOut
@@ -37,6 +37,7 @@ TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
+S = TypeVar("S", bound=LoggedSample)
 FlagWatcher = Callable[[Flag], None]
 SampleLogger = Callable[[LoggedSample], None]
 
@@ -118,20 +119,15 @@ class OracleRunner:
         self.changed_fences |= fences
         for name, fence in fences.items():
             changed = FenceSample(now_s, name, fence)
-            self._log_sample(changed)
-            self._pass_on_flags(self._judge.fence(changed))
+            self._feed(changed, self._judge.fence)
 
     def report(self, sample: ReportSample) -> None:
         """Report to the oracles that a sample of a signal has arrived."""
-        self._log_sample(sample)
-        self._judge.report(sample)
-        self._pass_on_flags(())
+        self._feed(sample, self._judge.report)
 
     def doubt(self, sample: DoubtSample) -> None:
         """Report to the oracles a signal that is not credible: the run is INVALID."""
-        self._log_sample(sample)
-        self._judge.doubt(sample)
-        self._pass_on_flags(())
+        self._feed(sample, self._judge.doubt)
 
     def last_state(self, t_s: float) -> None:
         """Feed every vehicle's last state to the oracles."""
@@ -139,48 +135,39 @@ class OracleRunner:
             self._state(context, t_s)
 
     def _pose(self, sample: PoseSample) -> None:
-        if not self._judged_times[sample.vehicle].is_due(sample.t_s):
-            return
-        self._log_sample(sample)
-        self._pass_on_flags(self._judge.pose(sample))
+        if self._judged_times[sample.vehicle].is_due(sample.t_s):
+            self._feed(sample, self._judge.pose)
 
     def _reference(self, sample: ReferenceSample) -> None:
-        self._log_sample(sample)
-        self._judge.reference(sample)
-        self._pass_on_flags(())
+        self._feed(sample, self._judge.reference)
 
     def _ground_speed(self, vehicle: str, speed: GroundSpeed) -> None:
         sample = GroundSpeedSample(
             speed.arrived_s, vehicle, "gps", speed.speed_m_s, speed.accuracy_m_s
         )
-        self._log_sample(sample)
-        self._judge.ground_speed(sample)
-        self._pass_on_flags(())
+        self._feed(sample, self._judge.ground_speed)
 
     def _state(self, context: VehicleContext, t_s: float) -> None:
-        state = context.driver.state
-        if state.last_heard_s is None:
+        if context.driver.state.last_heard_s is None:
             return
         self._judge_arrivals(context)
         for name, reported_s in context.driver.reported_s.items():
             if reported_s > self._reported_s.get((context.name, name), -1.0):
                 self._reported_s[context.name, name] = reported_s
                 self.report(ReportSample(reported_s, context.name, name))
-        self._judge_state(state_sample(context.name, state, t_s))
+        self._judge_state(context, t_s)
 
     def _judge_arrivals(self, context: VehicleContext) -> None:
         for received_s in context.driver.take_arrivals():
-            link = LinkSample(received_s, context.name)
-            self._log_sample(link)
-            self._pass_on_flags(self._judge.received(link))
+            self._feed(LinkSample(received_s, context.name), self._judge.received)
 
-    def _judge_state(self, sample: StateSample) -> None:
-        self._log_sample(sample)
-        self._pass_on_flags(self._judge.state(sample))
+    def _judge_state(self, context: VehicleContext, t_s: float) -> None:
+        sample = state_sample(context.name, context.driver.state, t_s)
+        self._feed(sample, self._judge.state)
 
     def _event(self, context: VehicleContext, event: VehicleEvent) -> None:
         if event.kind != "text":
-            self._judge_state(state_sample(context.name, context.driver.state, event.t_s))
+            self._judge_state(context, event.t_s)
 
     def _failure(self, context: VehicleContext, reason: str) -> None:
         if context.may_drop_out and self._run_state.reached("takeoff"):
@@ -202,16 +189,16 @@ class OracleRunner:
             for context in self._contexts:
                 # If this loop was late, what came before the stage must not look like a gap at it.
                 self._judge_arrivals(context)
-            reached = StageSample(t_s, cast("JudgedStage", stage))
-            self._log_sample(reached)
-            self._pass_on_flags(self._judge.stage(reached))
+            self._feed(StageSample(t_s, cast("JudgedStage", stage)), self._judge.stage)
 
     def _drop_out(self, vehicle: str, left: DropOut) -> None:
         """End the oracles that only report on a vehicle that dropped out."""
-        gone = DropOutSample(left.at_s, vehicle)
-        self._log_sample(gone)
-        self._judge.drop_out(gone)
-        self._pass_on_flags(())
+        self._feed(DropOutSample(left.at_s, vehicle), self._judge.drop_out)
+
+    def _feed(self, sample: S, judge: Callable[[S], tuple[Flag, ...] | None]) -> None:
+        """Log a sample, judge it, and pass on its flags and the new decisive events."""
+        self._log_sample(sample)
+        self._pass_on_flags(judge(sample) or ())
 
     def _pass_on_flags(self, flags: tuple[Flag, ...]) -> None:
         for flag in flags:

@@ -276,14 +276,14 @@ class MixingLoop:
         statistics, provenance = self.statistics, mixed.provenance
         if mixed.reading is not None:
             statistics.delivered(now_s)
-        if provenance.skew_ms is not None:
-            statistics.skew_ms.add(provenance.skew_ms)
-        if provenance.latency_ms is not None:
-            statistics.latency_ms.add(provenance.latency_ms)
-        if provenance.registration_error_px is not None:
-            statistics.registration_error_px.add(provenance.registration_error_px)
-        if provenance.registration_bound_px is not None:
-            statistics.registration_bound_px.add(provenance.registration_bound_px)
+        for samples, value in (
+            (statistics.skew_ms, provenance.skew_ms),
+            (statistics.latency_ms, provenance.latency_ms),
+            (statistics.registration_error_px, provenance.registration_error_px),
+            (statistics.registration_bound_px, provenance.registration_bound_px),
+        ):
+            if value is not None:
+                samples.add(value)
 
 
 def _is_big(reading: Reading) -> bool:
