@@ -87,7 +87,7 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
             contexts=cast("Any", contexts),
             external_io=cast("Any", SimpleNamespace(before_arming=partial(report, "proven"))),
             preflight=cast("Any", SimpleNamespace(check=partial(report, "preflight"))),
-            configuration=cast("Any", SimpleNamespace(put=put, unbooted={})),
+            configuration=cast("Any", SimpleNamespace(apply=put, unbooted={})),
             record=record,
         )
         await fly_together(
