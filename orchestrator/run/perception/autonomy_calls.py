@@ -5,11 +5,10 @@ import signal
 import sysconfig
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Literal, NoReturn, TypeVar
+from typing import Literal, TypeVar
 
 from campaigns.values.autonomy_limits import LONGEST_CALL_S
 from vehicles.autonomy import Command
@@ -67,8 +66,7 @@ def call_autonomy(
     raises them.
     """
     try:
-        with _alarm(within_s):
-            return call()
+        return _call_with_alarm(call, within_s)
     except _HangWarning as error:
         name = f"autonomy.limits.{limit}"
         reason = f"gave no answer within {within_s:g} s, its limit ({name}) ({_place_of(error)})"
@@ -145,30 +143,32 @@ def _number(name: str, value: object) -> float:
     return number
 
 
-@contextmanager
-def _alarm(after_s: float) -> Iterator[None]:
-    """Raise _HangWarning in an autonomy call whose time is up, and again each second.
+def _call_with_alarm(call: Callable[[], T], after_s: float) -> T:
+    """Return a call's result; raise _HangWarning in it when its time is up, and again each second.
 
     Needs the main thread, where signals arrive; elsewhere there is no limit. A timer that other
     code has set continues afterwards.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+        return call()
     before = signal.signal(signal.SIGALRM, _warn_of_hang)
     left_s, every_s = signal.setitimer(signal.ITIMER_REAL, after_s, _AGAIN_S)
     try:
-        yield
+        return call()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
         signal.setitimer(signal.ITIMER_REAL, left_s, every_s)
 
 
-def _warn_of_hang(number: int, frame: FrameType | None) -> NoReturn:
-    """Raise the warning of a hanging autonomy call (signal handler)."""
-    del number, frame
-    raise _HangWarning
+def _warn_of_hang(number: int, frame: FrameType | None) -> None:
+    """Raise the warning of a hanging autonomy call (signal handler).
+
+    Not in this module: an exception while the timer is being switched off would leave it on.
+    """
+    del number
+    if frame is None or frame.f_code.co_filename != __file__:
+        raise _HangWarning
 
 
 def _kind(value: object) -> str:

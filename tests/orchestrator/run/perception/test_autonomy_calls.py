@@ -1,6 +1,7 @@
 """Whatever the autonomy under test does or answers, it is its fault, and told with its place."""
 
 import asyncio
+import contextlib
 import json
 import math
 import signal
@@ -92,6 +93,18 @@ def test_an_autonomy_that_hangs_gave_no_answer(hang: Callable[[], None]) -> None
         match=r"gave no answer within 0\.05 s, its limit \(.*call_s\) \(.*test_autonomy_calls\.py:",
     ):
         call_autonomy(hang, within_s=0.05)
+
+
+def test_an_alarm_after_the_end_of_a_call_does_not_interrupt_its_clean_up() -> None:
+    """Else the timer stays on, and the next alarm interrupts the run: a landing, maybe."""
+
+    before = signal.getsignal(signal.SIGALRM)
+    for k in range(300):
+        with contextlib.suppress(AutonomyFault):
+            call_autonomy(lambda: 7, within_s=1e-6 * (1 + k % 30))
+        _, every_s = signal.getitimer(signal.ITIMER_REAL)
+        assert every_s == 0.0
+        assert signal.getsignal(signal.SIGALRM) is before
 
 
 def test_somebody_elses_timer_goes_on() -> None:
