@@ -138,7 +138,7 @@ def test_what_was_not_flown_and_what_is_no_recording_are_reported(
 DAMAGE: tuple[tuple[str, Callable[[bytes], bytes], str], ...] = (
     ("result.json", lambda data: data[:-20], "is truncated, damaged or of another version"),
     ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
-    ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
+    ("result.json", lambda data: data.replace(b"\n", b" \n"), "was edited"),
     ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
     ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
     ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
