@@ -158,17 +158,10 @@ def flight_parts(
 ) -> FlightParts:
     """Return the run with all its parts connected to the vehicles."""
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
-    reporter, oracle_runner = ground.reporter, ground.oracle_runner
     subject = next(one for one in pair.contexts if one.name == setup.subject)
     run_state.last_note = lambda: subject.note
     ground.external_io.attach(pair.contexts)
-    faults = SignalFaults(
-        setup.campaign.faults,
-        run_state=run_state,
-        note=lambda text: recorder.note("fault injected", fault=text),
-    )
-    for context in pair.contexts:
-        context.inject(faults)
+    faults = _signal_faults(ground, pair)
     ground.perception = perception = build_perception(
         setup,
         pair=pair,
@@ -179,17 +172,7 @@ def flight_parts(
         watchers=_watchers(recorder, ground.external_io, ground.feed),
         faults=faults,
     )
-    goal = GoalFlight(
-        runners=perception.runners,
-        subject=setup.subject,
-        run_state=run_state,
-        events=ground.events,
-        started=sync.goal_given,
-        within_s=setup.campaign.sync.goal_timeout_s,
-        companion=setup.companion,
-        notify=partial(_world_event, recorder, pair),
-    )
-    run_state.on_stage(partial(_moment, ground.events, goal.notify))
+    goal = _goal_flight(ground, pair, perception)
     sync.attach(pair.contexts)
     if ground.twin is not None and setup.companion is not None:
         ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
@@ -201,7 +184,7 @@ def flight_parts(
         setup=setup,
         run_state=run_state,
         pair=pair,
-        oracle_runner=oracle_runner,
+        oracle_runner=ground.oracle_runner,
         external_io=ground.external_io,
         perception=perception,
         recorder=recorder,
@@ -210,7 +193,7 @@ def flight_parts(
         sync=sync,
         twin=ground.twin,
         operator_hold=operator_hold,
-        reporter=reporter,
+        reporter=ground.reporter,
         before_arming=before_arming,
         watchdog=Watchdog(
             run_state=run_state,
@@ -220,14 +203,43 @@ def flight_parts(
         operator_handler=operator_handler_of(
             setup,
             pair,
-            oracle_runner,
-            reporter=reporter,
+            ground.oracle_runner,
+            reporter=ground.reporter,
             recorder=recorder,
             inbox=inbox,
             onboard_fences=before_arming.configuration.fences,
         ),
         feed=ground.feed,
     )
+
+
+def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
+    """Return the run's signal faults, injected into the pair's pose sources."""
+    faults = SignalFaults(
+        ground.setup.campaign.faults,
+        run_state=ground.run_state,
+        note=lambda text: ground.recorder.note("fault injected", fault=text),
+    )
+    for context in pair.contexts:
+        context.inject(faults)
+    return faults
+
+
+def _goal_flight(ground: GroundParts, pair: Pair, perception: Perception) -> GoalFlight:
+    """Return the flight of the run's goal; it passes the world's events on."""
+    setup = ground.setup
+    goal = GoalFlight(
+        runners=perception.runners,
+        subject=setup.subject,
+        run_state=ground.run_state,
+        events=ground.events,
+        started=ground.sync.goal_given,
+        within_s=setup.campaign.sync.goal_timeout_s,
+        companion=setup.companion,
+        notify=partial(_world_event, ground.recorder, pair),
+    )
+    ground.run_state.on_stage(partial(_moment, ground.events, goal.notify))
+    return goal
 
 
 def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
