@@ -113,8 +113,8 @@ class Rig:
             period_s=1.0 / 60.0,
             rate_hz=None,
             registration=None,
-            tell=self._report_mixture,
-            trouble=print,
+            on_mixture=self._report_mixture,
+            on_fault=print,
         )
 
     def pose(self, _: int, t_s: float) -> None:

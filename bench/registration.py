@@ -133,8 +133,8 @@ def fly(align: str, seconds: float) -> Seen:
         period_s=1.0 / IMAGES_HZ,
         rate_hz=None,
         registration=registration,
-        tell=tell,
-        trouble=print,
+        on_mixture=tell,
+        on_fault=print,
     )
 
     run_virtual(_flight(loop, poses, seconds))

@@ -16,8 +16,8 @@ from orchestrator.model.return_path import (
     ReturnPath,
     off_start,
     read_standing_pose,
-    why_not_on,
-    why_not_there,
+    why_no_return,
+    why_path_blocked,
 )
 from orchestrator.state.run_setup import RunOrder
 from worlds.clearance.clearance import ClearanceProbe
@@ -102,7 +102,7 @@ class BetweenRuns:
         start, stand = setup.vehicles["real"].start, read_standing_pose(order.folder, "real")
         scene = setup.world.scene(order.plan.mode, "W")
         log = _log_lines(order.folder / "log.jsonl")
-        if why := why_not_on(result, stand, log, solid=set(scene.names)):
+        if why := why_no_return(result, stand, log, solid=set(scene.names)):
             return why
         off = off_start(stand, start)
         if stand is None or off is None:
@@ -117,7 +117,7 @@ class BetweenRuns:
         )
         probe = ClearanceProbe(scene, setup.vehicles["real"].body, floors=False, within_m=CLEAR_M)
         fence = setup.fences.get("real")
-        if why := why_not_there(way, fence=fence, keep_m=setup.guarding.keep_m, probe=probe):
+        if why := why_path_blocked(way, fence=fence, keep_m=setup.guarding.keep_m, probe=probe):
             return why
         folder = self._folder / _BACK / order.plan.name
         return replace(order, back=way, folder=folder, attempts=())

@@ -323,12 +323,12 @@ class _Flight:
     def _report(self, news: News) -> None:
         """Pass a run's progress on to the campaign's operators and watcher."""
         # A fault of a display must not end a flight.
-        with self._faults.taking("progress"):
+        with self._faults.recording("progress"):
             self._controller.news(news)
         if isinstance(news, Progress):
             self._repositioning.end_wait()
             if news.case in self._campaign.setups:  # a return flight is no run
-                with self._faults.taking("progress"):
+                with self._faults.recording("progress"):
                     self._watcher.progress(news)
 
     def _finish_run(self, order: RunOrder, outcome: RunResult | WorkerLost) -> RunOrder | None:
@@ -361,7 +361,7 @@ class _Flight:
             self._controller.finished(
                 result, may_end=self._settings.arm or result.reason != NOT_ARMED
             )
-            with self._faults.taking("a verdict"):
+            with self._faults.recording("a verdict"):
                 self._watcher.finished(result)
                 if result.verdict != "PASS":
                     self._show_output(order)

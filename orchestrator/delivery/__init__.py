@@ -1,1 +1,1 @@
-"""Delivery: mixed readings to whoever perceives, and injected things to the autopilot."""
+"""Delivery: images to viewers and programs, and injected messages to the autopilot."""

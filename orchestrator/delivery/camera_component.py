@@ -1,8 +1,8 @@
-"""The mixed picture as a MAVLink camera, so that a ground station finds and shows it; pure.
+"""A MAVLink camera component for mixed images, so that a ground station finds them; pure.
 
-Camera protocol v2: https://mavlink.io/en/services/camera.html. A ground station sees the
-heartbeat of a camera, asks for CAMERA_INFORMATION, sees in its flags that there is video, asks for
-VIDEO_STREAM_INFORMATION and plays its URI. Both ways of asking are answered: REQUEST_MESSAGE, and
+Camera protocol v2: https://mavlink.io/en/services/camera.html. A ground station receives the
+heartbeat of a camera, requests CAMERA_INFORMATION, whose flags announce video, then requests
+VIDEO_STREAM_INFORMATION and plays its URI. Both kinds of request are answered: REQUEST_MESSAGE, and
 the older commands 521 and 2504 that released ground stations still send.
 """
 
@@ -36,8 +36,8 @@ class VideoStream:
 class CameraComponent:
     """A MAVLink camera component: messages in, messages out, as pymavlink objects.
 
-    Whoever packs its messages does so as system_id and component_id. system_id: of the vehicle
-    that the camera sits on. start_s: when the component came up, on the run clock.
+    The caller packs its messages with system_id and component_id. system_id: of the vehicle that
+    carries the camera. start_s: boot time of the component, run clock.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class CameraComponent:
         return [self._ack(message, mavlink.MAV_RESULT_ACCEPTED), answer(t_s)]
 
     def _refuse_command(self, message: Any) -> list[Any]:
-        # A broadcast is the autopilot's to refuse: two refusals of one command confuse.
+        # The autopilot refuses a broadcast command: a second refusal would confuse its sender.
         if message.target_component == _ALL:
             return []
         return [self._ack(message, mavlink.MAV_RESULT_UNSUPPORTED)]
@@ -212,7 +212,7 @@ _OF_STREAMS = frozenset(
     }
 )
 _ACCEPTED = frozenset({mavlink.MAV_CMD_VIDEO_START_STREAMING})
-"""The stream runs for as long as the run does: to start it again changes nothing."""
+"""The stream runs as long as the run: starting it has no effect."""
 
 
 def _heartbeat() -> Any:

@@ -1,4 +1,4 @@
-"""H.264 for live viewers: no picture waits for another one."""
+"""H.264 encoder settings for live viewing: no frame waits for another one."""
 
 from fractions import Fraction
 from typing import Any
@@ -18,7 +18,7 @@ _GLOBAL_HEADER = 0x00400000
 class H264Settings:
     """The H.264 encoder's settings: `ultrafast`, `zerolatency`, parameter sets at each key.
 
-    key_interval_s: so long a late receiver waits for its first picture. quality_crf: x264's
+    key_interval_s: longest wait of a late receiver for its first image. quality_crf: x264's
     constant rate factor, 0 (lossless) to 51. max_bit_rate: bits per second, None for no limit.
     """
 
@@ -36,7 +36,7 @@ class H264Settings:
             "tune": "zerolatency",
             "crf": str(quality_crf),
             "g": str(max(1, round(rate_hz * key_interval_s))),
-            # OpenCV's BGR to I420 is BT.601 with limited range: said, so that colours come back.
+            # OpenCV's BGR to I420 is BT.601 with limited range: signalled, to keep the colours.
             "x264-params": (
                 "repeat-headers=1:sliced-threads=0:scenecut=0:"
                 "colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m:range=tv"
@@ -65,7 +65,7 @@ class H264Settings:
 
 
 def to_frame(image_bgr: BgrImage, pts: int) -> Any:
-    """Return an image as a frame for the encoder, cut to even numbers of pixels."""
+    """Return an image as a frame for the encoder, cropped to even numbers of pixels."""
     height, width = image_bgr.shape[0] & ~1, image_bgr.shape[1] & ~1
     even = np.ascontiguousarray(image_bgr[:height, :width])
     frame = av.VideoFrame.from_ndarray(cv2.cvtColor(even, cv2.COLOR_BGR2YUV_I420), format="yuv420p")

@@ -1,4 +1,4 @@
-"""What every delivery of pictures is: one protocol, its counts, its errors."""
+"""The protocol of all image deliveries, with its counts and its error."""
 
 from dataclasses import dataclass
 from typing import Protocol, Self, runtime_checkable
@@ -8,15 +8,15 @@ from vehicles.readings import CameraReading
 
 
 class DeliveryError(VehicleError):
-    """An image delivery that cannot be opened or used; says which, and what to do."""
+    """An image delivery that cannot be opened or used; the message says which, and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeliveryCounts:
     """The counts of an image delivery: offered, delivered, dropped, failed.
 
-    offered: handed to `deliver`. delivered: sent. dropped: made way for a newer one, because the
-    way out was busy. failed: could not be sent; `trouble` says why the last one could not.
+    offered: passed to `deliver`. delivered: sent. dropped: replaced by a newer one while the sink
+    was busy. failed: not sent because of an error; `trouble` is the last one.
     """
 
     offered: int = 0
@@ -29,8 +29,8 @@ class DeliveryCounts:
 class Delivery(Protocol):
     """An image delivery (protocol); an async context manager.
 
-    `deliver` returns at once, whatever happens outside: it never holds up a flight and never
-    raises. What cannot be sent in time is dropped and counted.
+    `deliver` returns at once and never raises, whatever the receiver does: it never delays a
+    flight. Images that cannot be sent in time are dropped and counted.
     """
 
     @property

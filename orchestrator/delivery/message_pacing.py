@@ -1,4 +1,4 @@
-"""Messages to the autopilot at a rate of their own, and never stale ones; pure."""
+"""Paces injected messages to the autopilot at their rates, and drops stale ones; pure."""
 
 import math
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from typing import Any
 class InjectionPlan:
     """The pacing of an injected message: how often it is sent, how old it may be.
 
-    rate_hz: at most so often; a feed that is slower is sent as it comes. max_age_s: what is
-    older is not sent, so that the autopilot's own time-out sees a feed that has died.
+    rate_hz: highest rate; a slower feed is sent as it comes. max_age_s: older messages are not
+    sent, so that the autopilot's own time-out detects a dead feed.
     """
 
     rate_hz: float
@@ -18,11 +18,11 @@ class InjectionPlan:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.rate_hz < math.inf and self.max_age_s > 0.0):
-            raise ValueError(f"{self}: rate and age must be positive")
+            raise ValueError(f"{self}: rate_hz and max_age_s must be positive")
 
 
 _EARLY = 0.1
-"""Of a period: a feed of the same rate, a little uneven, is sent whole; the mean rate holds."""
+"""Tolerated share of a period: a feed of the same rate with jitter is sent whole."""
 
 PLANS: dict[str, InjectionPlan] = {
     # ArduPilot and PX4 forget obstacles after 0.5 s.
@@ -33,15 +33,15 @@ PLANS: dict[str, InjectionPlan] = {
     "collision": InjectionPlan(10.0, 0.5),
     # ArduPilot forgets after 1 s, PX4 after PLD_BTOUT.
     "landing_target": InjectionPlan(20.0, 0.2),
-    # PX4 wants gaps below 0.2 s, ArduPilot below 0.3 s; 30 to 50 Hz is what both advise.
+    # PX4 requires gaps below 0.2 s, ArduPilot below 0.3 s; both recommend 30 to 50 Hz.
     "vision_position_estimate": InjectionPlan(50.0, 0.1),
     "odometry": InjectionPlan(50.0, 0.1),
 }
-"""Rates by default, by the name of the thing; see docs/delivery.md."""
+"""Default plans, by the name of the injected message; see docs/delivery.md."""
 
 
 class PacedMessages:
-    """Paces messages of one kind: keeps the newest and returns it when due."""
+    """Paces messages of one kind: holds the newest and returns it when due."""
 
     def __init__(self, plan: InjectionPlan) -> None:
         self._plan = plan
@@ -53,7 +53,7 @@ class PacedMessages:
         self.stale = 0
 
     def offer(self, message: Any, t_s: float) -> None:
-        """Offer a message of a run-clock time; an unsent earlier one is dropped."""
+        """Offer a message of a run-clock time; it replaces an unsent earlier one."""
         self.replaced += self._message is not None
         self._message, self._t_s = message, t_s
 

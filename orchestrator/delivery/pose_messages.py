@@ -1,7 +1,7 @@
-"""Poses as messages that move an autopilot's estimate, or guide its landing; pure.
+"""Encodes poses as MAVLink messages for an autopilot's estimator or precision landing; pure.
 
-Poses are in the autopilot's own local NED frame: `poses.anchor.Anchor` brings them there from
-the world's. They are off unless a campaign names them: a flying vehicle believes them.
+Poses are in the autopilot's own local NED frame: `poses.anchor.Anchor` converts them from the
+world's. They are sent only if a campaign names them: the estimator of a flying vehicle uses them.
 """
 
 import math
@@ -17,7 +17,7 @@ from vehicles.readings import PoseReading
 from worlds.frames import Pose, Vec3, euler_from_quat, norm, quat_conjugate, rotate
 
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
-"""Where a 6 x 6 matrix has its diagonal when its upper triangle is written row by row."""
+"""Indices of the diagonal of a 6 x 6 matrix in its upper triangle, written row by row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class PoseSpread:
 def vision_position_estimate(reading: PoseReading, *, spread: PoseSpread | None = None) -> Any:
     """Return a pose as VISION_POSITION_ESTIMATE (102): NED metres, Euler angles in radians.
 
-    spread: None leaves it to the autopilot's parameters. Wanted at 30 Hz and above.
+    spread: None leaves it to the autopilot's parameters. To be sent at 30 Hz or more.
     """
     roll, pitch, yaw = euler_from_quat(reading.pose.q_wxyz)
     return mavlink.MAVLink_vision_position_estimate_message(
@@ -50,9 +50,9 @@ def odometry(
 ) -> Any:
     """Return a pose and velocity as ODOMETRY (331).
 
-    Child frame BODY_FRD. ArduPilot takes frame LOCAL_FRD only and means north by its forward;
-    for PX4 LOCAL_FRD is a frame of unknown heading, so it gets LOCAL_NED. The numbers are the
-    same. Raises ValueError when there is no velocity for ArduPilot, which uses what stands there.
+    Child frame BODY_FRD. ArduPilot accepts only frame LOCAL_FRD, with forward as north; for PX4
+    LOCAL_FRD is a frame of unknown heading, so it gets LOCAL_NED. The numbers are the same. Raises
+    ValueError without a velocity for ArduPilot, which would use the field anyway.
     """
     velocity = reading.velocity_ned_m_s
     if velocity is None and autopilot == "ardupilot":
@@ -82,21 +82,21 @@ def landing_target(
 ) -> Any:
     """Return a landing target as LANDING_TARGET (149), with its position.
 
-    target_ned_m, body: in the autopilot's local NED frame. ArduPilot takes BODY_FRD and a
-    distance, PX4 LOCAL_NED; both get the angles of a camera that looks down (x right, y back).
-    size_m: its width, for the angles under which it is seen.
+    target_ned_m, body: in the autopilot's local NED frame. ArduPilot uses BODY_FRD and a distance,
+    PX4 LOCAL_NED; both get the angles of a camera that looks down (x right, y back). size_m: width
+    of the target, for its angular size.
     """
-    seen = body.to_local(target_ned_m)
-    distance_m = norm(seen)
+    target_frd_m = body.to_local(target_ned_m)
+    distance_m = norm(target_frd_m)
     angle_rad = 2.0 * math.atan2(size_m / 2.0, distance_m) if distance_m > 0.0 else 0.0
     is_px4 = autopilot == "px4"
-    x, y, z = target_ned_m if is_px4 else seen
+    x, y, z = target_ned_m if is_px4 else target_frd_m
     return mavlink.MAVLink_landing_target_message(
         time_usec=microseconds(t_s),
         target_num=0,
         frame=mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_BODY_FRD,
-        angle_x=math.atan2(seen[1], seen[2]),
-        angle_y=math.atan2(-seen[0], seen[2]),
+        angle_x=math.atan2(target_frd_m[1], target_frd_m[2]),
+        angle_y=math.atan2(-target_frd_m[0], target_frd_m[2]),
         distance=distance_m,
         size_x=angle_rad,
         size_y=angle_rad,

@@ -1,7 +1,7 @@
-"""What a lidar and a rangefinder measured, as messages that an autopilot takes; pure.
+"""Encodes readings of lidar and rangefinder as MAVLink messages for an autopilot; pure.
 
-Stamps are the run clock's, in microseconds or milliseconds: the autopilot maps them by TIMESYNC
-(PX4) or by their arrival (ArduPilot), so no epoch is agreed on.
+Time stamps are of the run clock, in microseconds or milliseconds: the autopilot maps them by
+TIMESYNC (PX4) or by their arrival (ArduPilot), so they need no common epoch.
 """
 
 import math
@@ -18,7 +18,7 @@ SECTORS = 72
 SECTOR_DEG = 5.0
 UNKNOWN_CM = 65_535
 LONGEST_CM = 65_533
-"""UINT16_MAX is unknown, and one more than the longest range must fit below it: no obstacle."""
+"""Largest range: one more means no obstacle, and has to stay below UINT16_MAX, unknown."""
 _HALF_SECTOR_RAD = math.radians(22.5)
 SENSOR_ID = 1
 
@@ -26,10 +26,9 @@ SENSOR_ID = 1
 def obstacle_distance(scan: LidarScanReading) -> Any:
     """Return a scan as OBSTACLE_DISTANCE (330): 72 sectors of 5 degrees around the body.
 
-    Frame BODY_FRD; sector k is centred 5 k degrees to the right of forward; ArduPilot takes any
-    frame for this one. Distances are horizontal, from the body's origin, in centimetres: the
-    nearest of each sector, max + 1 where beams met nothing, 65535 where no beam looks or a range
-    is not a number.
+    Frame BODY_FRD, which ArduPilot assumes for any frame; sector k is centred 5 k degrees to the
+    right of forward. Distances are horizontal, from the body's origin, in centimetres: the nearest
+    of each sector, max + 1 where beams met nothing, 65535 without a beam or with a NaN range.
     """
     max_cm = _centimetres(scan.range_max_m)
     directions, distances_m = _around_body(scan)
@@ -53,14 +52,12 @@ def obstacle_distance(scan: LidarScanReading) -> Any:
 def distance_sensor(reading: RangefinderReading, *, field_of_view_rad: float = 0.0) -> Any:
     """Return a rangefinder's sample as DISTANCE_SENSOR (132), in centimetres.
 
-    Raises ValueError for a range that is not a number.
-
     The direction of the mount becomes one of MAVLink's orientations: the nearest of eight to the
-    sides, up or down; else CUSTOM with the mount's attitude, which ArduPilot does not take. A
-    beam that met nothing is max + 1.
+    sides, up or down; else CUSTOM with the mount's attitude, which ArduPilot ignores. A beam that
+    met nothing is max + 1. Raises ValueError for a NaN range.
     """
     if math.isnan(reading.range_m):
-        raise ValueError("a rangefinder's range is not a number")
+        raise ValueError("the rangefinder's range is NaN")
     max_cm = _centimetres(reading.range_max_m)
     is_free = not reading.range_m <= reading.range_max_m
     orientation = orientation_of(reading.mount)
@@ -123,6 +120,6 @@ def _around_body(
     offset = np.array(scan.mount.position_ned_m[:2])[:, np.newaxis]
     points = beams[:2] * np.where(met, ranges_m, 0.0) + offset
     horizontal_m = np.where(met, np.hypot(points[0], points[1]), np.inf)
-    # Where nothing was met, the beam's own direction tells the sector.
+    # Where a beam met nothing, its own direction gives the sector.
     x, y = np.where(met & (horizontal_m > 0.0), points, beams[:2])
     return np.arctan2(y, x), horizontal_m

@@ -1,4 +1,4 @@
-"""Pictures as RTP with H.264 over UDP, and the SDP file that says so."""
+"""Delivers images as H.264 by RTP over UDP, and writes the SDP file for players."""
 
 from pathlib import Path
 from typing import Any
@@ -52,12 +52,12 @@ class RtpSink:
             self._stream = self._container.add_stream("libx264", rate=self._settings.rate)
             self._stream.time_base = RTP_CLOCK
             self._settings.configure(self._stream.codec_context, width, height)
-            # Else the host's name is looked up with the first picture.
+            # Otherwise the host name would be resolved with the first image.
             self._container.start_encoding()
         except (av.error.FFmpegError, OSError, ValueError) as error:
-            said = getattr(error, "strerror", None) or error
+            reason = getattr(error, "strerror", None) or error
             raise DeliveryError(
-                f"{self.name}: cannot be opened: {said}; check the host's name and the network"
+                f"{self.name}: cannot open: {reason}; check the host name and the network"
             ) from error
 
     def write(self, reading: CameraReading) -> None:
@@ -65,19 +65,21 @@ class RtpSink:
         height, width = reading.image_bgr.shape[:2]
         if (width, height) != self._size:
             raise DeliveryError(
-                f"{self.name}: a picture of {width}x{height} does not fit the stream of "
-                f"{self._size[0]}x{self._size[1]}; it was not sent"
+                f"{self.name}: image not sent: its size {width}x{height} does not fit the stream "
+                f"of {self._size[0]}x{self._size[1]}"
             )
         if self._start_s is None:
             self._start_s = reading.t_s
         pts = round((reading.t_s - self._start_s) / RTP_CLOCK)
         if pts <= self._last_pts:
-            raise DeliveryError(f"{self.name}: picture {reading.seq} is older than the last one")
+            raise DeliveryError(
+                f"{self.name}: image {reading.seq} not sent: it is not newer than the previous one"
+            )
         self._last_pts = pts
         try:
             self._container.mux(self._stream.encode(to_frame(reading.image_bgr, pts)))
         except (av.error.FFmpegError, OSError) as error:
-            raise DeliveryError(f"{self.name}: cannot be sent: {error}") from error
+            raise DeliveryError(f"{self.name}: image not sent: {error}") from error
 
     def close(self) -> None:
         """Close the RTP socket."""
@@ -103,10 +105,10 @@ def rtp_delivery(
     quality_crf: int = 20,
     max_bit_rate: int | None = None,
 ) -> ThreadedDelivery:
-    """Return a delivery by RTP; to 127.0.0.1:5600 by default, as ground stations listen.
+    """Return a delivery by RTP; by default to 127.0.0.1:5600, where ground stations listen.
 
-    width_px, height_px: of all pictures to come; odd sides lose their last row or column.
-    rate_hz: about how many pictures come a second. sdp_path: file for players that need one.
+    width_px, height_px: of all images; odd sides lose their last row or column. rate_hz:
+    approximate rate of images. sdp_path: SDP file for players that need one.
     """
     settings = H264Settings(
         rate_hz=rate_hz,

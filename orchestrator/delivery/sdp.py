@@ -37,7 +37,7 @@ def h264_sdp(address: RtpAddress, *, parameter_sets: tuple[bytes, ...], rate_hz:
     """Return the SDP of an H.264 stream with payload type 96 and a clock of 90 kHz.
 
     parameter_sets: the stream's SPS and PPS without start codes, so that a receiver knows the
-    size before the first key picture. Raises ValueError when the first one is no SPS.
+    size before the first key frame. Raises ValueError when the first one is no SPS.
     """
     sps = parameter_sets[0] if parameter_sets else b""
     if len(sps) < 4 or sps[0] & 0x1F != 7:

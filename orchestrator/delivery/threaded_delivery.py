@@ -1,8 +1,9 @@
-"""Delivery through a thread of its own: encoding takes milliseconds, a socket may block."""
+"""Image delivery in a separate thread: encoding takes milliseconds, and a socket may block."""
 
 import asyncio
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import Protocol, Self
 
 from orchestrator.delivery.image_delivery import DeliveryCounts, DeliveryError
@@ -29,10 +30,9 @@ class Sink(Protocol):
 
 
 class ThreadedDelivery:
-    """A Delivery over a sink in a thread.
+    """A Delivery to a sink in a thread; for the wall clock only.
 
-    depth: how many pictures may wait; when one more comes, the oldest makes way. Wall clock
-    only.
+    depth: how many images may wait; a further one replaces the oldest.
     """
 
     def __init__(self, *, sink: Sink, depth: int = 2) -> None:
@@ -71,7 +71,7 @@ class ThreadedDelivery:
         loop = asyncio.get_running_loop()
         opened: asyncio.Future[None] = loop.create_future()
 
-        def tell(error: DeliveryError | None) -> None:
+        def set_opened(error: DeliveryError | None) -> None:
             if opened.done():
                 return
             if error is None:
@@ -81,7 +81,7 @@ class ThreadedDelivery:
 
         self._thread = threading.Thread(
             target=self._run,
-            args=(lambda error: loop.call_soon_threadsafe(tell, error),),
+            args=(lambda error: loop.call_soon_threadsafe(set_opened, error),),
             name=f"delivery {self.name}",
             daemon=True,
         )
@@ -103,21 +103,21 @@ class ThreadedDelivery:
             self._change.notify()
         await asyncio.to_thread(self._thread.join, _CLOSING_LIMIT_S)
 
-    def _run(self, opened: "_ReportTrouble") -> None:
+    def _run(self, opened: Callable[[DeliveryError | None], object]) -> None:
         try:
             self._sink.open()
         except DeliveryError as error:
             opened(error)
-        except Exception as error:  # noqa: BLE001 - a thread's fault must reach who waits for it
+        except Exception as error:  # noqa: BLE001 - __aenter__ waits for the result
             opened(DeliveryError(f"{self.name}: {type(error).__name__}: {error}"))
         else:
             opened(None)
-            while (reading := self._next()) is not None:
+            while (reading := self._next_reading()) is not None:
                 self._send(reading)
         finally:
             self._sink.close()
 
-    def _next(self) -> CameraReading | None:
+    def _next_reading(self) -> CameraReading | None:
         with self._change:
             while not self._waiting and not self._closing:
                 self._change.wait()
@@ -128,7 +128,7 @@ class ThreadedDelivery:
             self._sink.write(reading)
         except DeliveryError as error:
             self._trouble = str(error)
-        except Exception as error:  # noqa: BLE001 - one bad picture must not end the delivery
+        except Exception as error:  # noqa: BLE001 - one bad image must not end the delivery
             self._trouble = f"{self.name}: {type(error).__name__}: {error}"
         else:
             with self._change:
@@ -136,10 +136,3 @@ class ThreadedDelivery:
             return
         with self._change:
             self._failed += 1
-
-
-class _ReportTrouble(Protocol):
-    """Reports to the loop that the thread has opened its sink, or why not."""
-
-    def __call__(self, error: DeliveryError | None, /) -> object:
-        """Report to the loop that the sink is open, or why not."""

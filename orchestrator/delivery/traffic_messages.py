@@ -1,4 +1,4 @@
-"""Intruders and contacts as messages that an autopilot or a ground station takes; pure."""
+"""Encodes intruders and contacts as MAVLink messages for autopilot or ground station; pure."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _VALID = (
 class Intruder:
     """Another aircraft in traffic messages.
 
-    t_s: when it was there, run clock. icao_address: 1 to 0xFFFFFF, its identity. latitude_deg,
+    t_s: time of the position, run clock. icao_address: 1 to 0xFFFFFF, its identity. latitude_deg,
     longitude_deg: WGS-84. altitude_amsl_m: above mean sea level, as the autopilot's own.
     """
 
@@ -45,13 +45,13 @@ class Intruder:
 def adsb_vehicle(intruder: Intruder, *, now_s: float) -> Any:
     """Return an intruder as ADSB_VEHICLE (246), marked as simulated traffic.
 
-    Raises ValueError for an address that is none, or a place that is not on Earth.
+    Raises ValueError for an invalid ICAO address or position.
     """
     if not 0 < intruder.icao_address <= 0xFFFFFF:
-        raise ValueError(f"ICAO address {intruder.icao_address} is not 1 to 0xFFFFFF")
+        raise ValueError(f"ICAO address {intruder.icao_address} is not within 1 to 0xFFFFFF")
     if abs(intruder.latitude_deg) > 90.0 or abs(intruder.longitude_deg) > 180.0:
         raise ValueError(
-            f"latitude {intruder.latitude_deg}, longitude {intruder.longitude_deg} is no place"
+            f"latitude {intruder.latitude_deg}, longitude {intruder.longitude_deg}: not on Earth"
         )
     north, east, down = intruder.velocity_ned_m_s
     heading_cdeg = round(math.degrees(math.atan2(east, north)) * 100.0) % 36_000

@@ -1,4 +1,4 @@
-"""Pictures to a V4L2 loopback device, for programs that read a camera and nothing else."""
+"""Delivers images to a V4L2 loopback device, for programs that can only read a camera."""
 
 import stat
 from fractions import Fraction
@@ -12,7 +12,7 @@ from orchestrator.delivery.image_delivery import DeliveryError
 from orchestrator.delivery.threaded_delivery import ThreadedDelivery
 from vehicles.readings import CameraReading
 
-_HOW = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"
+_LOAD_MODULE = "load one: modprobe v4l2loopback video_nr=10 exclusive_caps=1"
 
 
 class V4l2Sink:
@@ -37,10 +37,10 @@ class V4l2Sink:
             self._stream.pix_fmt = "yuv420p"
             self._container.start_encoding()
         except (av.error.FFmpegError, OSError, ValueError) as error:
-            said = getattr(error, "strerror", None) or error
+            reason = getattr(error, "strerror", None) or error
             raise DeliveryError(
-                f"{self.name}: cannot be written to: {said}; is it a loopback device, and not a "
-                f"camera? {_HOW}"
+                f"{self.name}: cannot open for writing: {reason}; check that it is a "
+                f"loopback device and not a camera; {_LOAD_MODULE}"
             ) from error
 
     def write(self, reading: CameraReading) -> None:
@@ -48,8 +48,8 @@ class V4l2Sink:
         height, width = reading.image_bgr.shape[:2]
         if (width, height) != self._size:
             raise DeliveryError(
-                f"{self.name}: a picture of {width}x{height} does not fit the device's "
-                f"{self._size[0]}x{self._size[1]}; it was not sent"
+                f"{self.name}: image not sent: its size {width}x{height} does not fit the device's "
+                f"{self._size[0]}x{self._size[1]}"
             )
         frame = to_frame(reading.image_bgr, self._count)
         frame.time_base = 1 / self._rate
@@ -57,7 +57,7 @@ class V4l2Sink:
         try:
             self._container.mux(self._stream.encode(frame))
         except (av.error.FFmpegError, OSError) as error:
-            raise DeliveryError(f"{self.name}: cannot be written to: {error}") from error
+            raise DeliveryError(f"{self.name}: image not sent: {error}") from error
 
     def close(self) -> None:
         """Close the V4L2 device."""
@@ -68,9 +68,9 @@ class V4l2Sink:
         try:
             is_device = stat.S_ISCHR(self._device.stat().st_mode)
         except OSError as error:
-            raise DeliveryError(f"{self.name}: {error.strerror}; {_HOW}") from error
+            raise DeliveryError(f"{self.name}: {error.strerror}; {_LOAD_MODULE}") from error
         if not is_device:
-            raise DeliveryError(f"{self.name}: is no device; {_HOW}")
+            raise DeliveryError(f"{self.name}: is not a device; {_LOAD_MODULE}")
 
 
 def v4l2_delivery(
@@ -78,7 +78,7 @@ def v4l2_delivery(
 ) -> ThreadedDelivery:
     """Return a delivery to a V4L2 loopback device such as /dev/video10.
 
-    width_px, height_px: of all pictures to come. rate_hz: what the device says of itself.
+    width_px, height_px: of all images. rate_hz: frame rate that the device reports.
     """
     sink = V4l2Sink(device=device, width_px=width_px, height_px=height_px, rate_hz=rate_hz)
     return ThreadedDelivery(sink=sink)

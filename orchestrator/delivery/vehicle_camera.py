@@ -1,4 +1,4 @@
-"""The camera of an embedded vehicle that flies alone: rendered, sent by RTP, found over MAVLink."""
+"""The camera of a stand-alone embedded vehicle: rendered, sent by RTP, announced over MAVLink."""
 
 import asyncio
 import math
@@ -29,17 +29,17 @@ RATE_HZ = 15.0
 _HISTORY_S = 2.0
 _TRUTH_HZ = 125.0
 _POSE_DELAY_S = 0.01
-"""The vehicle steps 8 ms at a time: so late an exposure's pose is there."""
+"""How long after an exposure its pose is available: the vehicle steps 8 ms at a time."""
 _SEED = 3
-"""Of the camera's noise, beside the vehicle's."""
+"""Separates the camera's noise from the vehicle's."""
 
 
 class VehicleCamera:
     """A camera at the nose of an embedded vehicle, level with its body.
 
-    scene: the world that it shows; what moves in it stands at its start. quality: noise, blur and
-    latency. port: announced as the stream's, which `delivery` sends. compute: runs rendering; in
-    a thread by default.
+    scene: the world that it shows, with moving objects at their start. quality: noise, blur and
+    latency. port: announced UDP port of the stream that `delivery` sends. compute: runs rendering;
+    in a thread by default.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class VehicleCamera:
         self._compute = compute
 
     def warm_up(self) -> None:
-        """Render once: after installation it compiles for up to a minute."""
+        """Render once: the first time after installation compiles kernels for up to a minute."""
         self._images.picture(AT_ORIGIN, INTRINSICS, 0.0)
 
     @asynccontextmanager
     async def attach(self, vehicle: EmbeddedVehicle, faults: VehicleFaults) -> AsyncIterator[None]:
-        """Render, send and announce a vehicle's camera meanwhile. Raises DeliveryError."""
+        """Render, send and announce a vehicle's camera within the context. Raises DeliveryError."""
         history = PoseHistory(_HISTORY_S)
 
         def add(sample: TruthSample) -> None:
@@ -109,7 +109,7 @@ class VehicleCamera:
 def rtp_camera(
     *, scene: Scene, quality: CameraQuality, address: RtpAddress, seed: int
 ) -> VehicleCamera:
-    """Return a vehicle's camera whose pictures go to an address by RTP as H.264."""
+    """Return a vehicle's camera whose images are sent to an address by RTP as H.264."""
     delivery = rtp_delivery(
         width_px=INTRINSICS.width_px,
         height_px=INTRINSICS.height_px,

@@ -1,4 +1,4 @@
-"""Pictures to ZeroMQ subscribers, with times and poses; the header of the simulator protocol."""
+"""Publishes images by ZeroMQ, with times and poses, in the format of the simulator protocol."""
 
 import zmq
 
@@ -50,7 +50,7 @@ def published_parts(
 
 
 class ZmqSink:
-    """Publishes images by ZMQ; a Sink. A slow subscriber misses images, blocking nobody."""
+    """Publishes images by ZMQ; a Sink. A slow subscriber misses images and blocks nothing."""
 
     def __init__(self, *, address: str, topic: str, encoding: str, jpeg_quality: int) -> None:
         self.name = f"zmq+{address}"
@@ -73,7 +73,7 @@ class ZmqSink:
             self._socket.bind(self._address)
         except zmq.ZMQError as error:
             raise DeliveryError(
-                f"{self.name}: cannot be bound: {error.strerror}; choose a free port of this "
+                f"{self.name}: cannot bind: {error.strerror}; choose a free port of this "
                 "machine, as in tcp://127.0.0.1:5601"
             ) from error
         self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
@@ -81,7 +81,7 @@ class ZmqSink:
     def write(self, reading: CameraReading) -> None:
         """Publish one image by ZMQ."""
         if self._socket is None:
-            raise DeliveryError(f"{self.name}: is not open")
+            raise DeliveryError(f"{self.name} is not open")
         parts = published_parts(
             reading,
             topic=self._topic,
@@ -115,7 +115,9 @@ class ZmqDelivery(ThreadedDelivery):
         depth: int = 2,
     ) -> None:
         if encoding not in {"bgr8", "png", "jpeg"}:
-            raise DeliveryError(f"{address}: encoding {encoding!r}; choose bgr8, png or jpeg")
+            raise DeliveryError(
+                f"{address}: unknown encoding {encoding!r}; choose bgr8, png or jpeg"
+            )
         self._zmq = ZmqSink(
             address=address, topic=topic, encoding=encoding, jpeg_quality=jpeg_quality
         )

@@ -1,1 +1,1 @@
-"""The model: the run clock, results, progress, operators' commands, documents on disk."""
+"""The model: run clock, results, exit codes, progress, operator commands, documents on disk."""

@@ -1,4 +1,4 @@
-"""Why a campaign is accepted or not, in words that the terminal and the report share; pure."""
+"""Texts about the acceptance of a campaign, shared by terminal and report; pure."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,7 +11,7 @@ _PROVEN = frozenset({"PASS", "FAIL"})
 
 
 def required_text(runs: Iterable[RunResult]) -> str:
-    """Return how many of the required runs passed."""
+    """Return in words how many of the required runs passed."""
     required = [run.verdict == "PASS" for run in runs if run.required]
     if not required:
         return "no run was required"
@@ -22,7 +22,7 @@ def required_text(runs: Iterable[RunResult]) -> str:
 def shortfall_texts(
     runs: Sequence[RunResult], requirements: Sequence[Requirement]
 ) -> tuple[str, ...]:
-    """Return each required case and mode that does not pass, with what it needs."""
+    """Return each requirement that is not met, with what it needs."""
     return tuple(_shortfall_text(one, runs) for one in shortfalls(runs, requirements))
 
 
@@ -39,7 +39,7 @@ def _shortfall_text(standing: Standing, runs: Iterable[RunResult]) -> str:
 
 
 def stand_in_text(summary: Summary) -> str:
-    """Return in a sentence that no hardware flew as `real`; empty where it did, or none was due."""
+    """Return a sentence that no hardware flew as `real`; empty where it did, or for sim alone."""
     if all(run.mode == "sim" for run in (*summary.runs, *summary.controls)):
         return ""
     if summary.surrogate or summary.real_kind == "embedded":
@@ -50,10 +50,10 @@ def stand_in_text(summary: Summary) -> str:
 
 
 def left_out_text(summary: Summary) -> str:
-    """Return in sentences what was required and not flown, and what that means; empty for none."""
+    """Return sentences about what is required and was left out; empty for nothing."""
     if not summary.left_out:
         return ""
     text = f"Required, and left out: {', '.join(summary.left_out)}."
     if any("control" in one for one in summary.left_out):
         text += " Controls are runs that must not pass: they show that the campaign can fail."
-    return f"{text} The verdict is of what was flown, and says nothing of what was left out."
+    return f"{text} The verdict covers only what was flown."

@@ -1,4 +1,4 @@
-"""What was done to a run's vehicles before they armed, as results have it."""
+"""The steps before arming, as a run's result lists them."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,9 +10,9 @@ StepName = Literal["parameters", "fence", "actor", "external", "anchor", "prefli
 class ArmingStep:
     """One step before arming in a run's result.
 
-    vehicle: empty for a step of all. at_s: when it ended, run clock. ok: False for the one that
-    kept the vehicles from arming. text: what was set, proven or found, else the error. restored:
-    whether an attached vehicle has its own again; None where nothing is set back.
+    vehicle: empty for a step of all. at_s: when it ended, run clock. ok: False for the step that
+    failed and prevented arming. text: what was set or checked, or the error. restored: whether an
+    attached vehicle got its own configuration back; None where nothing is restored.
     """
 
     step: StepName

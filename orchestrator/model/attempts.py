@@ -1,4 +1,4 @@
-"""Runs that are flown again: when, and how a result tells of it; pure."""
+"""Repeated attempts at a run: when it is retried, and how its result lists them; pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -7,14 +7,14 @@ from orchestrator.model.results import Attempt, RunResult
 from safety.model.oracle_results import Verdict
 
 _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
-"""What proves nothing about what is tested. A FAIL stays: flying it until it passes proves less."""
+"""Verdicts that prove nothing. A FAIL is not retried: flying until it passes proves less still."""
 
 
 def retry_due(result: RunResult, *, retries: int) -> bool:
     """Return whether a run gets another attempt by the campaign's `retries`.
 
-    Not after an exception of ours: that is no trouble of the surroundings which may pass. Nor is
-    a control that ended as it must, also where that is INVALID or ERROR.
+    Not after an internal exception, which is no temporary fault of the environment. Nor is a
+    control retried that ended as expected, also where that is INVALID or ERROR.
     """
     if result.exceptions or (result.control is not None and result.control.met):
         return False
@@ -23,25 +23,25 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
 
 
 def is_cut_off(result: RunResult) -> bool:
-    """Return whether a flight ended early, for its program died or its operator ended it.
+    """Return whether a flight was cut off: its process died, or its operator ended it.
 
-    Its verdict may be another than ABORTED, where something else decided it before.
+    The verdict may be another than ABORTED, where something else decided the run before.
     """
     return result.verdict == "ABORTED" or any(one.verdict == "ABORTED" for one in result.also)
 
 
 def attempt_of(result: RunResult, folder: str) -> Attempt:
-    """Return a result as an earlier attempt, which does not count. folder: where it is kept."""
+    """Return a result as an earlier attempt, which does not count. folder: of its files."""
     return Attempt(result.verdict, result.reason, folder)
 
 
 def after_attempts(result: RunResult, attempts: Iterable[Attempt]) -> RunResult:
-    """Return a result with its earlier attempts, so that no PASS looks like a clean one."""
-    told = tuple(attempts)
-    if not told:
+    """Return a result with its earlier attempts, which a PASS states as its reason."""
+    earlier = tuple(attempts)
+    if not earlier:
         return result
-    reason = passed_text(told) if result.verdict == "PASS" else result.reason
-    return replace(result, attempts=told, reason=reason)
+    reason = passed_text(earlier) if result.verdict == "PASS" else result.reason
+    return replace(result, attempts=earlier, reason=reason)
 
 
 def passed_text(attempts: Sequence[Attempt]) -> str:
@@ -53,7 +53,7 @@ def passed_text(attempts: Sequence[Attempt]) -> str:
 
 
 def ended_attempts(attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
-    """Return the attempts that came to their end, without those that were cut off."""
+    """Return the attempts that were completed, without those that were cut off."""
     return tuple(one for one in attempts if one.verdict not in {None, "ABORTED"})
 
 

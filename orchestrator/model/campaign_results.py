@@ -1,4 +1,4 @@
-"""What a campaign came to: fields exactly as summary.json carries them."""
+"""The result of a campaign: the fields of summary.json."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from safety.model.oracle_results import Verdict
 Clock = Literal["virtual", "wall", "scaled"]
 VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
 SensorKind = Literal["live", "rendered", "file", "synthesised"]
-"""Where readings come from; synthesised: computed from the pose of a vehicle and its world, for one
-that is not our simulation and may have such a sensor itself."""
+"""Where readings come from; synthesised: computed from pose and world for a vehicle that is not
+embedded, and may have such a sensor itself."""
 VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
 UNKNOWN_ENDING = (
-    "summary.json does not say that it came to its end: it was cut off, or flown by an earlier "
+    "summary.json does not record the end of the campaign: it was cut off, or flown by an earlier "
     "version"
 )
 _STOPS = {
@@ -30,8 +30,8 @@ _STOPS = {
 class Totals:
     """The totals of results: runs flown, required, and by verdict.
 
-    retried: how many of them were flown more than once, whatever they came to. Controls count in
-    `controls` alone, and in `controls_met` those that ended as they must.
+    retried: how many of the runs took more than one attempt, whatever the verdict. Controls count
+    in `controls` alone, and those that ended as expected in `controls_met`.
     """
 
     runs: int
@@ -48,17 +48,16 @@ class Totals:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The summary of a campaign's results. surrogate: the embedded vehicle played `real`.
+    """The summary of a campaign's results. surrogate: the embedded vehicle flew as `real`.
 
-    sensors: for each sensor where its readings came from. accepted: None when no required run was
-    flown and no control failed to do what it must. left_out: what the campaign requires and the
-    command line left out, in words. controls: the runs that must not pass, which stand here alone.
-    unmet: the controls that did not end as they must, in words. caveats: of the campaign itself.
-    not_flown: runs and controls that were never flown to a result, by name.
+    sensors: source of the readings of each sensor. accepted: None when no required run was flown
+    and no control missed its expectation. left_out: what the campaign requires and the command line
+    left out, in words. controls: the runs that must not pass; they are not in `runs`. unmet: the
+    controls that did not end as expected, in words. caveats: of the campaign itself. not_flown:
+    runs and controls without a result, by name.
 
-    stopped, broken: how the campaign ended outside of its runs, as of `exit_code`. broken is None
-    until the campaign has come to its end: it flies still, or was cut off; so it is in what
-    earlier versions wrote.
+    stopped, broken: how the campaign ended outside of its runs, as in `exit_code`. broken is None
+    until the campaign ends: while it flies, after it was cut off, and in files of earlier versions.
     """
 
     campaign: str
@@ -79,12 +78,12 @@ class Summary:
 
     @property
     def ending(self) -> str:
-        """Return in words what ended the campaign outside of its runs; empty for its own end."""
+        """Return in words what ended the campaign outside of its runs; empty for a regular end."""
         if self.stopped is not None:
             return _STOPS[self.stopped]
         if self.broken is None:
             return UNKNOWN_ENDING
-        return "an exception of this program came up outside of its runs" if self.broken else ""
+        return "an internal exception occurred outside of its runs" if self.broken else ""
 
 
 def summarize(
@@ -104,15 +103,14 @@ def summarize(
     caveats: tuple[str, ...] = (),
     not_flown: tuple[str, ...] = (),
 ) -> Summary:
-    """Return the summary of run results, in the order given.
+    """Return the summary of run results, in the order all_runs.
 
-    stopped, broken, controls_due, missing: as of `exit_code`; controls that were flown are among
-    the runs. broken: None where the campaign has not come to its end, or nobody knows that it has:
-    then nothing is accepted.
+    stopped, broken, controls_due, missing: as in `exit_code`; flown controls are among the runs.
+    broken: None where the campaign has not ended, or its end is unknown: then it is not accepted.
     """
-    given = tuple(runs)
-    flown = tuple(run for run in given if run.control is None)
-    controls = tuple(run for run in given if run.control is not None)
+    all_runs = tuple(runs)
+    flown = tuple(run for run in all_runs if run.control is None)
+    controls = tuple(run for run in all_runs if run.control is not None)
     return Summary(
         campaign=campaign,
         clock=clock,
@@ -120,9 +118,9 @@ def summarize(
         real_kind=real_kind,
         sensors=dict(sorted(sensors.items())),
         runs=flown,
-        totals=totals_of(given),
+        totals=totals_of(all_runs),
         accepted=accepted(
-            given,
+            all_runs,
             requirements,
             stopped=stopped,
             broken=broken is not False,

@@ -1,8 +1,7 @@
-"""What a verdict has to be read with, lest a green says less than it seems to.
+"""Caveats of a campaign: what a reader of a PASS has to know; pure.
 
-Checks that did not count, readings that were not recorded, fences that were changed in flight,
-oracles that failed without failing their run, what is judged always and was switched off, what the
-campaign's file leaves unjudged.
+Overridden checks, messages that were not recorded, fences changed in flight, oracles that failed
+without failing their run, and default oracles that were switched off.
 """
 
 from collections import Counter
@@ -22,7 +21,7 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
-    lines += [f"simulator's pictures not compared with the world: {t}" for t in drawn_texts(runs)]
+    lines += [f"simulator's images not compared with the world: {t}" for t in drawn_texts(runs)]
     lines += [f"registration error not bounded: {text}" for text in unbounded_texts(runs)]
     lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
     lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
@@ -31,15 +30,20 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
 
 def synthesised_texts(summary: Summary) -> list[str]:
     """Return the caveat of readings that the real vehicle did not measure, as lines for people."""
-    names = [name for name, kind in summary.sensors.items() if kind == "synthesised"]
+    names = _synthesised(summary)
     if not names:
         return []
-    made = "computed from the pose of the real vehicle and its world, measured by nobody"
-    return [f"synthesised readings: {', '.join(names)} ({made})"]
+    origin = "computed from the pose of the real vehicle and its world, not measured"
+    return [f"synthesised readings: {', '.join(names)} ({origin})"]
+
+
+def _synthesised(summary: Summary) -> list[str]:
+    """Return the sensors whose readings are synthesised, as the caveat lists them."""
+    return [name for name, kind in summary.sensors.items() if kind == "synthesised"]
 
 
 def loss_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return what recordings lack, by topic, and in which runs."""
+    """Return the caveat of messages missing in recordings, by topic, and in which runs."""
     return _in_runs(
         (f"{loss.lost} of {loss.offered} of {loss.topic}", run)
         for run in runs
@@ -57,23 +61,25 @@ def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
 
 
 def drawn_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return the caveat of passed runs that perceived a simulator's pictures on trust.
+    """Return the caveat of passed runs whose simulator images were not compared with the world.
 
     Where they were mixed in, the mixture was measured, or its own caveat says why not.
     """
-    found = _trusted(runs)
-    return _in_runs((f"{one.vehicle} {one.sensor}: {one.not_measured}", run) for run, one in found)
+    return _in_runs(
+        (f"{one.vehicle} {one.sensor}: {one.not_measured}", run)
+        for run, one in _uncompared_sources(runs)
+    )
 
 
-def _trusted(runs: Iterable[RunResult]) -> Iterator[tuple[RunResult, SourceResult]]:
-    """Yield the simulators whose pictures a passed run perceived on trust."""
+def _uncompared_sources(runs: Iterable[RunResult]) -> Iterator[tuple[RunResult, SourceResult]]:
+    """Yield the simulators whose images in a passed run were not compared with the world."""
     for run in runs:
         if run.verdict == "PASS" and run.outside is not None and run.mixing is None:
             yield from ((run, one) for one in run.outside.sources if one.not_measured)
 
 
 def unbounded_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return the caveat of passed runs whose registration error nobody knows or bounds."""
+    """Return the caveat of passed runs whose registration error is unknown and unbounded."""
     return _in_runs(
         (f"{one.name}: {one.not_bounded}", run)
         for run, one in _passed_combinations(runs)
@@ -98,7 +104,7 @@ def _unshown(run: RunResult) -> list[str]:
 
 
 def unseen_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return the caveat of objects that a passed run is about, and no mixture had in view."""
+    """Return the caveat of objects named by goal or oracles that no mixture had in view."""
     return _in_runs((name, run) for run in runs for name in _unseen(run))
 
 
@@ -108,7 +114,7 @@ def _unseen(run: RunResult) -> list[str]:
 
 
 def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
-    """Return why twins did not fly to their end, and in which runs, whatever came of these."""
+    """Return why twins dropped out, and in which runs, whatever their verdict."""
     return _in_runs(
         (run.twin.dropped_out.reason, run)
         for run in runs
@@ -126,30 +132,27 @@ def _passed_combinations(
 
 
 def in_short(summary: Summary) -> list[str]:
-    """Return the caveats in a few words each, for the line of a campaign's conclusion.
+    """Return the caveats in a few words each, for the last line of a campaign.
 
-    Oracles that are only reported take nothing from a campaign that is not accepted anyway.
+    Failed oracles that are only reported are listed for an accepted campaign alone.
     """
-    runs, said = summary.runs, []
-    if names := _names(name for name, kind in summary.sensors.items() if kind == "synthesised"):
-        said.append(f"synthesised readings: {names}")
-    if names := _names(item.by for run in runs for item in run.preflight if item.by):
-        said.append(f"preflight overridden by {names}")
-    if names := _names(change.by for run in runs for change in run.fence_changes):
-        said.append(f"fence changed in flight by {names}")
-    if names := _names(name for run in runs for name in run.not_judged):
-        said.append(f"not judged: {names}")
-    if names := _names(loss.topic for run in runs for loss in run.losses):
-        said.append(f"missing in part in run.mcap: {names}")
-    if names := _names(name for run in runs for name in _unshown(run)):
-        said.append(f"in view, and in no mixture: {names}")
-    if names := _names(name for run in runs for name in _unseen(run)):
-        said.append(f"never in view: {names}")
-    if names := _names(f"{one.vehicle} {one.sensor}" for _, one in _trusted(runs)):
-        said.append(f"not compared with the world: {names}")
-    if summary.accepted and (names := _names(name for name, _ in _reported_lines(runs))):
-        said.append(f"reported only, and failed: {names}")
-    return said
+    runs = summary.runs
+    reported = _reported_lines(runs) if summary.accepted else ()
+    names_by_text: dict[str, Iterable[str]] = {
+        "synthesised readings: ": _synthesised(summary),
+        "preflight overridden by ": (item.by for run in runs for item in run.preflight if item.by),
+        "fence changed in flight by ": (one.by for run in runs for one in run.fence_changes),
+        "not judged: ": (name for run in runs for name in run.not_judged),
+        "missing in part in run.mcap: ": (loss.topic for run in runs for loss in run.losses),
+        "in view, and in no mixture: ": (name for run in runs for name in _unshown(run)),
+        "never in view: ": (name for run in runs for name in _unseen(run)),
+        "not compared with the world: ": (
+            f"{one.vehicle} {one.sensor}" for _, one in _uncompared_sources(runs)
+        ),
+        "reported only, and failed: ": (name for name, _ in reported),
+    }
+    texts = ((text, ", ".join(sorted(set(names)))) for text, names in names_by_text.items())
+    return [text + names for text, names in texts if names]
 
 
 def overridden_texts(runs: Sequence[RunResult]) -> list[str]:
@@ -178,7 +181,7 @@ def unjudged_texts(runs: Sequence[RunResult]) -> list[str]:
 
 
 def _reported_lines(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
-    """Return caveats of oracles that failed in a passed run; not a real vehicle's twin."""
+    """Return the oracles of the judged vehicle that failed in a passed run."""
     return [
         (oracle.name, run)
         for run in runs
@@ -189,7 +192,7 @@ def _reported_lines(runs: Iterable[RunResult]) -> list[tuple[str, RunResult]]:
 
 
 def _overridden_lines(runs: Sequence[RunResult]) -> list[str]:
-    """Return caveats of overridden preflight checks: runs, and what they found."""
+    """Return caveats of overridden preflight checks: in how many runs, and the first result."""
     first: dict[tuple[str, str, str], str] = {}
     counted: Counter[tuple[str, str, str]] = Counter()
     for run in runs:
@@ -216,8 +219,3 @@ def _count(repetitions: set[int]) -> str:
     """Return a number of runs in a caveat."""
     count = len(repetitions)
     return f"{count} run{'' if count == 1 else 's'}"
-
-
-def _names(names: Iterable[str]) -> str:
-    """Return names in a caveat, sorted, each once."""
-    return ", ".join(sorted(set(names)))

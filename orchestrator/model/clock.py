@@ -1,8 +1,8 @@
-"""The run clock: an event loop in virtual time, and the one way to run a coroutine on either.
+"""The run clock: an event loop in virtual time, and how a coroutine is run on each clock.
 
-Under virtual time `loop.time()` jumps exactly to the next timer when nothing is ready, holds
-while an executor job runs, delivers the results of several jobs in the order of their
-submission, and raises on deadlock. So a run's course depends on its inputs alone.
+Under virtual time `loop.time()` jumps exactly to the next timer when nothing is ready, and holds
+while an executor job runs. The results of several jobs are delivered in the order of their
+submission, and a deadlock raises. So a run depends on its inputs alone.
 """
 
 import asyncio
@@ -21,9 +21,9 @@ Ts = TypeVarTuple("Ts")
 Clock = Literal["virtual", "wall", "scaled"]
 
 _TURNS_BETWEEN_POLLS = 64
-"""Nothing outside makes virtual time pass: file descriptors are looked at now and then only."""
+"""External events do not advance virtual time: file descriptors are polled only now and then."""
 _SAME_INSTANT_S = 1e-9
-"""Timers this close are one instant: `t0 + k / hz` of two makers differs by a rounding."""
+"""Timers this close are one instant: two computations of `t0 + k / hz` differ by rounding."""
 
 
 class VirtualDeadlockError(RuntimeError):
@@ -31,11 +31,10 @@ class VirtualDeadlockError(RuntimeError):
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An asyncio loop on a virtual clock that starts at 0 and passes at no cost.
+    """An asyncio loop on a virtual clock that starts at 0 and never waits for a timer.
 
-    Timers of one instant run in the order in which they were set. It keeps its timers and makes
-    its turns itself: a second of flight has hundreds of turns, and asyncio's cost as much as the
-    physics.
+    Timers of one instant run in the order in which they were set. It overrides asyncio's timers and
+    turns: a second of flight has hundreds of turns, and asyncio's cost as much as the physics.
     """
 
     def __init__(self) -> None:
@@ -91,7 +90,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             handle = callbacks.popleft()
             if not handle._cancelled:  # noqa: SLF001 - asyncio's loops do so
                 handle._run()  # noqa: SLF001 - asyncio's loops do so
-        # Who waits again and again for a time that is a rounding ahead must find it come.
+        # Code that waits repeatedly for a time that is a rounding ahead must reach it.
         self._now_s = max(self._now_s, end_s)
 
     def _wait(self) -> None:
@@ -107,7 +106,9 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             return
         self._look_outside(0.0)
         if not self._callbacks and not vars(self)["_stopping"]:
-            raise VirtualDeadlockError("virtual time stands still: no timer, no job, nothing ready")
+            raise VirtualDeadlockError(
+                "virtual time cannot advance: no timer is set, no job runs and no callback is ready"
+            )
 
     def _look_outside(self, timeout_s: float | None) -> None:
         """Take ready file descriptors into the virtual loop; None waits for one."""
@@ -171,7 +172,7 @@ def run_virtual(main: Coroutine[Any, Any, T]) -> T:
 def run_on(clock: Clock, main: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine to its end on the requested clock: wall, scaled or virtual.
 
-    scaled: it is the wall's until a guard leads it.
+    scaled: it equals the wall clock until a guard controls it.
     """
     if clock == "virtual":
         return run_virtual(main)

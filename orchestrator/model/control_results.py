@@ -1,4 +1,4 @@
-"""Whether controls ended as they must: one that passes shows that its campaign cannot fail."""
+"""Control runs against their expectation: one that passes shows that its campaign cannot fail."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from safety.model.verdict import source_of
 
 @dataclass(frozen=True, slots=True)
 class ControlResult:
-    """A control's result against its expected end. case: the one that it changes.
+    """A control's result against its expectation. case: the one that it changes.
 
-    verdict, oracle, cause: what is expected. met: whether it ended so.
+    verdict, oracle, cause: what is expected. met: whether the run ended so.
     """
 
     case: str
@@ -83,4 +83,4 @@ def _fault(run: ControlRun) -> str:
     if run.verdict == "PASS":
         return f"this campaign cannot fail: {name} passed"
     wanted = "" if run.control is None else expected_text(run.control)
-    return f"{name} must end as {wanted}, and came to {run.verdict}: {run.reason}"
+    return f"{name} must end as {wanted}, but ended as {run.verdict}: {run.reason}"

@@ -1,4 +1,4 @@
-"""Documents on disk: written whole or not at all, and the same bytes for the same content."""
+"""Writes documents to disk atomically; the same content gives the same bytes."""
 
 import dataclasses
 import json
@@ -26,7 +26,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
     A temporary file in the same folder, fsync, rename, fsync of the folder. Raises OSError.
     """
-    # Half of a surrogate pair, as an error may say it, becomes the escape that JSON has for it.
+    # A lone surrogate, as in an error message, is written as its JSON escape.
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
@@ -44,7 +44,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def sync_files(folder: Path) -> None:
-    """Sync every document of a folder, and their names, to the disk. Raises OSError."""
+    """Sync every file of a folder, and its directory entries, to the disk. Raises OSError."""
     for path in sorted(folder.iterdir()):
         if path.is_file():
             handle = os.open(path, os.O_RDONLY)
@@ -56,7 +56,7 @@ def sync_files(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Sync the names in a folder of documents to the disk. Raises OSError."""
+    """Sync the directory entries of a folder to the disk. Raises OSError."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""What the results of a campaign's runs come to: accepted or not, and the exit code; pure."""
+"""Acceptance of a campaign, and its exit code, from the results of its runs; pure."""
 
 from collections.abc import Iterable, Sequence
 
@@ -33,11 +33,10 @@ def accepted(
 ) -> bool | None:
     """Return whether results make the campaign accepted; None without a required run.
 
-    Accepted is what ends with exit code 0, and nothing else; the arguments are those of
-    `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED: those
-    flights prove nothing, so they cannot be among the ones that a campaign may lose. Nor may it
-    lose one that was never flown. Nor is a campaign accepted with a control that is not flown or
-    did not end as it must: its green would mean nothing.
+    A campaign is accepted exactly if it ends with exit code 0; the arguments are those of
+    `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED, which
+    prove nothing, nor a run that was not flown. A campaign is not accepted either with a control
+    that was not flown or did not end as expected: its PASS would mean nothing.
     """
     if any(run.control is not None and not run.control.met for run in runs):
         return False
@@ -57,9 +56,9 @@ def accepted(
 def shortfalls(
     runs: Iterable[RunResult], requirements: Iterable[Requirement]
 ) -> tuple[Standing, ...]:
-    """Return the requirements that results miss, or that have a required run that proves nothing.
+    """Return the requirements that are not met, or have a required run that proves nothing.
 
-    runs: all of them; controls and runs that are only reported are left out.
+    runs: all of them; controls and runs that are only reported are ignored.
     """
     required = [run for run in runs if run.required and run.control is None]
     unproven = {(run.case, run.mode) for run in required if run.verdict not in _PROVEN}
@@ -91,18 +90,18 @@ def _all_wanted(
 
 
 def is_rehearsed(run: RunResult) -> bool:
-    """Return whether a run came to arming as --no-arm asks, and nothing went wrong after that.
+    """Return whether a run stopped before arming, as --no-arm requests, without an error after it.
 
-    An ERROR of its end is one: a vehicle may have kept parameters and fence of the run.
+    Such an ERROR may be a vehicle that still has the parameters or the fence of the run.
     """
-    came_there = run.verdict == "ABORTED" and run.reason == NOT_ARMED
-    return came_there and not run.exceptions and all(one.verdict != "ERROR" for one in run.also)
+    stopped_there = run.verdict == "ABORTED" and run.reason == NOT_ARMED
+    return stopped_there and not run.exceptions and all(one.verdict != "ERROR" for one in run.also)
 
 
 def rehearsal_code(runs: Sequence[RunResult]) -> int:
     """Return the exit code of results without arming (--no-arm): 5 when all works.
 
-    A run that was aborted for another reason than that has shown nothing.
+    A run that was aborted for another reason gives 4.
     """
     if any(run.verdict == "ABORTED" and run.reason != NOT_ARMED for run in runs):
         return 4
@@ -121,13 +120,13 @@ def exit_code(
     """Return the exit code of a campaign's results; the first of 130, 4, 3, 1, 5, 0.
 
     stopped: what ended the campaign early. broken: an exception reached the orchestrator, or a
-    vehicle, port or broker could not be had; then it is never 0. An ABORTED run counts as an
+    vehicle, port or broker was unavailable; then it is never 0. An ABORTED run counts as an
     operator's command whether or not it was required. Required runs (missing: how many) and
-    controls that were never flown though nobody stopped the campaign are 3, whatever share of the
+    controls that were not flown although nobody stopped the campaign are 3, whatever share of the
     required runs may FAIL.
 
-    A control that did not end as it must is 3 where it came to ERROR or INVALID, which prove
-    nothing, and else 1, as a required run that FAILed: all was flown, and something is wrong.
+    A control that did not end as expected is 3 for ERROR or INVALID, which prove nothing, and else
+    1, like a required run that FAILed: all was flown, and something is wrong.
     """
     if stopped == "signal":
         return 130

@@ -1,4 +1,4 @@
-"""What came in from outside and what went out, as results carry it."""
+"""Results of the external I/O of a run, as its result lists them."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from vehicles.sources.mocap.feed_statistics import FeedStatistics
 class SourceResult:
     """The result of an external camera source: exposures by outcome.
 
-    dropped: came, and made way for newer ones. missed: never came. damaged: came broken, or wrong.
-    stalls: how often nothing came for too long. trouble: the last complaint. measured: pictures of
-    a simulator that were compared with the judged world; not_measured: why none, or not all of it.
+    dropped: replaced by newer ones. missed: never arrived. damaged: arrived damaged or wrong.
+    stalls: how often none arrived for too long. trouble: the last error. measured: images of a
+    simulator that were compared with the judged world; not_measured: why none or not all were.
     """
 
     vehicle: str
@@ -55,7 +55,7 @@ class OutletResult:
 class InjectedResult:
     """The result of injecting one kind of message into one autopilot.
 
-    sent; replaced by newer ones before they were due; not sent, for they had become too old.
+    sent: messages sent. replaced: by newer ones before they were due. stale: too old to be sent.
     """
 
     vehicle: str
@@ -69,7 +69,7 @@ class InjectedResult:
 class ProgramResult:
     """The result of an external autonomy program. exit: how it ended, in words.
 
-    refused: frames of it that were not passed on to the vehicle. trouble: what it did wrong.
+    refused: its frames that were not passed on to the vehicle. trouble: its last error.
     """
 
     vehicle: str

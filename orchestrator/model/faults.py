@@ -1,4 +1,4 @@
-"""Exceptions of ours, in a run or in the campaign that orders it: kept, logged, never lost."""
+"""Internal exceptions in a run or a campaign: recorded and logged, so that none is lost."""
 
 import traceback
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ from vehicles.tasks import FAULTS, asked_to_end, leaves
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """An exception of ours. where: the task or part of the run that raised it; kind: its type."""
+    """An internal exception. where: the task or part that raised it; kind: its type."""
 
     t_s: float
     where: str
@@ -26,7 +26,7 @@ class Fault:
         """Return the fault record of an exception."""
         try:
             message = str(error)
-        except Exception as other:  # noqa: BLE001 - an error whose own words raise has a type still
+        except Exception as other:  # noqa: BLE001 - __str__ may raise anything
             message = f"(its message raised {type(other).__name__})"
         trace = "".join(traceback.format_exception(error))
         return cls(t_s, where, type(error).__name__, message, trace)
@@ -34,17 +34,17 @@ class Fault:
     @property
     def text(self) -> str:
         """Return the fault in a line."""
-        said = f"{self.kind}: {self.message}" if self.message else self.kind
-        return f"{self.where}: {said}"
+        text = f"{self.kind}: {self.message}" if self.message else self.kind
+        return f"{self.where}: {text}"
 
 
 FaultLog = Callable[[Fault], None]
 
 
 class Faults:
-    """All faults (exceptions of ours) of a run, each once however often it propagates.
+    """All faults (internal exceptions) of a run, each once however often it propagates.
 
-    time: in seconds, as the log has it. take: told of each new one when it is in the log.
+    time: in seconds, as in the log. log: writes each new fault; take: called with it after that.
     """
 
     def __init__(
@@ -68,10 +68,10 @@ class Faults:
             self._take(fault)
 
     @contextmanager
-    def taking(self, where: str) -> Iterator[None]:
-        """Record an exception raised within as a fault, and go on after it.
+    def recording(self, where: str) -> Iterator[None]:
+        """Record an exception raised within as a fault, and suppress it.
 
-        A cancellation that somebody asked for is raised.
+        A requested cancellation is raised.
         """
         try:
             yield
@@ -82,10 +82,10 @@ class Faults:
 
 
 def fault_log(path: Path) -> FaultLog:
-    """Return what appends faults to a log.jsonl, whether or not its recorder is open."""
+    """Return a function that appends faults to a log.jsonl, also while its recorder is closed."""
 
     def write(fault: Fault) -> None:
-        with suppress(OSError):  # The verdict says it too.
+        with suppress(OSError):  # The verdict states it, too.
             append_event(
                 path,
                 fault.t_s,

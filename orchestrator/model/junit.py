@@ -1,10 +1,10 @@
-"""junit.xml: each run a test case, for the CI systems that read it.
+"""Writes junit.xml for CI systems: each run is a test case.
 
 FAIL is a failure; ERROR, INVALID and ABORTED are errors. A run that does not count against the
-campaign (reported only, or a FAIL that its share forgives) is `skipped` with what happened as its
-message: visible, and the suite stays green. Required runs that were not flown are an error; so is
-whatever else keeps the campaign from being accepted: an exception of ours, an operator, controls
-that were not flown. The suite is green with an accepted campaign, or where nothing was required.
+campaign (reported only, or a FAIL that its share forgives) is `skipped` with its reason as message:
+visible, and the suite stays green. Required runs that were not flown are an error; so is whatever
+else prevents acceptance: an internal exception, an operator's stop, controls that were not flown.
+The suite is green exactly if the campaign is accepted, or nothing was required.
 """
 
 import xml.etree.ElementTree as ET
@@ -44,7 +44,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         cases.append(_unaccepted_case(summary))
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
-    said = {
+    properties = {
         "left_out": summary.left_out,
         "controls_unmet": summary.unmet,
         "never_flown": summary.not_flown,
@@ -58,12 +58,12 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
         "mixture_without": unshown_texts(summary.runs),
         "twin_dropped_out": dropped_out_texts(summary.runs),
     }
-    if any(said.values()):
-        properties = ET.SubElement(suite, "properties")
-        for name, texts in said.items():
+    if any(properties.values()):
+        parent = ET.SubElement(suite, "properties")
+        for name, texts in properties.items():
             if texts:
                 value = _clean(", ".join(texts))
-                ET.SubElement(properties, "property", name=name, value=value)
+                ET.SubElement(parent, "property", name=name, value=value)
     suite.extend(cases)
     for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
         suite.set(name, str(sum(case.find(tag) is not None for case in cases)))
@@ -81,16 +81,16 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
         name=_name(run),
         time=_seconds(run.duration_s or 0.0),
     )
-    said = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
+    text = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
     if run.exceptions or (run.verdict == "ABORTED" and not is_rehearsed(run)):
-        # No share forgives it, and the exit code has it whether or not the run is required.
-        message = "; ".join([run.reason, *_untold(run)])
+        # No share forgives it, and the exit code counts it whether or not the run is required.
+        message = "; ".join([run.reason, *_unmentioned_errors(run)])
         ET.SubElement(case, "error", message=_clean(message), type=run.verdict)
     elif run.verdict != "PASS":
         if not run.required:
-            ET.SubElement(case, "skipped", message=_clean(f"reported only: {said}"))
+            ET.SubElement(case, "skipped", message=_clean(f"reported only: {text}"))
         elif run.verdict == "FAIL" and met:
-            ET.SubElement(case, "skipped", message=_clean(f"within what is accepted: {said}"))
+            ET.SubElement(case, "skipped", message=_clean(f"within what is accepted: {text}"))
         else:
             tag = "failure" if run.verdict == "FAIL" else "error"
             ET.SubElement(case, tag, message=_clean(run.reason), type=run.verdict)
@@ -98,11 +98,13 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
     return case
 
 
-def _untold(run: RunResult) -> list[str]:
-    """Return the exceptions of ours in a run, and what went wrong after one that was not armed."""
-    later = [one.reason for one in run.also if one.verdict == "ERROR" and run.reason == NOT_ARMED]
-    told = dict.fromkeys((*run.exceptions, *later))
-    return [text for text in told if text not in run.reason]
+def _unmentioned_errors(run: RunResult) -> list[str]:
+    """Return the internal exceptions and later errors of a run that its reason does not mention."""
+    later_errors = [
+        one.reason for one in run.also if one.verdict == "ERROR" and run.reason == NOT_ARMED
+    ]
+    errors = dict.fromkeys((*run.exceptions, *later_errors))
+    return [text for text in errors if text not in run.reason]
 
 
 def _is_red(case: ET.Element) -> bool:
@@ -119,7 +121,7 @@ def _control(campaign: str, run: RunResult) -> ET.Element:
         is_error = run.exceptions or run.verdict in {"ERROR", "INVALID", "ABORTED"}
         tag = "error" if is_error else "failure"
         ET.SubElement(case, tag, message=_clean("; ".join(faults)), type=run.verdict)
-    _write_out(case, run, f"{run.verdict}, and must not pass: {run.reason}")
+    _write_out(case, run, f"{run.verdict}, a control that must not pass: {run.reason}")
     return case
 
 
@@ -132,7 +134,7 @@ def _write_out(case: ET.Element, run: RunResult, *first: str) -> None:
 
 
 def _name(run: RunResult) -> str:
-    """Return a run's JUnit name; a retried one has another, since CI shows only the name."""
+    """Return a run's JUnit name; with the attempt of a retried one, as CI shows only the name."""
     return f"{run.rep} (attempt {len(run.attempts) + 1})" if run.attempts else str(run.rep)
 
 
@@ -147,7 +149,7 @@ def _missing_case(campaign: str, standing: Standing) -> ET.Element:
 
 def _unaccepted_case(summary: Summary) -> ET.Element:
     """Return a JUnit test case for a campaign that is not accepted though no run failed."""
-    why = summary.ending or "an exception of this program came up: its log.jsonl has it"
+    why = summary.ending or "an internal exception occurred; see the run's log.jsonl"
     if summary.not_flown:
         why = f"never flown: {', '.join(summary.not_flown)}"
     case = ET.Element("testcase", classname=_clean(summary.campaign), name="accepted", time="0.000")

@@ -1,23 +1,23 @@
-"""How long vehicles take from takeoff command to liftoff, learned over runs; pure."""
+"""Delays from takeoff command to liftoff, learned over the runs of a campaign; pure."""
 
 import statistics
 from collections import deque
 from collections.abc import Iterable, Mapping
 
 _KEPT = 5
-"""The median of so many: one takeoff that something held up teaches nothing."""
+"""The median of so many is used, so that one delayed takeoff has no effect."""
 _LONGEST_S = 5.0
 """Autopilots disarm a vehicle that stands armed for 10 s (COM_DISARM_PRFLT, DISARM_DELAY)."""
 
 
 class LiftoffDelays:
-    """The delays of a campaign's vehicles; a key stands for one of them."""
+    """The measured delays of a campaign's vehicles, by key."""
 
     def __init__(self) -> None:
         self._measured: dict[str, deque[float]] = {}
 
     def take(self, key: str, delay_s: float) -> None:
-        """Take what a run measured."""
+        """Add a delay that a run measured."""
         self._measured.setdefault(key, deque(maxlen=_KEPT)).append(delay_s)
 
     def of(self, key: str) -> float | None:
@@ -27,7 +27,7 @@ class LiftoffDelays:
 
 
 def staggers_s(delays_s: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
-    """Return how long each of these vehicles waits for its takeoff command: the slowest not at all.
+    """Return how long to delay each vehicle's takeoff command: the slowest one's not at all.
 
     delays_s: from command to liftoff, by name.
     """

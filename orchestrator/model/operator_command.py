@@ -1,4 +1,4 @@
-"""Where a run looks for its operator's commands."""
+"""The inbox of a run for its operator's commands."""
 
 from typing import Protocol
 

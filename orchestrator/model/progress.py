@@ -1,4 +1,4 @@
-"""What a run tells of itself while it flies; small, frozen, picklable."""
+"""Progress reports and events of a run in flight; small, frozen, picklable."""
 
 import time
 from collections.abc import Callable
@@ -49,10 +49,10 @@ class Progress:
 class Happening:
     """An event of a run in progress, reported at once.
 
-    kind: a stage was reached; a vehicle touched something; the verdict is settled (word: which);
-    the guard did something (word: what); an operator's command was obeyed or refused (word: ok or
-    refused), and its id; one has reached the run (word: which). vehicle: empty when it
-    concerns all.
+    kind: a stage was entered (word: which); a vehicle touched something (word: the oracle); the
+    verdict is decided (word: which); an event of the guard (word: its kind); the answer to an
+    operator's command (word: ok or refused), with its id; its receipt by the run (word: its kind).
+    vehicle: empty when it concerns all.
     """
 
     run: str
@@ -70,10 +70,11 @@ Report = Callable[[News], None]
 
 
 class ProgressLimiter:
-    """Lets a run's progress through so often that a person can follow; all that happens, at once.
+    """Limits the rate of a run's progress reports; its events always pass.
 
-    A run tells its progress by its own clock, which may be thirty times the wall's: who reads it
-    would spend more time on it than the flight takes. shortest_s: between two, in wall time.
+    A run reports its progress by its own clock, which may be thirty times as fast as the wall
+    clock: reading all reports would take longer than the flight. shortest_s: between two, wall
+    time.
     """
 
     def __init__(self, shortest_s: float) -> None:

@@ -1,6 +1,6 @@
-"""What a run and a campaign came to: fields exactly as result.json and summary.json carry them.
+"""The result of a run: the fields of result.json.
 
-Beside `wall_s` nothing here depends on the machine: repeats of a seed are equal byte for byte.
+Except `wall_s` nothing here depends on the machine: repeats of a seed are equal byte for byte.
 """
 
 import math
@@ -22,7 +22,7 @@ _NOTED = "; the autonomy's last note was '{}'"
 
 
 NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
-"""The reason of a run that ended there as it should."""
+"""The reason of a run that stopped before arming, as requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,9 @@ class Percentiles:
 class SyncResult:
     """The result of synchronisation: skews in seconds, None when unknown or for one vehicle.
 
-    command: between the takeoff commands on the wire. takeoff: between the times off the ground,
-    by mapped clocks. t0: between the times at which each was given its goal. liftoff_delays_s: of
-    each vehicle, from its takeoff command on the wire to its liftoff.
+    command: between the takeoff commands as sent. takeoff: between the liftoffs, by mapped clocks.
+    t0: between the first setpoints towards the goal. liftoff_delays_s: of each vehicle, from its
+    takeoff command as sent to its liftoff.
     """
 
     command_skew_s: float | None = None
@@ -50,11 +50,11 @@ class SyncResult:
 
 @dataclass(frozen=True, slots=True)
 class ShownResult:
-    """The result of how well mixtures showed an object of the virtual world.
+    """The visibility of an object of the virtual world in a combination's mixtures.
 
-    Of the mixtures that were measured while the goal was flown. frames_in_view: geometry says that
-    it was in view. frames_shown: of these, the mixture showed it. offset_px: how far from its
-    place in pictures; offset_m: by how much ranges were off; None for the other kind.
+    Of the mixtures that were measured while the goal was flown. frames_in_view: geometry has the
+    object in view. frames_shown: of these, the mixture showed it. offset_px: distance from its
+    place in images; offset_m: error of ranges; None for the other kind.
     """
 
     frames_in_view: int
@@ -67,15 +67,15 @@ class ShownResult:
 class CombinationResult:
     """The result of one combination of the recipe.
 
-    frames_measured: mixtures in which the virtual objects were sought while the goal was flown;
-    shown: what came of it, by object. not_mixed: objects that the recipe leaves out by name, and in
-    how many of these they were in view. not_measured: why some or all mixtures could not be.
-    not_bounded: why the registration error of some or all has no bound, so that no limit applies.
+    frames_measured: mixtures that were measured for virtual objects while the goal was flown;
+    shown: the visibility, by object. not_mixed: objects that the recipe leaves out by name, and in
+    how many of these mixtures they were in view. not_measured: why some or all mixtures were not
+    measured. not_bounded: why the registration error of some or all has no bound.
 
     name: of its sensor; with its receivers where a sensor is mixed several times. sensor: its type.
-    publish: who perceives it. frames: mixtures delivered. dropped: why something of the twin, or
-    all, is missing, and how often; "replaced" made way for newer readings, "missed" got no image of
-    the twin's source in time. faults: readings that were refused, as "twin not_finite".
+    publish: vehicles whose autonomy perceives it. frames: mixtures delivered. dropped: reasons and
+    counts of mixtures without the twin, or of none; "replaced": by newer readings, "missed": no
+    image of the twin's source in time. faults: refused readings by reason, as "twin not_finite".
     """
 
     name: str
@@ -101,9 +101,9 @@ class MixingResult:
     """The result of one run's mixing.
 
     The figures are those of the recipe's first combination; `combinations` has all of them.
-    registration_error_px: None without an independent reference; registration_bound_px then says
-    what it is within. unseen: virtual objects that the goal or a required oracle names and that no
-    measured mixture had in view.
+    registration_error_px: None without an independent reference; registration_bound_px is its bound
+    then. unseen: virtual objects that the goal or a required oracle names and that no measured
+    mixture had in view.
     """
 
     frames: int
@@ -124,7 +124,7 @@ class MixingResult:
 class Also:
     """A later decisive event in a run's result, after the one of the verdict.
 
-    Equal ones stand once, with their count in the reason, and the time of the first.
+    Equal events are listed once, with their count in the reason and the time of the first.
     """
 
     verdict: Verdict
@@ -134,7 +134,7 @@ class Also:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """What run.mcap lacks of a topic: so many messages of those that were to be recorded."""
+    """Messages of a topic missing in run.mcap: how many of those to be recorded."""
 
     topic: str
     offered: int
@@ -145,9 +145,9 @@ class Loss:
 class ActorResult:
     """How a vehicle flew as an object of the world.
 
-    delay_s: behind its motion; None where it did not get to its first waypoint. offset_m: from its
-    way, at most, from there to the landing. flown_by: what kind of vehicle that is. pose_source:
-    what moved the object in the world: ground truth of a simulator, or mavlink: its own estimate.
+    delay_s: behind its motion; None where it did not reach its first waypoint. offset_m: largest
+    distance from its path from there to the landing. flown_by: the kind of vehicle. pose_source:
+    what moves the object in the world: simulator (ground truth) or mavlink (its own estimate).
     """
 
     name: str
@@ -162,7 +162,7 @@ class ActorResult:
 class Attempt:
     """An earlier attempt in a run's result, which does not count.
 
-    verdict: None where it was cut off and has none. folder: where it is kept, from the campaign's.
+    verdict: None where it was cut off before one. folder: relative to the campaign's.
     """
 
     verdict: Verdict | None
@@ -172,7 +172,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class FenceChange:
-    """A fence change by an operator in a run's result: these vehicles were judged by it since.
+    """An operator's fence change in a run's result: these vehicles were judged by it from then on.
 
     at_s: run clock.
     """
@@ -186,20 +186,18 @@ class FenceChange:
 class RunResult:
     """The result of one run. rep from 1. duration_s: takeoff command to disarm, None without.
 
-    wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: the
-    flags of contacts as they happened. outside: what came in and went out; None for a run that
-    has nothing outside of its own processes. artifacts: files, relative to the campaign's folder.
-    attempts: those before this one, oldest first; a PASS after any is no clean one. preflight: what
-    was checked before arming, and who overrode what. fence_changes: in flight, oldest first.
-    evidence: what the judged signals showed; on this the verdict rests.
-    decided_by: what made the verdict, as "reached/real"; empty for PASS. control: how a control
-    ended against how it must; None for a run of the campaign itself. not_judged: what is judged
-    always, and was left out by the campaign. note: what the judged vehicle's autonomy noted
-    last before that. trace: the traceback of an autonomy that crashed.
-    exceptions: of ours, each in a line: then it is no PASS, and the program's exit code never 0.
-    twin: what the twin did beside the real vehicle; None but in mode wil. actors: the vehicles that
-    flew as objects of the world. losses: what run.mcap lacks, by topic. before_arming: what was
-    done to the vehicles then, in order.
+    wall_s: how long it took on this machine. mixing: None where nothing is mixed. collisions: flags
+    of contacts in their order. outside: results of the external I/O; None for a run without any.
+    artifacts: files, relative to the campaign's folder. attempts: those before this one, oldest
+    first. preflight: the checks before arming, and who overrode them. fence_changes: in flight,
+    oldest first. evidence: the quality of the judged signals, on which the verdict rests.
+    decided_by: the source of the verdict, as "reached/real"; empty for PASS. control: a control
+    against its expectation; None for other runs. not_judged: default oracles that the campaign
+    switched off. note: the last note of the judged vehicle's autonomy before the verdict. trace:
+    the traceback of an autonomy that crashed. exceptions: internal ones, each in a line: the run is
+    no PASS then, and the exit code never 0. twin: of the twin beside the real vehicle; None outside
+    of mode wil. actors: the vehicles that flew as objects of the world. losses: messages missing in
+    run.mcap, by topic. before_arming: the steps before arming, in order.
     """
 
     case: str
@@ -240,7 +238,7 @@ class RunResult:
 
     @property
     def bare_reason(self) -> str:
-        """Return the result's reason as the decisive event has it, without the last note."""
+        """Return the reason of the decisive event, without the autonomy's last note."""
         return self.reason.removesuffix(_NOTED.format(self.note))
 
 
@@ -250,7 +248,7 @@ def with_note(reason: str, note: str) -> str:
 
 
 def percentiles(values: Sequence[float]) -> Percentiles:
-    """Return median and 99th percentile by nearest rank, which needs no interpolation."""
+    """Return median and 99th percentile by nearest rank, without interpolation."""
     if not values:
         return Percentiles(None, None)
     ordered = sorted(values)

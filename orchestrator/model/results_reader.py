@@ -1,4 +1,4 @@
-"""Reads result.json back, and trusts it only when it is whole and as we write it; summary.json."""
+"""Reads result.json and summary.json; refuses a result.json that was changed or damaged."""
 
 from functools import cache
 from pathlib import Path
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class ResultError(Exception):
-    """A result.json or summary.json that is missing, cut, damaged or of another version; why."""
+    """A result.json or summary.json that is missing, truncated, damaged or of another version."""
 
 
 @cache
@@ -33,8 +33,8 @@ def summary_model() -> TypeAdapter[Summary]:
 def read_result(path: Path) -> RunResult:
     """Return the result in a result.json. Raises ResultError."""
     result, text = _parse_document(path, result_model())
-    if _written(result) != text:
-        raise ResultError(f"{path} was changed, or is of another version: it is not as we write it")
+    if _as_written(result) != text:
+        raise ResultError(f"{path} was edited, or written by another version of wil-campaign")
     return result
 
 
@@ -44,7 +44,7 @@ def read_summary(path: Path) -> Summary:
 
 
 def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
-    """Return what a document holds, and its text. Raises ResultError."""
+    """Return the content of a document, and its text. Raises ResultError."""
     try:
         data = read_limited(path)
         check_values(data)
@@ -52,19 +52,21 @@ def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
     except FileNotFoundError as error:
         raise ResultError(f"{path} does not exist") from error
     except (OSError, JsonLimitError, UnicodeDecodeError) as error:
-        said = getattr(error, "strerror", None) or error
-        raise ResultError(f"{path} cannot be read: {said}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise ResultError(f"{path} cannot be read: {reason}") from error
     try:
         return kind.validate_json(text, strict=True), text
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
-        said = f"{where}: {first['msg']}" if where else first["msg"]
-        raise ResultError(f"{path} is truncated, damaged or of another version: {said}") from error
+        reason = f"{where}: {first['msg']}" if where else first["msg"]
+        raise ResultError(
+            f"{path} is truncated, damaged or of another version: {reason}"
+        ) from error
 
 
-def _written(result: RunResult) -> str:
-    """Return a result as we write it; empty for one with numbers that we do not write."""
+def _as_written(result: RunResult) -> str:
+    """Return a result as wil-campaign writes it; empty for numbers that JSON does not have."""
     try:
         return to_json(result)
     except ValueError:

@@ -1,8 +1,7 @@
-"""Whether a vehicle may fly back to its start after a run, and which way; pure.
+"""Whether a vehicle may fly back to its start after a run, and by which path; pure.
 
-A vehicle flies on by itself only after a flight that ended as it should, for the vehicle: landed,
-disarmed, nothing touched that is there, nobody took over. Whether battery and estimator are good
-for it, its own preflight says.
+A vehicle flies back only after a flight that was safe for it: landed, disarmed, nothing real
+touched, no intervention. Battery and estimator are checked by the preflight of the return flight.
 """
 
 import csv
@@ -18,19 +17,19 @@ from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose, Vec3, norm, subtract
 
 CLEAR_M = 0.5
-"""What is left free round a vehicle that nobody steers in sight of things."""
+"""Clearance around a vehicle on its return path, which avoids no obstacles."""
 _STEP_M = 0.1
 _FORBIDDING = frozenset({"failsafe", "lost", "takeover", "silence", "guard", "clock", "abort"})
-"""Events of the guard after which a person looks first."""
+"""Events of the guard after which an operator has to inspect the vehicle."""
 
 _FAULTS = frozenset({"fault", "failsafe", "reboot"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReturnPath:
-    """A return path. stand: where the vehicle stands, start: where it flies; world frame.
+    """A return path. stand: pose of the vehicle, start: its destination; world frame.
 
-    altitude_m: above the world's ground, of the way; speed_m_s: on it.
+    altitude_m: above the world's ground; speed_m_s: of the flight.
     """
 
     stand: Pose
@@ -85,7 +84,7 @@ def read_standing_pose(folder: Path, name: str) -> StandingPose | None:
         return None
 
 
-def why_not_on(
+def why_no_return(
     result: RunResult,
     stand: StandingPose | None,
     log: Iterable[Mapping[str, Any]],
@@ -94,27 +93,29 @@ def why_not_on(
 ) -> str:
     """Return why a vehicle must not fly a return path after a run; "" where it may.
 
-    log: of the run. solid: names of what stands in the real world, which it may have touched.
+    log: events of the run. solid: names of the real world's objects.
     """
-    if result.verdict in {"ABORTED", "ERROR"}:
-        return f"the run ended as {result.verdict}: {result.reason}"
+    decided = [(one.verdict, one.reason) for one in result.also]
+    for verdict, reason in ((result.verdict, result.reason), *decided):
+        if verdict in {"ABORTED", "ERROR"}:
+            return f"the run ended as {verdict}: {reason}"
     if stand is None:
         return "its position is unknown"
     if stand.armed or stand.stage not in {"landed", "end"}:
-        return "it is not landed and disarmed"
+        return "it has not landed and disarmed"
     touched = (
-        f"{flag.text}, which is there"
+        f"{flag.text}, a real object"
         for flag in result.collisions
         if flag.vehicle == "real" and any(name in flag.text for name in solid)
     )
-    return next(touched, "") or next(_troubles(log), "")
+    return next(touched, "") or next(_forbidding_events(log), "")
 
 
-def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+def _forbidding_events(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a run's log entries that forbid a return path."""
     armed = False
     for line in log:
-        # What an estimator says before it has converged is not about the flight.
+        # Faults of an estimator before it has converged do not concern the flight.
         armed = armed or (line.get("event") == "stage" and line.get("stage") == "arm")
         if line.get("event") == "guard" and line.get("kind") in _FORBIDDING:
             yield f"the guard took over: {line.get('text')}"
@@ -122,19 +123,19 @@ def _troubles(log: Iterable[Mapping[str, Any]]) -> Iterator[str]:
             yield f"{line.get('vehicle')} reported a {line.get('kind')}: {line.get('text')}"
 
 
-def why_not_there(
-    way: ReturnPath, *, fence: Fence | None, keep_m: float, probe: ClearanceProbe
+def why_path_blocked(
+    path: ReturnPath, *, fence: Fence | None, keep_m: float, probe: ClearanceProbe
 ) -> str:
     """Return what blocks a return path; "" for nothing. probe: real world without floors."""
     if fence is not None:
-        for point in _points(way):
+        for point in _points(path):
             if fence.margin_m(point) < keep_m:
                 return f"the path leaves the fence at its {fence.boundary(point)}"
-    _, above, over, _ = way.points
-    yaw_rad = way.start.yaw_rad
+    _, above, over, _ = path.points
+    yaw_rad = path.start.yaw_rad
     poses = [Pose.of(n, e, -d, yaw_rad=yaw_rad) for n, e, d in (above, over)]
     near = probe.sweep(poses[0], 0.0, poses[1], 1.0)
-    return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the way" if near else ""
+    return f"{near[0].object_name} is nearer than {CLEAR_M:g} m to the path" if near else ""
 
 
 def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | None:
@@ -146,9 +147,9 @@ def off_start(stand: StandingPose | None, start: Pose) -> tuple[float, float] | 
     return math.hypot(north_m, east_m), abs(math.degrees(turn_rad))
 
 
-def _points(way: ReturnPath) -> Iterator[Vec3]:
+def _points(path: ReturnPath) -> Iterator[Vec3]:
     """Yield points on a return path's level part, and above both its ends."""
-    _, above, over, _ = way.points
+    _, above, over, _ = path.points
     leg = subtract(over, above)
     count = max(1, math.ceil(norm(leg) / _STEP_M))
     for index in range(count + 1):

@@ -1,4 +1,4 @@
-"""log.jsonl: what happened in a run, one JSON object a line, in order."""
+"""log.jsonl: the events of a run, one JSON object per line, in order."""
 
 import json
 import os
@@ -15,20 +15,20 @@ class RunLog:
         self._path = path
 
     def __enter__(self) -> Self:
-        # Appended to, for an exception of ours is written without waiting for this to be open.
-        # Half of a surrogate pair, as a vehicle or an error may say it, is written as JSON escapes.
+        # Opened to append: internal exceptions are written also before this is opened. A lone
+        # surrogate, as in a vehicle's or an error's text, is written as a JSON escape.
         self._file = self._path.open("a", encoding="utf-8", errors="backslashreplace")
         return self
 
     @property
     def is_removed(self) -> bool:
-        """Return whether the file was removed: what is written is lost, and nothing says so."""
+        """Return whether the file was removed: writing to it is lost without an error."""
         return not self._file.closed and os.fstat(self._file.fileno()).st_nlink == 0
 
     def write(self, t_s: float, event: str, **details: Detail) -> None:
         """Append an event to the run's log, flushed on return. Raises OSError.
 
-        What is told when the log is closed already, as the loop shuts down, has no line.
+        An event after the log was closed, as the loop shuts down, is ignored.
         """
         if self._file.closed:
             return
@@ -40,7 +40,7 @@ class RunLog:
 
 
 def append_event(path: Path, t_s: float, event: str, **details: Detail) -> None:
-    """Append an event to a run's log, whoever else has it open. Raises OSError."""
+    """Append an event to a run's log, which may be open elsewhere. Raises OSError."""
     with path.open("a", encoding="utf-8", errors="backslashreplace") as file:
         file.write(_line(t_s, event, details))
 

@@ -1,4 +1,4 @@
-"""What the twin of a run in mode wil did, beside the flight that is judged."""
+"""The result of the twin of a run in mode wil, beside the judged flight."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from vehicles.coupling import Coupling
 
 @dataclass(frozen=True, slots=True)
 class DropOut:
-    """A vehicle that is not judged left the flight. at_s: run clock. reason: in words."""
+    """The drop-out of a vehicle that is not judged. at_s: run clock. reason: in words."""
 
     at_s: float
     reason: str
@@ -15,7 +15,7 @@ class DropOut:
 
 @dataclass(frozen=True, slots=True)
 class TwinResult:
-    """How the twin was kept with its vehicle, and how far it was from it.
+    """The coupling of the twin to the real vehicle, and their distance.
 
     distance_m: the median, the 99th percentile and the largest distance between the two by their
     pose sources while the goal was flown and the twin flew; None where nothing was measured: a

@@ -1,8 +1,8 @@
-"""When a vehicle left the ground, by its own estimate, which drifts while it still stands; pure.
+"""Detects the liftoff of a vehicle by its own estimate, which drifts on the ground; pure.
 
-A real autopilot's height wanders before it lifts: that of PX4's own simulation by up to 0.4 m
-between arming and taking off, at up to 0.3 m/s for a moment. So no height says that it flies, and
-no speed alone; a climb that goes on for a second does.
+A real autopilot's height drifts before liftoff: in PX4's own simulation by up to 0.4 m between
+arming and takeoff, at up to 0.3 m/s for a moment. So neither a height nor a speed alone shows a
+liftoff; a climb that lasts for a second does.
 """
 
 from collections import deque
@@ -25,12 +25,12 @@ class LiftoffDetector:
     def liftoff_s(self) -> float | None:
         """Return when liftoff began; None before it is known.
 
-        Of one that climbs too slowly to tell, when it was last seen to come above 0.1 m.
+        For a climb too slow to detect: when the height last rose above 0.1 m.
         """
         return self._above_s if self._climbed_s is None else self._climbed_s
 
     def take(self, t_s: float, *, height_m: float, climb_m_s: float) -> None:
-        """Take an armed vehicle's height above its stand and climb rate."""
+        """Add an armed vehicle's height above its start, and its climb rate."""
         if self._climbed_s is not None:
             return
         if height_m <= _ABOVE_M:

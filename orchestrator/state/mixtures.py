@@ -1,4 +1,4 @@
-"""What mixing hands on: each mixture with its readings, and the images of it for people."""
+"""Mixtures with their input readings, and preview images of them for people."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,8 @@ from vehicles.readings import CameraReading, Reading
 class MixedFrame:
     """A mixture with the readings behind it.
 
-    name: of the combination. visibility: what it shows of the virtual objects; None where that
-    was not measured. unbounded: why nobody knows how far beside their places virtual objects may be
-    drawn; empty where that is known.
+    name: of the combination. visibility: of the virtual objects; None where it was not measured.
+    unbounded: why the registration error has no bound; empty where it has one.
     """
 
     name: str
@@ -29,7 +28,7 @@ class MixedFrame:
 class PreviewImages:
     """Preview images of a mixture for people: what the subject perceives, and the inputs.
 
-    alone: why nothing of the twin is in the mixture; empty where it is.
+    alone: why the mixture contains nothing of the twin; empty where it does.
     """
 
     perceived: CameraReading

@@ -1,4 +1,4 @@
-"""What one run is given: its plan resolved, its folder, its clock."""
+"""Order and setup of one run: its resolved plan, its folder, its clock."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,9 +22,9 @@ from worlds.scene.scene import Scene
 class RunOrder:
     """An order to fly a run; picklable. folder: for its files; it exists and is empty.
 
-    liftoff_delays_s: by vehicle, from takeoff command to liftoff, as runs before this one measured;
-    attempts: those at this run that do not count. arm: False for everything up to arming. back: not
-    the run, but the flight back to the start after it.
+    liftoff_delays_s: by vehicle, from takeoff command to liftoff, as earlier runs measured them;
+    attempts: earlier ones at this run, which do not count. arm: False stops before arming. back:
+    set for the return flight to the start after the run, instead of the run.
     """
 
     plan: RunPlan
@@ -38,11 +38,11 @@ class RunOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSetup:
-    """The setup of a run: an order with all that it names resolved.
+    """The setup of a run: an order with its references resolved.
 
-    vehicles: those that fly. placed: a twin that does not, and has sensors where the real vehicle
-    is. actors: the vehicles that fly as objects of the world in this mode. real_scene,
-    virtual_scene: what stands in W and in Wv in this mode.
+    vehicles: those that fly. placed: a twin that does not fly, with sensors at the real vehicle's
+    pose. actors: the vehicles that fly as objects of the world in this mode. real_scene,
+    virtual_scene: scenes W and Wv in this mode.
     """
 
     order: RunOrder
@@ -90,9 +90,9 @@ class RunSetup:
 
     @property
     def pace(self) -> float:
-        """Return the pace of the run's clock in times real time; 1 for what is not scaled."""
-        asked = self.campaign.pace(self.mode) if self.clock == "scaled" else None
-        return asked or 1.0
+        """Return the pace of the run's clock in times real time; 1 unless it is scaled."""
+        pace = self.campaign.pace(self.mode) if self.clock == "scaled" else None
+        return pace or 1.0
 
     @property
     def subject(self) -> VehicleName:
@@ -101,12 +101,12 @@ class RunSetup:
 
     @property
     def companion(self) -> VehicleName | None:
-        """Return who flies beside the subject, and is judged by nobody; None where nobody does."""
+        """Return the twin that flies beside the subject and is not judged; None without one."""
         return "twin" if self.mode == "wil" and self.placed is None else None
 
     @property
     def with_sensors(self) -> tuple[VehicleSetup, ...]:
-        """Return the vehicles that have sensors: those that fly, and a placed twin."""
+        """Return the vehicles with sensors: those that fly, and a placed twin."""
         return self.vehicles if self.placed is None else (*self.vehicles, self.placed)
 
     @property
@@ -131,8 +131,8 @@ class RunSetup:
     def liftoff_delays_s(self) -> Mapping[str, float]:
         """Return how long each vehicle takes from its takeoff command to its liftoff.
 
-        As it was measured in earlier runs, else as its autopilot is known for; nothing where the
-        commands are to be given together.
+        As measured in earlier runs, else the default of its autopilot; empty where the commands are
+        to be sent together.
         """
         if self.campaign.sync.takeoff == "command":
             return {}
@@ -140,7 +140,7 @@ class RunSetup:
         return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
-        """Return how far above its start a vehicle of the run takes off to."""
+        """Return the takeoff height of a vehicle above its start."""
         return self.campaign.goal.altitude_m + vehicle.start.position_ned_m[2]
 
 

@@ -1,4 +1,4 @@
-"""The course of a run: its stages, what decided it, and whether the flight is over."""
+"""The state of a run: its stage, its decisive events, and whether the flight has to end."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -28,16 +28,16 @@ DropOutWatcher = Callable[[str, DropOut], None]
 
 
 class FlightError(Exception):
-    """A stage of the run that could not be completed; says which vehicle and why."""
+    """A stage of the run that failed; the message says for which vehicle and why."""
 
 
 class RunState:
     """The state of a run: stages, decisive events, faults; every part reports here.
 
-    `over` is set when the flight has to end before its time: something that ends it happened.
-    While the operator holds, nothing of the flight's own ends it: whoever holds wants to look.
-    A watcher that raises keeps no other from being called: that it did is decisive. log_fault:
-    takes each exception of ours; `faults` has them all.
+    `over` is set when a decisive event ends the flight early. During an operator's hold that waits
+    for the release: the operator wants to inspect the situation. The exception of a watcher decides
+    the run, and the other watchers are still called. log_fault: called with each internal
+    exception; `faults` lists them all.
     """
 
     def __init__(self, *, time: Callable[[], float], log_fault: FaultLog = lambda _: None) -> None:
@@ -49,16 +49,16 @@ class RunState:
         self.decisive: list[DecisiveEvent] = []
         self.over = asyncio.Event()
         self.last_note: Callable[[], str] = str
-        """What the autonomy of the judged vehicle noted last; set once there is one."""
-        self._held = False
+        """Returns the last note of the judged vehicle's autonomy; set once there are vehicles."""
+        self._is_held = False
         self.holds = 0
         """How often the operator has held the run."""
-        self._due = False
+        self._is_end_due = False
         self._stage_watchers: list[StageWatcher] = []
         self._entries: dict[Stage, asyncio.Event] = {}
         self._decisive_watchers: list[DecisiveWatcher] = []
         self.dropped_out: dict[str, DropOut] = {}
-        """Vehicles whose flight has ended, and with it nobody else's: by name."""
+        """Vehicles that dropped out while the others fly on, by name."""
         self._drop_out_watchers: list[DropOutWatcher] = []
 
     def on_stage(self, watcher: StageWatcher) -> None:
@@ -74,17 +74,17 @@ class RunState:
         self._drop_out_watchers.append(watcher)
 
     def drop_out(self, vehicle: str, reason: str) -> None:
-        """Take that the flight of one vehicle is over, and the others fly on; the first counts."""
+        """Record that a vehicle dropped out and the others fly on; the first call counts."""
         if vehicle in self.dropped_out:
             return
         self.dropped_out[vehicle] = left = DropOut(self.time(), reason)
         for watcher in tuple(self._drop_out_watchers):
-            with self.taking(f"the end of the flight of {vehicle}"):
+            with self.recording_faults(f"the drop-out of {vehicle}"):
                 watcher(vehicle, left)
 
     @contextmanager
     def watching_drop_out(self, vehicle: str, end: Callable[[], None]) -> Iterator[None]:
-        """Call `end` when a vehicle drops out meanwhile."""
+        """Call `end` when a vehicle drops out within the context."""
 
         def watcher(name: str, _: DropOut) -> None:
             if name == vehicle:
@@ -104,7 +104,7 @@ class RunState:
         if stage in self._entries:
             self._entries[stage].set()
         for watcher in self._stage_watchers:
-            with self.taking(f"stage {stage}"):
+            with self.recording_faults(f"stage {stage}"):
                 watcher(stage, now_s)
         return now_s
 
@@ -127,35 +127,35 @@ class RunState:
         trace: str = "",
         ends_flight: bool = True,
     ) -> None:
-        """Record a decisive event; `ends_flight`: the run's vehicles have to come down.
+        """Record a decisive event. ends_flight: whether the run's vehicles have to land.
 
-        trace: the traceback of what was raised, for the log and the result.
+        trace: the traceback of an exception, for the log and the result.
         """
         at_s = self.time() if t_s is None else t_s
         event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
         self.decisive.append(event)
-        if ends_flight and self._held:
-            self._due = True
+        if ends_flight and self._is_held:
+            self._is_end_due = True
         elif ends_flight:
             self.over.set()
         if self._deciding_faults > 1:
-            return  # A watcher that raises whenever it is called would be called without end.
+            return  # Else a watcher that always raises would be called without end.
         for watcher in self._decisive_watchers:
-            with self.taking("a watcher of decisive events"):
+            with self.recording_faults("a watcher of decisive events"):
                 watcher(event)
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Return the run's exceptions of ours so far."""
+        """Return the internal exceptions of the run so far."""
         return tuple(self._faults.all)
 
     def fault(self, error: BaseException, where: str) -> None:
-        """Record an exception of ours in the run, once: it is decisive."""
+        """Record an internal exception, once: it decides the run as ERROR."""
         self._faults.take(error, where)
 
-    def taking(self, where: str) -> AbstractContextManager[None]:
-        """Record an exception raised within as the run's fault, and go on after it."""
-        return self._faults.taking(where)
+    def recording_faults(self, where: str) -> AbstractContextManager[None]:
+        """Record an exception raised within as the run's fault, and suppress it."""
+        return self._faults.recording(where)
 
     def _decide_fault(self, fault: Fault) -> None:
         self._deciding_faults += 1
@@ -167,15 +167,15 @@ class RunState:
     @property
     def held(self) -> bool:
         """Return whether the operator holds the run."""
-        return self._held
+        return self._is_held
 
     def hold(self) -> None:
-        """Let nothing end the run's flight until `release`."""
-        self._held = True
+        """Begin an operator's hold: no decisive event ends the flight until `release`."""
+        self._is_held = True
         self.holds += 1
 
     def release(self) -> None:
-        """End the run's hold; what was to end the flight meanwhile does so now."""
-        self._held = False
-        if self._due:
+        """End the hold; a decisive event that was to end the flight meanwhile does so now."""
+        self._is_held = False
+        if self._is_end_due:
             self.over.set()

@@ -1,4 +1,4 @@
-"""Injects the faults of a campaign: a signal stops, or its last value comes again."""
+"""Injects the signal faults of a campaign: a signal stops, or repeats its last value."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class FaultyOnDemand:
-    """A sensor that answers for a pose, with faults injected into its answers."""
+    """An on-demand sensor with faults injected into its readings."""
 
     def __init__(self, sensor: OnDemand, fault: FaultySignal[Reading]) -> None:
         self._sensor = sensor
@@ -26,11 +26,13 @@ class FaultyOnDemand:
     async def ask(
         self, body: Pose, t_s: float, *, want_depth: bool = False, want_ids: bool = False
     ) -> Reading:
-        """Return the reading from a body's pose. Raises NoImageError while it has stopped."""
-        made = await self._sensor.ask(body, t_s, want_depth=want_depth, want_ids=want_ids)
-        passed = self._fault.passed(made)
+        """Return the reading at a body's pose. Raises NoImageError while the sensor has stopped."""
+        reading = await self._sensor.ask(body, t_s, want_depth=want_depth, want_ids=want_ids)
+        passed = self._fault.passed(reading)
         if passed is None:
-            raise NoImageError(f"{made.sensor or 'the sensor'} of the twin has stopped (faults)")
+            raise NoImageError(
+                f"{reading.sensor or 'the sensor'} of the twin has stopped (injected by faults)"
+            )
         return passed
 
 
@@ -40,7 +42,7 @@ def restamp_estimate(last: EstimateSample, new: EstimateSample) -> EstimateSampl
 
 
 class SignalFaults:
-    """The faults of one run, each begun and ended at its time. note: is told of both, in words."""
+    """The injected faults of one run. note: called with a text when one begins or ends."""
 
     def __init__(
         self,
@@ -58,12 +60,12 @@ class SignalFaults:
     def signal(
         self, vehicle: str, sensor: str | None, restamp: Restamp[T]
     ) -> FaultySignal[T] | None:
-        """Return what a signal has to pass; None for one that has no fault."""
+        """Return the fault injection of a signal; None for a signal without faults."""
         key = (vehicle, sensor)
         if not any((one.vehicle, one.sensor) == key for one in self._faults):
             return None
-        found = self._signals.setdefault(key, FaultySignal(cast("Restamp[object]", restamp)))
-        return cast("FaultySignal[T]", found)
+        signal = self._signals.setdefault(key, FaultySignal(cast("Restamp[object]", restamp)))
+        return cast("FaultySignal[T]", signal)
 
     def _begin_stage(self, stage: Stage, _: float) -> None:
         if stage in self._begun:

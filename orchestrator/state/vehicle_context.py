@@ -1,13 +1,11 @@
-"""A station: one vehicle of the run and all that belongs to it."""
+"""The context of one vehicle of a run: driver, poses, truth, setpoints, listeners."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from orchestrator.state.liftoff_detector import LiftoffDetector
-from orchestrator.state.signal_faults import (
-    SignalFaults,
-    restamp_estimate,
-)
+from orchestrator.state.signal_faults import SignalFaults, restamp_estimate
 from safety.model.samples import PoseSample, ReferenceSample
 from vehicles.autonomy import Telemetry
 from vehicles.autopilots.injection_support.rules import Setpoints
@@ -22,11 +20,13 @@ from vehicles.setpoints import PositionSetpoint, Setpoint
 from vehicles.tasks import Contained
 from worlds.frames import Pose, Vec3, scale, subtract
 
-_LISTENER = Contained("a listener to a vehicle's place")
+T = TypeVar("T")
+
+_LISTENER = Contained("a listener to a vehicle's pose")
 HISTORY_S = 2.0
-"""How far back poses are kept: longer than any camera is late."""
+"""How long poses are kept: longer than the latency of any camera."""
 _REFER_EVERY_S = 0.098
-"""Ten references a second of any source whose period is a part of a tenth, whatever its digits."""
+"""Ten references a second, of any source whose period divides 0.1 s, despite rounding."""
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 PoseListener = Callable[[PoseSample], None]
@@ -39,12 +39,11 @@ MocapListener = Callable[[PoseReading], None]
 class VehicleContext:
     """The context of one vehicle: driver, poses by its source and in truth, setpoints.
 
-    poses: by the campaign's pose source, world frame; what judging and rendering use. truth:
-    where it truly is, by our own simulation or by the vehicle's simulator over MAVLink; empty where
-    neither says so. setpoint, note: the newest of its
-    autonomy; program_setpoints: of which kind a program's newest was. liftoff: when it left the
-    ground by the vehicle's own clock, mapped. may_drop_out: from the takeoff on the run goes on
-    without it.
+    poses: by the campaign's pose source, world frame; used by oracles and rendering. truth: ground
+    truth of the embedded simulation, or of the vehicle's simulator over MAVLink; empty without
+    either. setpoint, note: the newest of its autonomy; program_setpoints: kind of the newest one of
+    an external program. liftoff: by the vehicle's own clock, mapped. may_drop_out: from the takeoff
+    on the run continues without it.
     """
 
     name: str
@@ -77,7 +76,7 @@ class VehicleContext:
         return "position" if isinstance(self.setpoint, PositionSetpoint) else "velocity"
 
     def inject(self, faults: SignalFaults) -> None:
-        """Have its pose source stop or freeze where the campaign says so."""
+        """Inject the campaign's faults of the vehicle's pose source."""
         if self.pose_source == "mocap":
             self._faulty_mocap = faults.signal(self.name, None, restamp_pose)
         elif self.pose_source == "simulator":
@@ -90,7 +89,7 @@ class VehicleContext:
         self._listeners.append(listener)
 
     def on_reference(self, listener: ReferenceListener) -> None:
-        """Call `listener` with the vehicle's positions by its other sources."""
+        """Call `listener` with the vehicle's poses by its other sources."""
         self._reference_listeners.append(listener)
 
     def on_contact(self, listener: ContactListener) -> None:
@@ -116,40 +115,22 @@ class VehicleContext:
         return Telemetry(estimate.t_s, estimate.pose, estimate.velocity_ned_m_s)
 
     def take_estimate(self, sample: EstimateSample) -> None:
-        """Take an estimate of the vehicle's autopilot."""
+        """Process an estimate of the vehicle's autopilot."""
         if self.driver.state.armed:
-            self._lift(sample)
-        if self._faulty_estimate is not None:
-            passed = self._faulty_estimate.passed(sample)
-            if passed is None:
-                return
-            sample = passed
-        if self.pose_source == "mavlink":
-            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        else:
-            self._refer("mavlink", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+            self._detect_liftoff(sample)
+        self._take_sample("mavlink", _pass_fault(self._faulty_estimate, sample))
 
     def take_simulator(self, sample: EstimateSample) -> None:
-        """Take a ground truth of the vehicle that its simulator sends over MAVLink."""
+        """Process a ground truth of the vehicle that its simulator sent over MAVLink."""
         if not self._has_own_truth:
             self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        if self._faulty_simulator is not None:
-            passed = self._faulty_simulator.passed(sample)
-            if passed is None:
-                return
-            sample = passed
-        if self.pose_source == "simulator":
-            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        else:
-            self._refer("simulator", sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        self._take_sample("simulator", _pass_fault(self._faulty_simulator, sample))
 
-    def take_mocap(self, reading: PoseReading) -> None:
-        """Take a motion capture pose of the vehicle."""
-        if self._faulty_mocap is not None:
-            passed = self._faulty_mocap.passed(reading)
-            if passed is None:
-                return
-            reading = passed
+    def take_mocap(self, captured: PoseReading) -> None:
+        """Process a motion capture pose of the vehicle."""
+        reading = _pass_fault(self._faulty_mocap, captured)
+        if reading is None:
+            return
         for listener in self._mocap_listeners:
             with _LISTENER:
                 listener(reading)
@@ -160,15 +141,24 @@ class VehicleContext:
         self._take_pose(reading.t_s, reading.pose, velocity)
 
     def take_truth(self, sample: TruthSample) -> None:
-        """Take the vehicle's true pose."""
+        """Process the true pose of an embedded vehicle."""
         self._has_own_truth = True
         self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
         self._refer("truth", sample.t_s, sample.pose, sample.velocity_ned_m_s)
         if sample.contact is not None and self.contact is None:
             self.contact = sample.contact
-            for told in self._contact_listeners:
+            for listener in self._contact_listeners:
                 with _LISTENER:
-                    told(sample)
+                    listener(sample)
+
+    def _take_sample(self, source: str, sample: EstimateSample | None) -> None:
+        """Take a sample as a pose if it is of the pose source, else as a reference."""
+        if sample is None:
+            return
+        if source == self.pose_source:
+            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+        else:
+            self._refer(source, sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
     def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):
@@ -196,7 +186,12 @@ class VehicleContext:
         moved = subtract(reading.pose.position_ned_m, earlier.pose.position_ned_m)
         return scale(moved, 10.0)
 
-    def _lift(self, sample: EstimateSample) -> None:
+    def _detect_liftoff(self, sample: EstimateSample) -> None:
         height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
         climb_m_s = -sample.velocity_ned_m_s[2]
         self.liftoff.take(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)
+
+
+def _pass_fault(fault: FaultySignal[T] | None, sample: T) -> T | None:
+    """Return a vehicle's sample with its fault injected; None while the signal has stopped."""
+    return sample if fault is None else fault.passed(sample)

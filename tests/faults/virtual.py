@@ -35,7 +35,7 @@ from vehicles.links.link_conditions import KeySource
 ROOT = Path(__file__).parents[2]
 _HARMLESS = frozenset(
     {
-        *("nobody", "progress", "outside", "fences", "over"),
+        *("nobody", "progress", "external I/O", "fences", "over"),
         *("guided after a hold", "perception without sensors"),
         # They wait for the tasks that expose, deliver and mix.
         *("real camera sensor", "perception"),

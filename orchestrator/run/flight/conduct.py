@@ -1,4 +1,4 @@
-"""Conducts a run with its vehicles there: all its tasks, its flight, and everything down."""
+"""Runs the tasks of a run while its vehicles fly, and lands everything at its end."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -6,7 +6,7 @@ from typing import Any
 
 from orchestrator.run.flight.run_parts import FlightParts
 from orchestrator.run.perception.autonomy_calls import AutonomyFault
-from orchestrator.run.stages.landing import bring_down, see_at_rest
+from orchestrator.run.stages.landing import bring_down, verify_landed
 from orchestrator.run.stages.pair_flight import fly_together
 from orchestrator.run.vehicles.last_statustext import last_statustext
 from orchestrator.state.run_state import FlightError, RunState
@@ -17,40 +17,41 @@ from vehicles.errors import VehicleError
 from vehicles.tasks import finish, stop, together
 
 _LANDINGS = 3
-"""How often a landing is begun in which an exception of ours comes up."""
+"""How often a landing is started when an internal exception interrupts it."""
 EXPECTED = (VehicleError, FlightError, StepError, AutonomyFault)
-"""What a run knows of: who awaits a task that ends by one of these decides what it means."""
+"""Exceptions that are findings about a run, not bugs: the awaiting code decides the verdict."""
 Start = Callable[[], Coroutine[Any, Any, object]]
 
 
 async def conduct(run: FlightParts) -> None:
-    """Fly the run, and in any case have everything down before this returns."""
+    """Fly the run; whatever happens, everything has landed before this returns."""
     for context in run.pair.contexts:
-        run.bench.attach(context)
+        run.oracle_runner.attach(context)
         _record_events(run, context)
     for context in run.pair.actors:
         _record_events(run, context)
-    run.feed.attach(run.pair.contexts, run.bench, run.perception)
-    run.pair.guard.on_event(lambda event: _guard_event(run, event))
-    # They are taken anew at arming.
+    run.feed.attach(run.pair.contexts, run.oracle_runner, run.perception)
+    run.pair.guard.on_event(lambda event: _take_guard_event(run, event))
+    # Autopilots set their local origin anew at arming.
     run.run_state.on_stage(lambda stage, _: run.pair.send_anchors() if stage == "takeoff" else None)
     run_state, watchdog = run.run_state, run.watchdog
-    lasting: tuple[tuple[str, Start], ...] = (
-        ("judging", lambda: run.bench.run(watchdog.watch("judging"))),
-        ("operator", lambda: run.commanding.run(watchdog.watch("operator"))),
-        ("fences", run.commanding.fencing.run),
+    background_jobs: tuple[tuple[str, Start], ...] = (
+        ("judging", lambda: run.oracle_runner.run(watchdog.watch("judging"))),
+        ("operator", lambda: run.operator_handler.run(watchdog.watch("operator"))),
+        ("fences", run.operator_handler.fence_changes.run),
         ("progress", lambda: _follow(run)),
         ("trajectory", lambda: _record(run)),
         ("perception", lambda: run.perception.run(watchdog.watch("mixing budgets"))),
-        ("outside", lambda: run.outside.run(run_state)),
+        ("external I/O", lambda: run.external_io.run(run_state)),
         ("watchdog", watchdog.run),
     )
     if (twin := run.twin) is not None and run.setup.companion is not None:
         sign = watchdog.watch("twin distance")
-        lasting += (("twin distance", lambda: twin.run(run.pair.contexts, sign)),)
+        background_jobs += (("twin distance", lambda: twin.run(run.pair.contexts, sign)),)
     async with together() as tasks:
         background = [
-            tasks.create_task(_last(run_state, name, begin), name=name) for name, begin in lasting
+            tasks.create_task(_run_until_end(run_state, name, begin), name=name)
+            for name, begin in background_jobs
         ]
         flight = tasks.create_task(_flight(run), name="flight")
         over = tasks.create_task(run_state.over.wait(), name="over")
@@ -61,12 +62,12 @@ async def conduct(run: FlightParts) -> None:
             await stop(over, *background)
 
 
-async def _last(run_state: RunState, name: str, begin: Start) -> None:
-    """Run a task until the end of the run; an earlier end is decisive.
+async def _run_until_end(run_state: RunState, name: str, begin: Start) -> None:
+    """Run a task until the end of the run; an earlier end decides the run as ERROR.
 
-    It raises nothing: the others of its group have to see the landing.
+    It raises nothing: the other tasks of its group have to go through the landing.
     """
-    with run_state.taking(name):
+    with run_state.recording_faults(name):
         await begin()
         run_state.decide("ERROR", f"{name} ended before the flight did")
 
@@ -74,25 +75,27 @@ async def _last(run_state: RunState, name: str, begin: Start) -> None:
 async def _finish(run: FlightParts, flight: "asyncio.Task[None]") -> None:
     """End the run's flight; unless it landed by itself, the guard brings all down.
 
-    An exception of ours keeps nothing from being done that comes after it.
+    An internal exception in one step does not keep the later steps from being done.
     """
     run_state = run.run_state
-    await _step(run_state, "the end of the flight", lambda: stop(flight))
+    await _run_end_step(run_state, "ending the flight", lambda: stop(flight))
     for _ in range(_LANDINGS):
-        if await _step(run_state, "landing", lambda: _land(run)):
+        if await _run_end_step(run_state, "landing", lambda: _land(run)):
             break
     if not run_state.decisive:
-        await _step(run_state, "the last signs of life", run.watchdog.last_signs)
-    await _step(run_state, "the end of fence changes", run.commanding.fencing.end)
-    await _step(run_state, "what is taken back", run.before_arming.restore)
+        await _run_end_step(run_state, "the last signs of life", run.watchdog.last_signs)
+    await _run_end_step(run_state, "ending fence changes", run.operator_handler.fence_changes.end)
+    await _run_end_step(run_state, "restoring the onboard configuration", run.before_arming.restore)
     if run_state.reached("landed"):
-        await _step(run_state, "the vehicles' logs", run.before_arming.configuration.fetch_logs)
+        await _run_end_step(
+            run_state, "fetching the vehicles' logs", run.before_arming.configuration.fetch_logs
+        )
 
 
-async def _step(run_state: RunState, name: str, do: Start) -> bool:
-    """Do a step of the run's end; return whether it raised no exception."""
+async def _run_end_step(run_state: RunState, name: str, do: Start) -> bool:
+    """Run a step of the run's end; return whether it raised no exception."""
     try:
-        with run_state.taking(name):
+        with run_state.recording_faults(name):
             await do()
             return True
     except EXPECTED as error:
@@ -102,7 +105,7 @@ async def _step(run_state: RunState, name: str, do: Start) -> bool:
 
 async def _land(run: FlightParts) -> None:
     """Bring the run's vehicles down, or check that they are."""
-    down = see_at_rest if run.run_state.reached("landed") else bring_down
+    down = verify_landed if run.run_state.reached("landed") else bring_down
     await down(run.pair, run.run_state)
 
 
@@ -112,8 +115,8 @@ def _record_events(run: FlightParts, context: VehicleContext) -> None:
 
 
 async def _flight(run: FlightParts) -> None:
-    """Fly the run's stages; what goes wrong is decisive, not raised."""
-    with run.run_state.taking("flight"):
+    """Fly the run's stages; an error decides the run and is not raised."""
+    with run.run_state.recording_faults("flight"):
         try:
             await _fly_stages(run)
         except (VehicleError, FlightError) as error:
@@ -134,7 +137,7 @@ async def _fly_pair_stages(run: FlightParts) -> None:
     await fly_together(
         run.pair.contexts,
         run_state=run.run_state,
-        holding=run.holding,
+        operator_hold=run.operator_hold,
         sync=setup.campaign.sync,
         heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
         liftoff_delays_s=setup.liftoff_delays_s,
@@ -147,10 +150,10 @@ async def _fly_pair_stages(run: FlightParts) -> None:
     )
 
 
-def _guard_event(run: FlightParts, event: GuardEvent) -> None:
+def _take_guard_event(run: FlightParts, event: GuardEvent) -> None:
     """Record a guard event in the run, and decide the run by it if it is decisive."""
     run.recorder.guard_event(event)
-    run.holding.take(event)
+    run.operator_hold.take(event)
     run.reporter.guard(event)
     run.feed.guard(event)
     if event.kind == "alone":
@@ -162,9 +165,9 @@ def _guard_event(run: FlightParts, event: GuardEvent) -> None:
 
 
 def _drop_out(run: FlightParts, event: GuardEvent) -> None:
-    """Take that the guard lands a vehicle alone.
+    """Handle that the guard lands one vehicle alone: it drops out, or the run is an ERROR.
 
-    Before the takeoff there is no flight to go on, and without its actor a run shows nothing.
+    Before the takeoff no flight can continue, and without its actor a run proves nothing.
     """
     text = event.text + last_statustext(run.pair, event)
     is_actor = any(one.name == event.vehicle for one in run.actors)
@@ -191,5 +194,5 @@ async def _follow(run: FlightParts) -> None:
     await run.reporter.follow(
         run.pair.contexts,
         lambda: run.perception.statistics,
-        run.bench.clearance_m,
+        run.oracle_runner.clearance_m,
     )

@@ -1,4 +1,4 @@
-"""Takes an operator's commands in flight; the guard acts on them and says so."""
+"""Passes an operator's commands to the guard in flight, and fence changes to their handler."""
 
 import asyncio
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class OperatorHandler:
 
     inbox: Inbox
     guard: Guard
-    fencing: FenceChanges
+    fence_changes: FenceChanges
     record: Callable[[OperatorCommand], None]
     acknowledge: Callable[[OperatorCommand], None]
 
@@ -40,7 +40,7 @@ class OperatorHandler:
 
     def _pass_on(self, command: OperatorCommand) -> None:
         if command.kind == "geofence":
-            self.fencing.ask(command)
+            self.fence_changes.ask(command)
         else:
             self.guard.command(command)
 
@@ -48,12 +48,12 @@ class OperatorHandler:
 def operator_handler_of(
     setup: RunSetup,
     pair: Pair,
-    bench: OracleRunner,
+    oracle_runner: OracleRunner,
     *,
     reporter: ProgressReporter,
     recorder: RunRecorder,
     inbox: Inbox,
-    aboard: OnboardFences,
+    onboard_fences: OnboardFences,
 ) -> OperatorHandler:
     """Return the handler of a run's operator commands."""
 
@@ -61,20 +61,20 @@ def operator_handler_of(
         recorder.note("answer", kind=command.kind, who=command.who, ok=ok, text=text)
         reporter.answer(command, ok, text)
 
-    fencing = FenceChanges(
+    fence_changes = FenceChanges(
         guard=pair.guard,
-        aboard=aboard,
+        onboard_fences=onboard_fences,
         frame=setup.campaign.world.frame,
-        present=dict(setup.campaign.fences.items()),
+        fences=dict(setup.campaign.fences.items()),
         flying=tuple(one.name for one in setup.vehicles),
-        changed=bench.fences,
+        changed=oracle_runner.change_fences,
         answer=answer,
     )
-    pair.guard.on_event(fencing.take)
+    pair.guard.on_event(fence_changes.take)
     return OperatorHandler(
         inbox=inbox,
         guard=pair.guard,
-        fencing=fencing,
+        fence_changes=fence_changes,
         record=recorder.operator,
         acknowledge=reporter.acknowledge,
     )

@@ -1,4 +1,4 @@
-"""What a run tells to the outside while it flies: where it stands, and what happens, at once."""
+"""Reports a run's progress twice a second while it flies, and each of its events at once."""
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
@@ -17,7 +17,7 @@ PROGRESS_S = 0.5
 
 
 class ProgressReporter:
-    """Reports the progress of one run; follows its run state from the start."""
+    """Reports the progress and the events of one run. kinds: of the oracles, by name."""
 
     def __init__(
         self,
@@ -37,11 +37,13 @@ class ProgressReporter:
     def flag(self, flag: Flag) -> None:
         """Report a contact."""
         if self._kinds.get(flag.oracle) == "collision":
-            self._tell("collision", flag.oracle, flag.vehicle, flag.text, flag.t_s)
+            self._report_event(
+                "collision", flag.oracle, flag.text, t_s=flag.t_s, vehicle=flag.vehicle
+            )
 
     def guard(self, event: GuardEvent) -> None:
         """Report an event of the guard."""
-        self._tell("guard", event.kind, event.vehicle, event.text, event.t_s)
+        self._report_event("guard", event.kind, event.text, t_s=event.t_s, vehicle=event.vehicle)
 
     def answer(self, command: OperatorCommand, ok: bool, text: str) -> None:
         """Report the outcome of an operator's command."""
@@ -59,7 +61,7 @@ class ProgressReporter:
     ) -> None:
         """Report the run's progress twice a second until cancelled."""
         loop = asyncio.get_running_loop()
-        run_state, plan, flown = self._run_state, self._plan, tuple(contexts)
+        run_state, plan, vehicles = self._run_state, self._plan, tuple(contexts)
         while True:
             statistics = mixing()
             self._report(
@@ -73,7 +75,7 @@ class ProgressReporter:
                     skew_ms=None if statistics is None else statistics.skew_ms.last,
                     clearance_m=clearance_m(loop.time()),
                     verdict_so_far=run_state.decisive[0].kind if run_state.decisive else "PASS",
-                    vehicles=tuple(_vehicle(context) for context in flown),
+                    vehicles=tuple(map(_vehicle_progress, vehicles)),
                 )
             )
             await asyncio.sleep(PROGRESS_S)
@@ -93,12 +95,14 @@ class ProgressReporter:
         )
 
     def _stage(self, stage: Stage, t_s: float) -> None:
-        self._tell("stage", stage, "", "", t_s)
+        self._report_event("stage", stage, "", t_s=t_s)
 
     def _decisive(self, event: DecisiveEvent) -> None:
-        self._tell("decisive", event.kind, "", event.text, event.t_s)
+        self._report_event("decisive", event.kind, event.text, t_s=event.t_s)
 
-    def _tell(self, kind: HappeningKind, word: str, vehicle: str, text: str, t_s: float) -> None:
+    def _report_event(
+        self, kind: HappeningKind, word: str, text: str, *, t_s: float, vehicle: str = ""
+    ) -> None:
         self._report(
             Happening(
                 run=self._plan.name, t_s=t_s, kind=kind, word=word, vehicle=vehicle, text=text
@@ -106,7 +110,7 @@ class ProgressReporter:
         )
 
 
-def _vehicle(context: VehicleContext) -> VehicleProgress:
+def _vehicle_progress(context: VehicleContext) -> VehicleProgress:
     """Return the progress of one vehicle to report."""
     state, newest = context.driver.state, context.poses.latest()
     return VehicleProgress(

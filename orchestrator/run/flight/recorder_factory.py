@@ -1,4 +1,4 @@
-"""The recorder of a run, by what the campaign wants recorded."""
+"""Builds the recorder of a run by the campaign's recording settings."""
 
 import asyncio
 import time
@@ -13,7 +13,7 @@ from orchestrator.state.run_state import RunState
 
 
 def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) -> RunRecorder:
-    """Return the recorder of a run, not yet entered; its failure is decisive.
+    """Return the recorder of a run, not yet opened; its failure decides the run.
 
     kinds: of the oracles, by name.
     """
@@ -24,7 +24,7 @@ def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) 
         folder=setup.order.folder,
         time=loop.time,
         epoch_s=epoch_s,
-        # Under the wall clock the guard's process logs the frames, so that they outlive this one.
+        # Under the wall clock the guard process logs the frames: its log survives a crash here.
         vehicles=tuple(one.name for one in setup.guarded if setup.clock == "virtual"),
         video_rate_hz=max(rates, default=None),
         collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),

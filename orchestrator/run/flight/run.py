@@ -27,15 +27,15 @@ from vehicles.links.link import LinkError
 from vehicles.tasks import FAULTS, TaskAccount, asked_to_end
 
 Disturb = Callable[[Pair, RunState], None]
-"""Is handed the pair once it is there, to make trouble at times of its own: kill, mute, break."""
+"""Called with the pair once it is open; injects faults at its own times: kill, mute, break."""
 
 
 def fly(
     setup: RunSetup, report: Report, inbox: Inbox, *, disturb: Disturb | None = None
 ) -> RunResult:
-    """Fly one run on its clock and return its result; its streams are in its folder then.
+    """Fly one run on its clock and return its result; its recordings are then in its folder.
 
-    disturb: for runs that are to show what a fault leads to.
+    disturb: for runs that test the reaction to a fault.
     """
     warm_up(setup)
     flown = Flown(setup)
@@ -49,23 +49,23 @@ def fly(
 
 
 class Flown:
-    """One run from its begin to its result, also when an exception of ours ends it."""
+    """One run from its start to its result, also when an internal exception ends it."""
 
     def __init__(self, setup: RunSetup) -> None:
         self._setup = setup
-        self._began_s = time.monotonic()
+        self._started_s = time.monotonic()
         self._ground: GroundParts | None = None
         self._end_s = 0.0
         self.run_state: RunState | None = None
 
     async def fly(self, report: Report, inbox: Inbox, disturb: Disturb | None) -> None:
-        """Fly the run; exceptions, and tasks that do not end as asked, are decisive."""
+        """Fly the run; exceptions, and tasks that do not end when cancelled, decide the run."""
         setup, loop = self._setup, asyncio.get_running_loop()
         run_state = RunState(time=loop.time, log_fault=fault_log(setup.order.folder / "log.jsonl"))
         self.run_state = run_state
         loop.set_exception_handler(partial(_report_unhandled, run_state))
         account = TaskAccount(fault=run_state.fault, expected=EXPECTED)
-        with account.of(loop), run_state.taking("the run"):
+        with account.of(loop), run_state.recording_faults("the run"):
             await self._fly(run_state, report, inbox, disturb)
         self._end_s = loop.time()
 
@@ -85,19 +85,19 @@ class Flown:
             except FAULTS as error:
                 if asked_to_end(error):
                     raise
-                # Taken here, for the streams are open still.
+                # Recorded here, while the recordings are still open.
                 run_state.fault(error, "the run")
             run_state.enter("end")
 
     def result(self) -> RunResult:
-        """Return the run's result, its loop being closed."""
+        """Return the run's result, after its event loop has closed."""
         run_state, ground = self.run_state, self._ground
         if run_state is None:
-            raise RuntimeError("the run has not begun")
-        wall_s = time.monotonic() - self._began_s
+            raise RuntimeError("the run has not been flown: call fly() first")
+        wall_s = time.monotonic() - self._started_s
         end_s = run_state.entered_s.get("end", self._end_s)
         if ground is not None:
-            with run_state.taking("the result"):
+            with run_state.recording_faults("the result"):
                 return result_of(
                     setup=self._setup,
                     run_state=run_state,
@@ -105,11 +105,11 @@ class Flown:
                     sync=ground.sync.result(),
                     mixings=() if ground.perception is None else ground.perception.mixings,
                     collisions=tuple(ground.recorder.collisions),
-                    outside=external_result(ground.outside, ground.perception),
+                    outside=external_result(ground.external_io, ground.perception),
                     artifacts=ground.recorder.artifacts,
                     preflight=ground.preflight.items,
                     before_arming=ground.arming.steps,
-                    fence_changes=tuple(ground.bench.fence_changes),
+                    fence_changes=tuple(ground.oracle_runner.fence_changes),
                     twin=None if ground.twin is None else ground.twin.result(),
                     losses=tuple(
                         Loss(one.topic, one.offered, one.lost) for one in ground.recorder.losses
@@ -122,23 +122,26 @@ class Flown:
 
 
 async def _fly_pair(ground: GroundParts, inbox: Inbox, disturb: Disturb | None) -> None:
-    """Start the vehicles, fly them, and have them down and gone before this returns."""
-    async with ground.outside as outside:
-        if outside.disagreements:
-            # What is mixed in would not be what is judged: nothing has to be flown to know that.
-            text = "; ".join(outside.disagreements)
+    """Open the external I/O and fly the vehicles; all have landed and stopped on return."""
+    async with ground.external_io as external_io:
+        if external_io.disagreements:
+            # The simulator would draw another world than the oracles judge: no flight is needed.
+            text = "; ".join(external_io.disagreements)
             ground.run_state.decide("INVALID", text, source="simulator")
             return
         await _fly_in_world(ground, inbox, disturb)
 
 
 async def _fly_in_world(ground: GroundParts, inbox: Inbox, disturb: Disturb | None) -> None:
-    """Start the run's vehicles, fly them, and end them before this returns."""
-    setup, outside, run_state = ground.setup, ground.outside, ground.run_state
+    """Start the run's vehicles, fly them, and stop them before this returns."""
+    setup, run_state = ground.setup, ground.run_state
     record = ground.sync.recording(ground.recorder.frame)
     async with (
         open_pair(
-            setup, record=record, captures=outside.captures, tracks=ground.events.tracks
+            setup,
+            record=record,
+            captures=ground.external_io.captures,
+            tracks=ground.events.tracks,
         ) as pair,
         open_runners(setup, pair, run_state) as runners,
     ):
@@ -146,13 +149,13 @@ async def _fly_in_world(ground: GroundParts, inbox: Inbox, disturb: Disturb | No
         if disturb is not None:
             disturb(pair, run_state)
         await conduct(run)
-        ground.bench.last_state(asyncio.get_running_loop().time())
+        ground.oracle_runner.last_state(asyncio.get_running_loop().time())
 
 
 def _report_unhandled(
     run_state: RunState, _: asyncio.AbstractEventLoop, context: dict[str, Any]
 ) -> None:
-    """Record an exception of a callback in the run's loop: physics, recording."""
+    """Record an exception of a callback of the run's event loop, as of physics or recording."""
     error = context.get("exception")
     if isinstance(error, BaseException):
         run_state.fault(error, "in flight")

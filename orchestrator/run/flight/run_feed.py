@@ -1,4 +1,4 @@
-"""What a run publishes of itself to consoles while it flies; nothing in it waits for one."""
+"""The live feed of a run for consoles; it never waits for a console."""
 
 import math
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ from worlds.scene.track import RunHistory
 class RunFeed:
     """The live feed of one run; a context manager.
 
-    events: when what moves the world's objects happened. epoch_ns: UTC of the run clock's zero.
-    note: records, in words, that the feed ended early.
+    events: times of the world's events, which its moving objects depend on. epoch_ns: UTC of the
+    run clock's zero. note: called with the reason when the feed ends early.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class RunFeed:
         self._run_state = run_state
         self._events = events
         self._contexts: Sequence[VehicleContext] = ()
-        self._bench: OracleRunner | None = None
+        self._oracle_runner: OracleRunner | None = None
         self._perception: Perception | None = None
         self._time = run_state.time
         self._publisher = FeedPublisher(
@@ -75,20 +75,23 @@ class RunFeed:
         self._publisher.__exit__()
 
     def attach(
-        self, contexts: Sequence[VehicleContext], bench: OracleRunner, perception: Perception
+        self,
+        contexts: Sequence[VehicleContext],
+        oracle_runner: OracleRunner,
+        perception: Perception,
     ) -> None:
-        """Publish the state of these from now on."""
-        self._contexts, self._bench, self._perception = contexts, bench, perception
+        """Publish the state of vehicles, oracles and perception from now on."""
+        self._contexts, self._oracle_runner, self._perception = contexts, oracle_runner, perception
         for context in contexts:
             self._follow(context)
 
     def tick(self) -> None:
-        """Publish the run's state if a console waits for it; called twenty times a second."""
+        """Publish the run's state if a console is due for it; called twenty times a second."""
         self._publisher.tick(self._view)
 
-    def shown(self, shown: PreviewImages) -> None:
-        """Publish a perceived image and what it was mixed of."""
-        self._publisher.images(shown)
+    def shown(self, images: PreviewImages) -> None:
+        """Publish a perceived image and the images it was mixed from."""
+        self._publisher.images(images)
 
     def flag(self, flag: Flag) -> None:
         """Publish an oracle's flag."""
@@ -100,7 +103,7 @@ class RunFeed:
         self._publisher.event(event.t_s, "guard", event.kind, event.text, vehicle=event.vehicle)
 
     def _is_contact(self, flag: Flag) -> bool:
-        kinds = {} if self._bench is None else self._bench.kinds
+        kinds = {} if self._oracle_runner is None else self._oracle_runner.kinds
         return kinds.get(flag.oracle) == "collision"
 
     def _follow(self, context: VehicleContext) -> None:
@@ -125,9 +128,9 @@ class RunFeed:
     def _view(self) -> RunView:
         setup, run_state, now_s = self._setup, self._run_state, self._time()
         first = run_state.decisive[0] if run_state.decisive else None
-        bench, perception = self._bench, self._perception
+        oracle_runner, perception = self._oracle_runner, self._perception
         fences: dict[str, Fence] = {str(name): one for name, one in setup.campaign.fences.items()}
-        fences |= {} if bench is None else bench.changed_fences
+        fences |= {} if oracle_runner is None else oracle_runner.changed_fences
         return RunView(
             run=str(setup.order.folder.absolute()),
             name=setup.order.plan.name,
@@ -141,7 +144,9 @@ class RunFeed:
             reason="" if first is None else first.text,
             held=run_state.held,
             vehicles=tuple(_vehicle_view(one, now_s) for one in self._contexts),
-            margins=() if bench is None else tuple(map(MarginView.of, bench.results(now_s))),
+            margins=()
+            if oracle_runner is None
+            else tuple(map(MarginView.of, oracle_runner.results(now_s))),
             mixings=() if perception is None else tuple(map(_mixing_view, perception.mixings)),
             fences={name: plain_fence(fence) for name, fence in fences.items()},
             flown=flown_poses(self._events, now_s),
@@ -185,12 +190,12 @@ def _setpoint(setpoint: Setpoint | None) -> tuple[str, Vec3 | None]:
 
 
 def _mixing_view(mixing: MixingLoop) -> MixingView:
-    figures = mixing.statistics
+    statistics = mixing.statistics
     return MixingView(
         name=mixing.name,
-        rate_hz=figures.rate_hz,
-        skew_ms=figures.skew_ms.last,
-        latency_ms=figures.latency_ms.last,
-        registration_error_px=figures.registration_error_px.last,
-        missed=figures.missed,
+        rate_hz=statistics.rate_hz,
+        skew_ms=statistics.skew_ms.last,
+        latency_ms=statistics.latency_ms.last,
+        registration_error_px=statistics.registration_error_px.last,
+        missed=statistics.missed,
     )

@@ -1,4 +1,4 @@
-"""The parts of a run: those that exist before its vehicles, and those that its tasks share."""
+"""Builds the parts of a run: those that exist before its vehicles, and those of the flight."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from orchestrator.run.flight.operator_handler import OperatorHandler, operator_h
 from orchestrator.run.flight.progress_reporter import ProgressReporter
 from orchestrator.run.flight.recorder_factory import recorder_of
 from orchestrator.run.flight.run_feed import RunFeed
-from orchestrator.run.flight.watchdog import Watchdog
+from orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from orchestrator.run.judging.oracle_runner import OracleRunner
 from orchestrator.run.judging.run_oracles import build_judge
 from orchestrator.run.perception.perception import Perception
@@ -50,19 +50,19 @@ class FlightParts:
     setup: RunSetup
     run_state: RunState
     pair: Pair
-    bench: OracleRunner
-    outside: ExternalIo
+    oracle_runner: OracleRunner
+    external_io: ExternalIo
     perception: Perception
     recorder: RunRecorder
     goal: GoalFlight
     actors: tuple[ActorFlight, ...]
     sync: Synchronisation
     twin: TwinMonitor | None
-    holding: OperatorHold
+    operator_hold: OperatorHold
     reporter: ProgressReporter
     before_arming: BeforeArming
     watchdog: Watchdog
-    commanding: OperatorHandler
+    operator_handler: OperatorHandler
     feed: RunFeed
 
 
@@ -77,8 +77,8 @@ class GroundParts:
     run_state: RunState
     events: RunHistory
     judge: Judge
-    bench: OracleRunner
-    outside: ExternalIo
+    oracle_runner: OracleRunner
+    external_io: ExternalIo
     recorder: RunRecorder
     sync: Synchronisation
     twin: TwinMonitor | None
@@ -93,7 +93,7 @@ class GroundParts:
 def ground_parts(
     setup: RunSetup, run_state: RunState, report: Report, streams: ExitStack
 ) -> GroundParts:
-    """Return the run's parts that exist before its vehicles, streams open."""
+    """Return the run's parts that exist before its vehicles; opens its recordings on `streams`."""
     events = RunHistory({one.name: Track() for one in setup.actors})
     judge = build_judge(setup, events)
     kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
@@ -112,21 +112,26 @@ def ground_parts(
             note=lambda text: recorder.note("live feed", fault=text),
         )
     )
-    outside = ExternalIo(setup=setup, events=events)
-    bench = OracleRunner(
+    external_io = ExternalIo(setup=setup, events=events)
+    oracle_runner = OracleRunner(
         judge=judge,
         run_state=run_state,
         kinds=kinds,
-        watch=(recorder.flag, reporter.flag, feed.flag, partial(_contact, outside, kinds)),
-        tape=recorder.judged,
+        flag_watchers=(
+            recorder.flag,
+            reporter.flag,
+            feed.flag,
+            partial(_contact, external_io, kinds),
+        ),
+        log_sample=recorder.judged,
     )
     return GroundParts(
         setup=setup,
         run_state=run_state,
         events=events,
         judge=judge,
-        bench=bench,
-        outside=outside,
+        oracle_runner=oracle_runner,
+        external_io=external_io,
         recorder=recorder,
         sync=Synchronisation(setup=setup.campaign.sync, run_state=run_state),
         twin=_twin_monitor(setup, run_state),
@@ -138,7 +143,7 @@ def ground_parts(
 
 
 def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
-    """Return what watches the twin beside the judged vehicle; None where there is none."""
+    """Return the monitor of the twin beside the judged vehicle; None outside of mode wil."""
     if setup.mode != "wil":
         return None
     return TwinMonitor(
@@ -153,80 +158,96 @@ def flight_parts(
 ) -> FlightParts:
     """Return the run with all its parts connected to the vehicles."""
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
-    reporter, bench = ground.reporter, ground.bench
     subject = next(one for one in pair.contexts if one.name == setup.subject)
     run_state.last_note = lambda: subject.note
-    ground.outside.attach(pair.contexts)
-    faults = SignalFaults(
-        setup.campaign.faults,
-        run_state=run_state,
-        note=lambda text: recorder.note("fault injected", fault=text),
-    )
-    for context in pair.contexts:
-        context.inject(faults)
+    ground.external_io.attach(pair.contexts)
+    faults = _signal_faults(ground, pair)
     ground.perception = perception = build_perception(
         setup,
         pair=pair,
         runners=runners,
-        outside=ground.outside,
+        external_io=ground.external_io,
         run_state=run_state,
         events=ground.events,
-        watchers=_watchers(recorder, ground.outside, ground.feed),
+        watchers=_watchers(recorder, ground.external_io, ground.feed),
         faults=faults,
     )
-    goal = GoalFlight(
-        runners=perception.runners,
-        subject=setup.subject,
-        run_state=run_state,
-        events=ground.events,
-        started=sync.goal_given,
-        within_s=setup.campaign.sync.goal_timeout_s,
-        companion=setup.companion,
-        notify=partial(_world_event, recorder, pair),
-    )
-    run_state.on_stage(partial(_moment, ground.events, goal.notify))
+    goal = _goal_flight(ground, pair, perception)
     sync.attach(pair.contexts)
     if ground.twin is not None and setup.companion is not None:
         ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
     pair.begin_outage(setup.campaign.links, run_state)
-    holding = OperatorHold(run_state=run_state)
-    ground.actors = _actor_flights(ground, pair, holding)
+    operator_hold = OperatorHold(run_state=run_state)
+    ground.actors = _actor_flights(ground, pair, operator_hold)
     before_arming = _before_arming(ground, pair)
     return FlightParts(
         setup=setup,
         run_state=run_state,
         pair=pair,
-        bench=bench,
-        outside=ground.outside,
+        oracle_runner=ground.oracle_runner,
+        external_io=ground.external_io,
         perception=perception,
         recorder=recorder,
         goal=goal,
         actors=ground.actors,
         sync=sync,
         twin=ground.twin,
-        holding=holding,
-        reporter=reporter,
+        operator_hold=operator_hold,
+        reporter=ground.reporter,
         before_arming=before_arming,
-        watchdog=Watchdog.of(run_state, setup.campaign.sync, pace=setup.pace),
-        commanding=operator_handler_of(
+        watchdog=Watchdog(
+            run_state=run_state,
+            patience_s=stage_patience_s(setup.campaign.sync),
+            pace=setup.pace,
+        ),
+        operator_handler=operator_handler_of(
             setup,
             pair,
-            bench,
-            reporter=reporter,
+            ground.oracle_runner,
+            reporter=ground.reporter,
             recorder=recorder,
             inbox=inbox,
-            aboard=before_arming.configuration.fences,
+            onboard_fences=before_arming.configuration.fences,
         ),
         feed=ground.feed,
     )
 
 
+def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
+    """Return the run's signal faults, injected into the pair's pose sources."""
+    faults = SignalFaults(
+        ground.setup.campaign.faults,
+        run_state=ground.run_state,
+        note=lambda text: ground.recorder.note("fault injected", fault=text),
+    )
+    for context in pair.contexts:
+        context.inject(faults)
+    return faults
+
+
+def _goal_flight(ground: GroundParts, pair: Pair, perception: Perception) -> GoalFlight:
+    """Return the flight of the run's goal; it passes the world's events on."""
+    setup = ground.setup
+    goal = GoalFlight(
+        runners=perception.runners,
+        subject=setup.subject,
+        run_state=ground.run_state,
+        events=ground.events,
+        started=ground.sync.goal_given,
+        within_s=setup.campaign.sync.goal_timeout_s,
+        companion=setup.companion,
+        notify=partial(_world_event, ground.recorder, pair),
+    )
+    ground.run_state.on_stage(partial(_moment, ground.events, goal.notify))
+    return goal
+
+
 def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
-    """Return what is done to the run's vehicles before they arm."""
+    """Return the steps that the run's vehicles go through before they arm."""
     return BeforeArming(
         setup=ground.setup,
         contexts=pair.contexts,
-        outside=ground.outside,
+        external_io=ground.external_io,
         preflight=ground.preflight,
         configuration=OnboardConfiguration(
             setup=ground.setup,
@@ -241,11 +262,11 @@ def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
 
 
 def _actor_flights(
-    ground: GroundParts, pair: Pair, holding: OperatorHold
+    ground: GroundParts, pair: Pair, operator_hold: OperatorHold
 ) -> tuple[ActorFlight, ...]:
     """Return the flights of the run's actors; their poses go to world and judge log."""
 
-    def place(sample: PoseSample) -> None:
+    def report_pose(sample: PoseSample) -> None:
         t_s, name, pose, velocity_ned_m_s = sample
         ground.recorder.judged(ActorPose(t_s, name, pose, velocity_ned_m_s))
         ground.events.add_pose(name, t_s, pose, velocity_ned_m_s)
@@ -256,11 +277,11 @@ def _actor_flights(
             setup=actor,
             context=context,
             run_state=ground.run_state,
-            holding=holding,
+            operator_hold=operator_hold,
             sync=setup.campaign.sync,
             events=ground.events,
-            place=place,
-            anchored=pair.send_anchors,
+            report_pose=report_pose,
+            send_anchors=pair.send_anchors,
         )
         for actor, context in zip(setup.actors, pair.actors, strict=True)
     )
@@ -275,32 +296,32 @@ def _world_event(recorder: RunRecorder, pair: Pair, name: str, t_s: float) -> No
 def _moment(
     events: dict[str, float], notify: Callable[[str, float], None], stage: Stage, t_s: float
 ) -> None:
-    """Pass a stage of the run to the world's motions; t0 comes from the goal's flight."""
+    """Pass a stage of the run to the world's motions; GoalFlight passes on t0."""
     if stage in MOMENTS and stage != "goal":
         events[stage] = t_s
         notify(stage, t_s)
 
 
-def _watchers(recorder: RunRecorder, outside: ExternalIo, feed: RunFeed) -> PerceptionWatchers:
+def _watchers(recorder: RunRecorder, external_io: ExternalIo, feed: RunFeed) -> PerceptionWatchers:
     """Return the run's watchers of perception: recorder, external I/O, live feed."""
 
-    def reading(one: Reading) -> None:
-        recorder.reading(one)
-        outside.untouched(one)
+    def take_reading(reading: Reading) -> None:
+        recorder.reading(reading)
+        external_io.untouched(reading)
 
-    def shown(images: PreviewImages) -> None:
+    def take_preview(images: PreviewImages) -> None:
         recorder.shown(images)
         feed.shown(images)
 
     return PerceptionWatchers(
-        reading=reading,
+        reading=take_reading,
         frame=recorder.mixture,
-        perceived=outside.perceived,
-        shown=shown,
+        perceived=external_io.perceived,
+        shown=take_preview,
     )
 
 
-def _contact(outside: ExternalIo, kinds: Mapping[str, str], flag: Flag) -> None:
+def _contact(external_io: ExternalIo, kinds: Mapping[str, str], flag: Flag) -> None:
     """Send a collision of the run to external I/O."""
     if kinds.get(flag.oracle) == "collision":
-        outside.contact(flag)
+        external_io.contact(flag)

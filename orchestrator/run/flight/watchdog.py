@@ -1,25 +1,24 @@
-"""Notices a task of a run that stands still: a verdict would come of a flight nobody looked at."""
+"""Watchdog of a run: a blocked task ends it as ERROR, for the flight was not observed."""
 
 import asyncio
 from collections.abc import Callable, Mapping
-from typing import Self
 
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.state.run_state import RunState, Stage
 
 _LOOK_S, _LAST_LOOK_S = 0.5, 0.1
 _LOOKS_WITHOUT_A_SIGN = 20
-"""Of our own turns, not of time: a machine that was asleep has not killed anybody."""
-_STANDS_STILL = "{} was blocked: the vehicles were not observed meanwhile"
+"""Counted in turns of the event loop, not in time: a suspended machine blocks no task."""
+_BLOCKED = "{} was blocked: the vehicles were not observed meanwhile"
 _SPARE_S = 60.0
-"""What a stage may take beyond the campaign's time for it: preflight, uploads, retries."""
+"""How long a stage may take beyond the campaign's time-out: preflight, uploads, retries."""
 
 Sign = Callable[[], None]
-"""Gives a sign of life; costs next to nothing."""
+"""Tells the watchdog that a task is alive; costs next to nothing."""
 
 
 def stage_patience_s(sync: SyncSetup) -> Mapping[Stage, float]:
-    """Return how long the watchdog lets a stage last in which nothing is late."""
+    """Return how long the watchdog lets each stage last."""
     own: dict[Stage, float] = {
         "identify": sync.identify_timeout_s,
         "ready": sync.ready_timeout_s,
@@ -34,9 +33,9 @@ def stage_patience_s(sync: SyncSetup) -> Mapping[Stage, float]:
 class Watchdog:
     """Ends a run as ERROR when one of its tasks is silent, or its flight hangs.
 
-    Every stage has time-outs of its own; this is for the task that should have seen to them.
-    patience_s: how long each stage may last, not counting the operator's holds. pace: how many
-    times real time the run clock goes: our own tasks are no faster for it.
+    Every stage has its own time-outs; the watchdog catches the task that should have applied them.
+    patience_s: how long each stage may last, without the operator's holds. pace: of the run clock,
+    in times real time: the tasks of the run are no faster for it.
     """
 
     def __init__(
@@ -50,13 +49,8 @@ class Watchdog:
         self._stage = run_state.stage
         self._looks = 0
 
-    @classmethod
-    def of(cls, run_state: RunState, sync: SyncSetup, *, pace: float) -> Self:
-        """Return the watchdog of a campaign's run."""
-        return cls(run_state=run_state, patience_s=stage_patience_s(sync), pace=pace)
-
     def watch(self, name: str) -> Sign:
-        """Return what a watched task has to call twice in ten seconds."""
+        """Watch a task; return what it has to call at least twice in ten seconds."""
 
         def sign() -> None:
             self._silent[name] = 0
@@ -68,15 +62,14 @@ class Watchdog:
         """Watch until a task hangs, or until cancelled."""
         while not self._run_state.over.is_set():
             await asyncio.sleep(self._look_s)
-            still = self._who_is_silent() or self._what_hangs()
-            if still:
-                self._run_state.decide("ERROR", still, source="watchdog")
+            if fault := self._find_silent_task() or self._find_hanging_stage():
+                self._run_state.decide("ERROR", fault, source="watchdog")
         await self._run_state.reaching("end")
 
     async def last_signs(self) -> None:
-        """Wait for one more sign of all watched tasks after the flight: a PASS needs it.
+        """Wait for one more sign of life of all watched tasks after the flight: a PASS needs it.
 
-        To be called when nothing has decided the run.
+        To be called while nothing has decided the run.
         """
         self._awaited = set(self._silent)
         for _ in range(_LOOKS_WITHOUT_A_SIGN):
@@ -84,16 +77,16 @@ class Watchdog:
                 return
             await asyncio.sleep(self._last_look_s)
         names = " and ".join(sorted(self._awaited))
-        self._run_state.decide("ERROR", _STANDS_STILL.format(names), source="watchdog")
+        self._run_state.decide("ERROR", _BLOCKED.format(names), source="watchdog")
 
-    def _who_is_silent(self) -> str:
+    def _find_silent_task(self) -> str:
         for name in self._silent:
             self._silent[name] += 1
             if self._silent[name] > _LOOKS_WITHOUT_A_SIGN:
-                return _STANDS_STILL.format(name)
+                return _BLOCKED.format(name)
         return ""
 
-    def _what_hangs(self) -> str:
+    def _find_hanging_stage(self) -> str:
         if self._run_state.stage != self._stage or self._run_state.held:
             self._stage, self._looks = self._run_state.stage, 0
         self._looks += 1

@@ -1,1 +1,1 @@
-"""What a run is judged by: its oracles, their evidence, and the outcome."""
+"""Oracle evaluation of a run: its oracles, their evidence, and the outcome."""

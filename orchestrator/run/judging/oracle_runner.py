@@ -1,10 +1,10 @@
-"""Feeds the judge and the guard what the pair does, and tells the course what they find."""
+"""Feeds the samples of a flight to the oracles, and their decisive events to the run state."""
 
 import asyncio
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import cast, get_args
+from typing import TypeVar, cast, get_args
 
 from orchestrator.model.results import FenceChange
 from orchestrator.model.twin_results import DropOut
@@ -37,16 +37,17 @@ TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
 _CLEARANCE_KINDS = frozenset({"collision", "clearance"})
 
+S = TypeVar("S", bound=LoggedSample)
 FlagWatcher = Callable[[Flag], None]
-Tape = Callable[[LoggedSample], None]
+SampleLogger = Callable[[LoggedSample], None]
 
 
 class OracleRunner:
     """Runs the oracles in flight: feeds every sample to the judge, passes on every flag.
 
-    tape: gets each sample before the judge does, so that the run can be judged again.
-    kinds: of the oracles, by name. fence_changes: what an operator changed of what is judged by,
-    oldest first; changed_fences: by vehicle what it was changed to.
+    log_sample: called with each sample before the judge gets it, so that the run can be judged
+    again. kinds: of the oracles, by name. fence_changes: an operator's changes of judged fences,
+    oldest first; changed_fences: the newest fence of each vehicle that got another one.
     """
 
     def __init__(
@@ -55,16 +56,16 @@ class OracleRunner:
         judge: Judge,
         run_state: RunState,
         kinds: dict[str, str],
-        watch: tuple[FlagWatcher, ...],
-        tape: Tape,
+        flag_watchers: tuple[FlagWatcher, ...],
+        log_sample: SampleLogger,
     ) -> None:
         self._judge = judge
         self._run_state = run_state
         self.kinds = kinds
-        self._watch = watch
-        self._tape = tape
+        self._flag_watchers = flag_watchers
+        self._log_sample = log_sample
         self._contexts: list[VehicleContext] = []
-        self._judged: defaultdict[str, JudgedTimes] = defaultdict(JudgedTimes)
+        self._judged_times: defaultdict[str, JudgedTimes] = defaultdict(JudgedTimes)
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events_passed_on = 0
         self.fence_changes: list[FenceChange] = []
@@ -73,7 +74,7 @@ class OracleRunner:
         run_state.on_drop_out(self._drop_out)
 
     def attach(self, context: VehicleContext) -> None:
-        """Feed a vehicle's poses, state and silence to the oracles from now on."""
+        """Feed a vehicle's poses, state and link arrivals to the oracles from now on."""
         self._contexts.append(context)
         context.on_pose(self._pose)
         context.on_reference(self._reference)
@@ -94,8 +95,8 @@ class OracleRunner:
             for context in self._contexts:
                 self._state(context, loop.time())
             tick = Tick(loop.time())
-            self._tape(tick)
-            self._take(self._judge.tick(tick.t_s))
+            self._log_sample(tick)
+            self._pass_on_flags(self._judge.tick(tick.t_s))
 
     def clearance_m(self, t_s: float) -> float | None:
         """Return the least clearance so far of any collision or clearance oracle, or None."""
@@ -107,31 +108,26 @@ class OracleRunner:
         return min([r.actual for r in results if r.actual is not None], default=None)
 
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
-        """Return the results so far of the oracles that keep one at hand."""
+        """Return the results so far of the oracles for which they cost little."""
         judge = self._judge
         return tuple(judge.result_of(one, t_s) for one in judge.oracles if not one.is_costly)
 
-    def fences(self, fences: Mapping[str, Fence], who: str) -> None:
+    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give the oracles changed fences of vehicles."""
         now_s = asyncio.get_running_loop().time()
         self.fence_changes.append(FenceChange(now_s, who, tuple(sorted(fences))))
         self.changed_fences |= fences
         for name, fence in fences.items():
             changed = FenceSample(now_s, name, fence)
-            self._tape(changed)
-            self._take(self._judge.fence(changed))
+            self._feed(changed, self._judge.fence)
 
     def report(self, sample: ReportSample) -> None:
         """Report to the oracles that a sample of a signal has arrived."""
-        self._tape(sample)
-        self._judge.report(sample)
-        self._take(())
+        self._feed(sample, self._judge.report)
 
     def doubt(self, sample: DoubtSample) -> None:
-        """Report to the oracles that a signal is not credible: the run is INVALID."""
-        self._tape(sample)
-        self._judge.doubt(sample)
-        self._take(())
+        """Report to the oracles a signal that is not credible: the run is INVALID."""
+        self._feed(sample, self._judge.doubt)
 
     def last_state(self, t_s: float) -> None:
         """Feed every vehicle's last state to the oracles."""
@@ -139,48 +135,39 @@ class OracleRunner:
             self._state(context, t_s)
 
     def _pose(self, sample: PoseSample) -> None:
-        if not self._judged[sample.vehicle].is_due(sample.t_s):
-            return
-        self._tape(sample)
-        self._take(self._judge.pose(sample))
+        if self._judged_times[sample.vehicle].is_due(sample.t_s):
+            self._feed(sample, self._judge.pose)
 
     def _reference(self, sample: ReferenceSample) -> None:
-        self._tape(sample)
-        self._judge.reference(sample)
-        self._take(())
+        self._feed(sample, self._judge.reference)
 
     def _ground_speed(self, vehicle: str, speed: GroundSpeed) -> None:
         sample = GroundSpeedSample(
             speed.arrived_s, vehicle, "gps", speed.speed_m_s, speed.accuracy_m_s
         )
-        self._tape(sample)
-        self._judge.ground_speed(sample)
-        self._take(())
+        self._feed(sample, self._judge.ground_speed)
 
     def _state(self, context: VehicleContext, t_s: float) -> None:
-        state = context.driver.state
-        if state.last_received_s is None:
+        if context.driver.state.last_received_s is None:
             return
-        self._take_arrivals(context)
+        self._judge_arrivals(context)
         for name, reported_s in context.driver.reported_s.items():
             if reported_s > self._reported_s.get((context.name, name), -1.0):
                 self._reported_s[context.name, name] = reported_s
                 self.report(ReportSample(reported_s, context.name, name))
-        self._judge_state(state_sample(context.name, state, t_s))
+        self._judge_state(context, t_s)
 
-    def _take_arrivals(self, context: VehicleContext) -> None:
-        for heard_s in context.driver.take_arrivals():
-            heard = LinkSample(heard_s, context.name)
-            self._tape(heard)
-            self._take(self._judge.received(heard))
+    def _judge_arrivals(self, context: VehicleContext) -> None:
+        for received_s in context.driver.take_arrivals():
+            self._feed(LinkSample(received_s, context.name), self._judge.received)
 
-    def _judge_state(self, sample: StateSample) -> None:
-        self._tape(sample)
-        self._take(self._judge.state(sample))
+    def _judge_state(self, context: VehicleContext, t_s: float) -> None:
+        sample = state_sample(context.name, context.driver.state, t_s)
+        self._feed(sample, self._judge.state)
 
     def _event(self, context: VehicleContext, event: VehicleEvent) -> None:
         if event.kind != "text":
-            self._judge_state(state_sample(context.name, context.driver.state, event.t_s))
+            self._judge_state(context, event.t_s)
 
     def _failure(self, context: VehicleContext, reason: str) -> None:
         if context.may_drop_out and self._run_state.reached("takeoff"):
@@ -189,7 +176,7 @@ class OracleRunner:
             self._run_state.decide("ERROR", reason)
 
     def _contact(self, context: VehicleContext, truth: TruthSample) -> None:
-        """Report a vehicle's physical contact: a broken drone, whatever the oracles judge."""
+        """FAIL the run for a vehicle's physical contact, whatever the oracles judge."""
         self._run_state.decide(
             "FAIL",
             f"{context.name} physically touched {truth.contact}",
@@ -200,23 +187,23 @@ class OracleRunner:
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage in _JUDGED_STAGES:
             for context in self._contexts:
-                # What came before the stage is no silence at it, if this loop was late.
-                self._take_arrivals(context)
-            reached = StageSample(t_s, cast("JudgedStage", stage))
-            self._tape(reached)
-            self._take(self._judge.stage(reached))
+                # If this loop was late, what came before the stage must not look like a gap at it.
+                self._judge_arrivals(context)
+            self._feed(StageSample(t_s, cast("JudgedStage", stage)), self._judge.stage)
 
     def _drop_out(self, vehicle: str, left: DropOut) -> None:
-        """End what is only reported of a vehicle that left the flight."""
-        gone = DropOutSample(left.at_s, vehicle)
-        self._tape(gone)
-        self._judge.drop_out(gone)
-        self._take(())
+        """End the oracles that only report on a vehicle that dropped out."""
+        self._feed(DropOutSample(left.at_s, vehicle), self._judge.drop_out)
 
-    def _take(self, flags: tuple[Flag, ...]) -> None:
+    def _feed(self, sample: S, judge: Callable[[S], tuple[Flag, ...] | None]) -> None:
+        """Log a sample, judge it, and pass on its flags and the new decisive events."""
+        self._log_sample(sample)
+        self._pass_on_flags(judge(sample) or ())
+
+    def _pass_on_flags(self, flags: tuple[Flag, ...]) -> None:
         for flag in flags:
-            for watch in self._watch:
-                watch(flag)
+            for watcher in self._flag_watchers:
+                watcher(flag)
         for event in self._judge.decisive[self._events_passed_on :]:
             self._events_passed_on += 1
             self._run_state.decide(

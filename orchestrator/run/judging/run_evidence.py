@@ -1,4 +1,4 @@
-"""The signals that a run is judged by, and what is expected of each."""
+"""Evidence terms of a run: the signals that it is judged by, and the requirements on each."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -16,9 +16,9 @@ from vehicles.autopilots.autopilot import TelemetryRates
 from vehicles.driver.vehicle_state import ReportName
 
 JUDGED_EVERY_S = 0.018
-"""50 poses a second are judged, as JudgedTimes chooses them: between two, a vehicle that brakes at
-3 m/s^2 leaves the straight way that is swept by a dt^2 / 8 = 0.15 mm, less than the
-tolerance of 1 mm of a clearance."""
+"""50 poses a second are judged, as JudgedTimes selects them. Between two a vehicle that brakes at
+3 m/s^2 deviates from the swept straight line by a dt^2 / 8 = 0.15 mm, less than the tolerance of a
+clearance, 1 mm."""
 _HEARTBEAT_HZ = 1.0
 _OVER_LINK = frozenset({"mavlink", "simulator"})
 """Sources of poses that come over the vehicle's link, as often as its positions."""
@@ -28,20 +28,20 @@ _SOURCES: Mapping[str, PoseAccuracy] = {
     "truth": PoseAccuracy(position_m=0.0, attitude_rad=0.0),
     "simulator": SIMULATED,
 }
-"""Who may know where a vehicle is, and how exactly, unless the campaign says it of its source."""
+"""Accuracy of each pose source, unless the campaign states it."""
 
 
 def signal_terms(setup: RunSetup, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
-    """Yield the evidence terms of a run's signals; required are those of required oracles."""
-    judges = tuple(oracles)
+    """Yield the evidence terms of a run's signals; those of required oracles are required."""
+    all_oracles = tuple(oracles)
     for vehicle in setup.vehicles:
-        pose = _pose_terms(setup, vehicle, judges)
+        pose = _pose_terms(setup, vehicle, all_oracles)
         yield pose
-        yield from _motion_terms(pose, judges)
-        yield from _report_terms(vehicle, judges)
+        yield from _motion_terms(pose, all_oracles)
+        yield from _report_terms(vehicle, all_oracles)
 
 
-def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]) -> SignalTerms:
+def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, oracles: Iterable[Oracle]) -> SignalTerms:
     """Return the evidence terms of a vehicle's pose."""
     source = vehicle.pose_source
     return SignalTerms(
@@ -49,7 +49,7 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]
         vehicle=vehicle.name,
         source=source,
         limit_s=_pose_limit_s(setup, vehicle),
-        required=any(_rests_on_pose(one, vehicle.name) for one in judges),
+        required=any(_rests_on_pose(one, vehicle.name) for one in oracles),
         over_link=source in _OVER_LINK,
         on_grid=source == "simulator",
         accuracy=_accuracy(vehicle.pose_accuracy),
@@ -58,24 +58,24 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, judges: Iterable[Oracle]
 
 
 def _references(source: str) -> dict[str, Accuracy]:
-    """Return the other sources of a vehicle's pose, and how exact each is.
+    """Return the accuracy of the other sources of a vehicle's pose, by source.
 
-    An estimate beside the simulator's ground truth is not held to its velocity: where it steps, as
-    estimators do, what is judged is right, and the estimate's error is only reported.
+    The velocity of an estimate is not compared with the simulator's ground truth: where the
+    estimate steps, as estimators do, the judged truth is right, and its error is only reported.
     """
-    found = {name: _accuracy(one) for name, one in _SOURCES.items() if name != source}
+    references = {name: _accuracy(one) for name, one in _SOURCES.items() if name != source}
     if source == "simulator":
-        found["mavlink"] = replace(found["mavlink"], velocity_m_s=None)
-    return found
+        references["mavlink"] = replace(references["mavlink"], velocity_m_s=None)
+    return references
 
 
-def _motion_terms(pose: SignalTerms, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
+def _motion_terms(pose: SignalTerms, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
     """Yield the evidence terms of a vehicle's velocity and attitude where an oracle judges them.
 
-    Places and velocities of a simulator's ground truth come from different parts of it, and the
-    velocity is held to the places in any case: it shows where these stand still.
+    Positions and velocities of a simulator's ground truth come from different parts of it. The
+    velocity is always compared with the positions: it shows when these are frozen.
     """
-    using = [one for one in judges if pose.vehicle in one.watches]
+    using = [one for one in oracles if pose.vehicle in one.watches]
     for part in get_args(MotionName):
         windows = [one.terms.window for one in using if part in one.motion]
         required = any(one.required and part in one.motion for one in using)
@@ -85,9 +85,9 @@ def _motion_terms(pose: SignalTerms, judges: Iterable[Oracle]) -> Iterator[Signa
             yield replace(pose, signal=part, required=required, window=_widest(windows))
 
 
-def _report_terms(vehicle: VehicleSetup, judges: Iterable[Oracle]) -> Iterator[SignalTerms]:
+def _report_terms(vehicle: VehicleSetup, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
     """Yield the evidence terms of a vehicle's state reports that its oracles judge."""
-    using = [one for one in judges if one.vehicle == vehicle.name]
+    using = [one for one in oracles if one.vehicle == vehicle.name]
     for report, rate_hz in _rates(vehicle.rates).items():
         windows = [one.terms.window for one in using if report in one.reports]
         if not windows:
@@ -114,7 +114,7 @@ def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
 
 
 def _widest(windows: Iterable[Window]) -> Window:
-    """Return the evidence window from any first to any last stage, at most in flight."""
+    """Return the evidence window from the earliest first to the latest last stage, until landed."""
     known = tuple(windows)
     first = min((one.first for one in known), key=STAGES.index)
     last = max((one.last for one in known), key=STAGES.index)
@@ -132,9 +132,9 @@ def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
     return declared_s or position_limit_s(rate_hz, judged_every_s=JUDGED_EVERY_S)
 
 
-def _accuracy(given: PoseAccuracy) -> Accuracy:
+def _accuracy(accuracy: PoseAccuracy) -> Accuracy:
     """Return a pose source's accuracy for the evidence."""
-    return Accuracy(given.position_m, given.velocity_m_s, given.attitude_rad)
+    return Accuracy(accuracy.position_m, accuracy.velocity_m_s, accuracy.attitude_rad)
 
 
 def _rests_on_pose(oracle: Oracle, vehicle: str) -> bool:

@@ -1,4 +1,4 @@
-"""The judge of a run: the campaign's oracles with the world that they judge."""
+"""Builds the judge of a run: the campaign's oracles with the world that they judge against."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -17,7 +17,7 @@ _ANY_DISTANCE_M = 1e6
 
 
 def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
-    """Return the judge of a run with its oracles. `events`: filled by the run."""
+    """Return the judge of a run with its oracles. events: times of world events, set in flight."""
     scene = setup.judged_scene
     contexts: dict[str, OracleContext] = {
         vehicle.name: OracleContext(

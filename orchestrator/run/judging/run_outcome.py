@@ -1,4 +1,4 @@
-"""The result of a run, from what happened to it."""
+"""Builds the result of a run from its decisive events, oracles and statistics."""
 
 from collections import Counter
 from dataclasses import replace
@@ -7,7 +7,7 @@ from campaigns.setup.named_objects import named_objects
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.external.program_runner import ProgramRunner
 from orchestrator.model.arming_steps import ArmingStep
-from orchestrator.model.control_results import control_result
+from orchestrator.model.control_results import ControlResult, control_result
 from orchestrator.model.external_results import ExternalResult
 from orchestrator.model.results import (
     ActorResult,
@@ -34,7 +34,7 @@ from safety.model.verdict import Decision, decide
 from safety.preflight import Item
 
 _MOST_ALSO = 50
-"""Events that stand in a result beside the one that made the verdict."""
+"""How many events a result lists beside the one that made the verdict."""
 
 
 def result_of(
@@ -66,7 +66,6 @@ def result_of(
     note = decision.note or run_state.last_note()
     reason = reason_of(decision, note)
     takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
-    flown = takeoff_s is not None
     return RunResult(
         case=plan.case,
         mode=plan.mode,
@@ -76,7 +75,7 @@ def result_of(
         reason=reason,
         also=also_of(decision),
         required=plan.required,
-        duration_s=(landed_s or end_s) - takeoff_s if flown and takeoff_s is not None else None,
+        duration_s=None if takeoff_s is None else (landed_s or end_s) - takeoff_s,
         wall_s=wall_s,
         oracles=oracles,
         sync=sync,
@@ -94,13 +93,7 @@ def result_of(
         not_judged=unjudged(
             setup.campaign.oracles, collision_always=setup.campaign.collision_always
         ),
-        control=control_result(
-            plan.control,
-            verdict=decision.verdict,
-            reason=decision.reason,
-            decided_by=decision.source,
-            subject=setup.subject,
-        ),
+        control=_control_result(setup, decision),
         exceptions=exceptions_of(run_state),
         twin=twin,
         losses=losses,
@@ -116,7 +109,7 @@ def reason_of(decision: Decision, note: str) -> str:
 def broken_result(
     setup: RunSetup, run_state: RunState, *, end_s: float, wall_s: float
 ) -> RunResult:
-    """Return the outcome of a run of which an exception left nothing else."""
+    """Return the outcome of a run that an internal exception ended before it had any parts."""
     plan = setup.order.plan
     decision = decide(run_state.decisive, (), end_s=end_s, completed=False)
     return RunResult(
@@ -134,19 +127,24 @@ def broken_result(
         sync=SyncResult(),
         mixing=None,
         decided_by=decision.source,
-        control=control_result(
-            plan.control,
-            verdict=decision.verdict,
-            reason=decision.reason,
-            decided_by=decision.source,
-            subject=setup.subject,
-        ),
+        control=_control_result(setup, decision),
         exceptions=exceptions_of(run_state),
     )
 
 
+def _control_result(setup: RunSetup, decision: Decision) -> ControlResult | None:
+    """Return the control result of a run by its verdict; None where the run is no control."""
+    return control_result(
+        setup.order.plan.control,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        decided_by=decision.source,
+        subject=setup.subject,
+    )
+
+
 def exceptions_of(run_state: RunState) -> tuple[str, ...]:
-    """Return the exceptions of ours in a run, each in a line."""
+    """Return the internal exceptions of a run, each in a line."""
     return tuple(fault.text for fault in run_state.faults)
 
 
@@ -154,23 +152,25 @@ def also_of(decision: Decision) -> tuple[Also, ...]:
     """Return the decisive events after the one that made the verdict; equal ones are counted."""
     counts = Counter((event.kind, event.text) for event in decision.also)
     first = {(event.kind, event.text): event.t_s for event in reversed(decision.also)}
-    found = [
+    listed = [
         Also(kind, text if count == 1 else f"{text} ({count} times)", first[kind, text])
         for (kind, text), count in counts.items()
     ]
-    if len(found) <= _MOST_ALSO:
-        return tuple(found)
-    last = found[_MOST_ALSO - 1]
-    more = len(found) - _MOST_ALSO + 1
+    if len(listed) <= _MOST_ALSO:
+        return tuple(listed)
+    last = listed[_MOST_ALSO - 1]
+    more = len(listed) - _MOST_ALSO + 1
     rest = Also(last.verdict, f"{more} more events; log.jsonl has all of them", last.at_s)
-    return (*found[: _MOST_ALSO - 1], rest)
+    return (*listed[: _MOST_ALSO - 1], rest)
 
 
-def external_result(outside: ExternalIo, perception: Perception | None) -> ExternalResult | None:
+def external_result(
+    external_io: ExternalIo, perception: Perception | None
+) -> ExternalResult | None:
     """Return the run's results of external I/O; None without any."""
     runners = () if perception is None else perception.runners.values()
     programs = tuple(runner.result for runner in runners if isinstance(runner, ProgramRunner))
-    result = replace(outside.result, programs=programs)
+    result = replace(external_io.result, programs=programs)
     return result if result.anything else None
 
 
@@ -197,7 +197,7 @@ def _mixing_result(mixings: tuple[MixingLoop, ...], *, named: set[str]) -> Mixin
 
 
 def _unseen(combinations: tuple[CombinationResult, ...], named: set[str]) -> tuple[str, ...]:
-    """Return the named virtual objects that were measured for, and in view of no mixture."""
+    """Return the named virtual objects that were looked for and were in view of no mixture."""
     sought: set[str] = set()
     in_view: set[str] = set()
     for one in combinations:

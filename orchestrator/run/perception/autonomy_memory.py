@@ -1,4 +1,4 @@
-"""What the autonomy under test holds in memory, beside its limit."""
+"""Memory use of the autonomy under test against its limit."""
 
 from collections.abc import Callable
 
@@ -6,14 +6,14 @@ from campaigns.values.autonomy_limits import AutonomyLimits
 from vehicles.process_memory import resident_mb
 
 _BACKSTOP = 2.0
-"""Times the limit from which on the kernel refuses memory: our own code needs some to land by."""
+"""Times the limit at which the kernel refuses memory: landing the vehicles needs some, too."""
 
 
 class MemoryMeter:
     """Measures how far the run's process grows from now on. resident_mb: measures the process.
 
-    What the run itself needs meanwhile (images, recordings) counts too: it is a bound on a machine,
-    no measure of an autonomy.
+    Memory of the run itself (images, recordings) counts too: the limit protects the machine and
+    does not measure an autonomy.
     """
 
     def __init__(
@@ -25,7 +25,7 @@ class MemoryMeter:
 
     @property
     def backstop_mb(self) -> float:
-        """Return from which growth on the kernel shall refuse memory."""
+        """Return the growth beyond which the kernel is to refuse memory."""
         return _BACKSTOP * self._limits.memory_mb
 
     def excess(self) -> str:

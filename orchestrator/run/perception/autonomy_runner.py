@@ -1,4 +1,4 @@
-"""The autonomy under test flies a vehicle: telemetry and readings in, setpoints out."""
+"""Runs the autonomy under test on a vehicle: telemetry and readings in, setpoints out."""
 
 import asyncio
 from collections.abc import Callable
@@ -21,9 +21,9 @@ SetpointListener = Callable[[Setpoint, float], None]
 class AutonomyRunner:
     """Runs one autonomy on one vehicle at `rate_hz`.
 
-    A fault of the autonomy is a FAIL of the run, not an error of ours: it is what is under test.
-    memory: looked at after each call; beyond its limit the run is an ERROR. call_s: wall time of
-    one call.
+    A fault of the autonomy is a FAIL of the run and no ERROR: it is what is under test. memory:
+    checked after each call; beyond its limit the run is an ERROR. call_s: limit of one call, wall
+    time.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class AutonomyRunner:
         self.done = asyncio.Event()
 
     def on_setpoint(self, listener: SetpointListener) -> None:
-        """Call `listener(setpoint, t_s)` with each setpoint, once it is on its way."""
+        """Call `listener(setpoint, t_s)` with each setpoint, once it is sent."""
         self._setpoint_listeners.append(listener)
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
@@ -60,7 +60,7 @@ class AutonomyRunner:
         self._call_guarded(self._autonomy.perceive, reading)
 
     def perceive_raw(self, reading: Reading) -> None:
-        """Give a mixture's inputs to an autonomy that wants them."""
+        """Give a mixture's input reading to an autonomy that perceives raw readings."""
         if isinstance(self._autonomy, PerceivesRaw):
             self._call_guarded(self._autonomy.perceive_raw, reading)
 
@@ -73,7 +73,7 @@ class AutonomyRunner:
             self._report_fault(fault)
 
     async def fly(self) -> None:
-        """Run the autonomy from now on until cancelled; `done` is set when it says so."""
+        """Run the autonomy until cancelled; set `done` when it reports its goal reached."""
         loop = asyncio.get_running_loop()
         t0_s, tick = loop.time(), 0
         while not self._crashed:
@@ -101,9 +101,9 @@ class AutonomyRunner:
         if command.done:
             self.done.set()
 
-    def _call(self, ask: Callable[[], T]) -> T:
-        """Return what the autonomy answers, within its limits. Raises AutonomyFault."""
-        answer = call_autonomy(ask, within_s=self._call_s)
+    def _call(self, call: Callable[[], T]) -> T:
+        """Return the result of an autonomy call within its limits. Raises AutonomyFault."""
+        answer = call_autonomy(call, within_s=self._call_s)
         if excess := self._memory.excess():
             raise AutonomyFault(excess, kind="ERROR")
         return answer
@@ -111,5 +111,5 @@ class AutonomyRunner:
     def _report_fault(self, fault: AutonomyFault) -> None:
         self._crashed = True
         name = self.context.name
-        said = f"the autonomy of {name} {fault}"
-        self._run_state.decide(fault.kind, said, source=f"autonomy/{name}", trace=fault.trace)
+        reason = f"the autonomy of {name} {fault}"
+        self._run_state.decide(fault.kind, reason, source=f"autonomy/{name}", trace=fault.trace)

@@ -1,4 +1,4 @@
-"""What flies a twin that is coupled to its vehicle, in the place of an autonomy of its own."""
+"""Runners of a twin that is coupled to the real vehicle, instead of an autonomy of its own."""
 
 import asyncio
 from collections import deque
@@ -15,14 +15,14 @@ from worlds.frames import scale, subtract
 
 _RATE_HZ = 50.0
 _OLD_S = 0.5
-"""Poses and setpoints that are older say nothing of now: the twin waits for newer ones."""
+"""Older poses and setpoints are not used: the twin hovers until newer ones arrive."""
 _OVER_S = 0.2
-"""Over which time an acceleration is taken: in less, the noise of an estimate would rule."""
+"""Time over which an acceleration is computed: in less, the estimate's noise would dominate."""
 _STILL = VelocitySetpoint((0.0, 0.0, 0.0))
 
 
 class CoupledRunner:
-    """What both have in common: they perceive nothing, and have no end of their own."""
+    """Base of the coupled runners: they perceive nothing, and are always done."""
 
     def __init__(self, *, context: VehicleContext) -> None:
         self.context = context
@@ -31,14 +31,14 @@ class CoupledRunner:
         self.done.set()
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
-        """Call `started(name, t_s)` when the next setpoint is on its way, once."""
+        """Call `started(name, t_s)` once, when the next setpoint is sent."""
         self._started = started
 
     def perceive(self, reading: Reading) -> None:
-        """Leave a reading alone: nobody of this vehicle perceives."""
+        """Ignore a reading: a coupled twin has no autonomy that perceives."""
 
     def perceive_raw(self, reading: Reading) -> None:
-        """Leave what a mixture was made of alone."""
+        """Ignore a mixture's input reading."""
 
     def _send(self, setpoint: Setpoint, now_s: float) -> None:
         self.context.driver.send(setpoint)
@@ -49,7 +49,7 @@ class CoupledRunner:
 
 
 class FollowRunner(CoupledRunner):
-    """Flies a vehicle after another one, by where both are."""
+    """Flies a vehicle after a leader, by the poses of both."""
 
     def __init__(self, *, context: VehicleContext, leader: VehicleContext) -> None:
         super().__init__(context=context)
@@ -81,7 +81,7 @@ class FollowRunner(CoupledRunner):
         if own is None or not self._leads or now_s - min(self._leads[-1].t_s, own.t_s) > _OLD_S:
             return _STILL
         leader, earlier = self._leads[-1], self._leads[0]
-        asked = self._leader.setpoint
+        commanded = self._leader.setpoint
         gained_m_s = subtract(leader.velocity_ned_m_s, earlier.velocity_ned_m_s)
         return following_setpoint(
             leader=leader.pose,
@@ -90,12 +90,14 @@ class FollowRunner(CoupledRunner):
             age_s=now_s - leader.t_s,
             own=own.pose,
             own_age_s=now_s - own.t_s,
-            asked_ned_m_s=asked.velocity_ned_m_s if isinstance(asked, VelocitySetpoint) else None,
+            asked_ned_m_s=commanded.velocity_ned_m_s
+            if isinstance(commanded, VelocitySetpoint)
+            else None,
         )
 
 
 class ShadowRunner(CoupledRunner):
-    """Gives a vehicle the setpoints of another one's autonomy, each when that one gets it."""
+    """Sends a vehicle the setpoints of its leader's autonomy, each when the leader gets it."""
 
     def __init__(self, *, context: VehicleContext, leader: AutonomyRunner) -> None:
         super().__init__(context=context)
@@ -104,11 +106,11 @@ class ShadowRunner(CoupledRunner):
         leader.on_setpoint(self._take)
 
     async def fly(self) -> None:
-        """Pass setpoints on from now on until cancelled; first the one that came just before."""
+        """Send the leader's setpoints until cancelled; first the one that came just before."""
         self._flies = True
         now_s = asyncio.get_running_loop().time()
         if self._early is not None and now_s - self._early[1] <= _OLD_S:
-            # Both are begun in one turn of the loop, and the other one's autonomy acts at once.
+            # Both runners start in one turn of the loop, and the leader's autonomy acts at once.
             self._send(self._early[0], now_s)
         try:
             await asyncio.Event().wait()

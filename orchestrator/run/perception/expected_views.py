@@ -1,7 +1,7 @@
-"""What geometry says that a sensor shows: the virtual world drawn or cast from a reference pose.
+"""Expected views of a sensor: the virtual world rendered or ray-cast from a reference pose.
 
-Our own renderer and ray caster draw it, whoever made the twin's readings, and from the reference
-pose, whatever pose these were made from.
+The renderer and ray caster of wil-campaign compute them whatever made the twin's readings, and from
+the reference pose whatever pose these were made from.
 """
 
 from collections.abc import Mapping
@@ -22,22 +22,19 @@ _HIDDEN_M = 0.05
 
 
 class ExpectedViews:
-    """Computes the expected views of real and virtual scene. real: W, virtual: Wv.
-
-    Ids are those of the world file, in both.
-    """
+    """Computes the expected views. real: scene W, virtual: scene Wv, ids as in the world file."""
 
     def __init__(self, *, real: Scene, virtual: Scene, events: Mapping[str, float]) -> None:
         physical = tuple(thing for thing in real.objects if thing.name not in virtual)
         everything = Scene((*virtual.objects, *physical))
-        self._pictures = ThroughLens(WorldImages(scene=virtual, events=events))
+        self._virtual_images = ThroughLens(WorldImages(scene=virtual, events=events))
         self._has_physical = bool(physical)
-        self._hiding = self._pictures
+        self._all_images = self._virtual_images
         if physical:
-            self._hiding = ThroughLens(WorldImages(scene=everything, events=events))
-        self._rays = WorldRays(scene=everything, events=events)
+            self._all_images = ThroughLens(WorldImages(scene=everything, events=events))
+        self._all_rays = WorldRays(scene=everything, events=events)
 
-    def picture(
+    def image(
         self,
         camera: Pose,
         intrinsics: Intrinsics,
@@ -48,38 +45,38 @@ class ExpectedViews:
     ) -> ExpectedImage:
         """Return an image's expected samples. camera: its pose (FRD axes, world frame).
 
-        real_depth_m: how far the real camera saw, at these pixels; None when unknown.
+        real_depth_m: depth of the real camera at these pixels; None when unknown.
         """
-        small = sampled_intrinsics(intrinsics)
-        drawn = self._pictures.picture(
-            camera, small, t_s, want_ids=True, want_depth=real_depth_m is not None
+        sampled = sampled_intrinsics(intrinsics)
+        rendered = self._virtual_images.picture(
+            camera, sampled, t_s, want_ids=True, want_depth=real_depth_m is not None
         )
-        ids = _require_ids(drawn.object_ids)
+        ids = _require_ids(rendered.object_ids)
         unknown: Mask | None = None
         if self._has_physical:
-            hidden = self._hiding.picture(camera, small, t_s, want_ids=True)
-            unknown = virtual.mask_of(ids) & (_require_ids(hidden.object_ids) != ids)
-        if real_depth_m is not None and drawn.depth_m is not None:
-            nearer = real_depth_m < drawn.depth_m - _HIDDEN_M
+            with_physical = self._all_images.picture(camera, sampled, t_s, want_ids=True)
+            unknown = virtual.mask_of(ids) & (_require_ids(with_physical.object_ids) != ids)
+        if real_depth_m is not None and rendered.depth_m is not None:
+            nearer = real_depth_m < rendered.depth_m - _HIDDEN_M
             unknown = nearer if unknown is None else unknown | nearer
         step = samples_of(intrinsics).step
-        return ExpectedImage(ids, drawn.image_bgr, unknown, step)
+        return ExpectedImage(ids, rendered.image_bgr, unknown, step)
 
     def depths(self, camera: Pose, intrinsics: Intrinsics, t_s: float) -> ExpectedRanges:
         """Return the expected depths along the optical axis at the samples, flat."""
-        small = sampled_intrinsics(intrinsics)
-        drawn = self._hiding.picture(camera, small, t_s, want_ids=True, want_depth=True)
-        depth_m = np.asarray(drawn.depth_m, np.float64)
-        return ExpectedRanges(depth_m.reshape(-1), _require_ids(drawn.object_ids).reshape(-1))
+        sampled = sampled_intrinsics(intrinsics)
+        rendered = self._all_images.picture(camera, sampled, t_s, want_ids=True, want_depth=True)
+        depth_m = np.asarray(rendered.depth_m, np.float64)
+        return ExpectedRanges(depth_m.reshape(-1), _require_ids(rendered.object_ids).reshape(-1))
 
     def ranges(self, sensor: Pose, directions: Directions, t_s: float) -> ExpectedRanges:
         """Return the expected ranges of beams. sensor: its pose (FRD axes, world frame)."""
-        hits = self._rays(sensor, directions, t_s)
+        hits = self._all_rays(sensor, directions, t_s)
         return ExpectedRanges(hits.ranges_m.astype(np.float64), hits.object_ids)
 
 
 def _require_ids(ids: Ids | None) -> Ids:
     """Return the rendered object ids of an expected view. Raises TypeError for None."""
     if ids is None:
-        raise TypeError("our renderer returns ids where they are requested")
+        raise TypeError("the renderer returned no object ids, which were requested")
     return ids

@@ -1,4 +1,4 @@
-"""Notices when mixing leaves its budget while the goal is flown: the flight proves nothing then."""
+"""Watches the mixing budgets while the goal is flown: beyond one the run is INVALID."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -11,10 +11,10 @@ from recipes.pipeline.budgets import RateWatch, breach_of
 from recipes.visibility.coverage import uncovered
 
 STALLED_S = 1.0
-"""After how long without a mixture in flight the run proves nothing any more, at the least."""
+"""Shortest time without a mixture after which the run is INVALID."""
 _STALLED_PERIODS = 3.0
 _SETTLE_S = 0.6
-"""How long what spoiled the mixing waits for the vehicles to be heard again."""
+"""How long a breach waits before it counts, so that a lost vehicle shows as silent first."""
 
 
 @dataclass(slots=True)
@@ -27,14 +27,14 @@ class _WatchedMixing:
 class MixingBudgetWatch:
     """Watches mixing budgets: a mixture that exceeds one makes the run INVALID.
 
-    someone_is_silent: whether a vehicle has not been heard for a while. While one is silent this
-    may be its death, which is an ERROR that the guard tells; what spoiled the mixing counts only
-    once all are heard again.
+    is_any_silent: whether no message has arrived from some vehicle for a while. A silent vehicle
+    may be lost, which the guard reports as ERROR; a breach counts only once messages arrive from
+    all vehicles.
     """
 
-    def __init__(self, *, run_state: RunState, someone_is_silent: Callable[[], bool]) -> None:
+    def __init__(self, *, run_state: RunState, is_any_silent: Callable[[], bool]) -> None:
         self._run_state = run_state
-        self._someone_is_silent = someone_is_silent
+        self._is_any_silent = is_any_silent
         self._watched: dict[str, _WatchedMixing] = {}
         self._doubt: tuple[float, str] | None = None
         self._is_over = False
@@ -60,66 +60,66 @@ class MixingBudgetWatch:
         if self._run_state.stage != "goal":
             return
         if provenance.dropped is not None:
-            self.spoiled(frame.name, provenance.detail or provenance.dropped)
+            self.note_breach(frame.name, provenance.detail or provenance.dropped)
             return
         budget = watched.loop.mixer.combination.budget
         breach = breach_of(budget, provenance)
         if breach is not None:
-            self.spoiled(frame.name, str(breach))
+            self.note_breach(frame.name, str(breach))
         limit_px = budget.max_registration_error_px
         if limit_px is not None and frame.unbounded:
-            self.spoiled(
+            self.note_breach(
                 frame.name, f"max_registration_error_px: {limit_px:g}, and {frame.unbounded}"
             )
-        self._visibility(watched.loop, frame)
+        self._check_frame_visibility(watched.loop, frame)
 
-    def _visibility(self, loop: MixingLoop, frame: MixedFrame) -> None:
+    def _check_frame_visibility(self, loop: MixingLoop, frame: MixedFrame) -> None:
         """Check a mixture's visibility of the virtual objects."""
         if loop.probe is None or frame.visibility is None:
             return
         fault = loop.probe.coverage.take(frame.visibility)
         if fault is not None:
-            self.spoiled(loop.name, fault.text + loop.probe.why_nothing())
+            self.note_breach(loop.name, fault.text + loop.probe.why_nothing())
 
-    def spoiled(self, name: str, reason: str) -> None:
-        """Note that perception proves nothing, while the goal is flown."""
-        self.doubted(f"mixing of {name}: {reason}")
+    def note_breach(self, name: str, reason: str) -> None:
+        """Note the breach of a mixing budget while the goal is flown; the first one counts."""
+        self.note_doubt(f"mixing of {name}: {reason}")
 
-    def doubted(self, reason: str) -> None:
-        """Note that a sensor delivered nothing, while the goal is flown."""
+    def note_doubt(self, reason: str) -> None:
+        """Note a sensor without valid readings while the goal is flown; the first counts."""
         if self._run_state.stage == "goal" and self._doubt is None:
             self._doubt = (asyncio.get_running_loop().time(), reason)
 
     async def run(self, alive: Callable[[], None]) -> None:
-        """Watch budgets for missing mixtures, and settle doubts; until cancelled.
+        """Watch for missing mixtures, and decide by breaches; until cancelled.
 
         alive: called four times a second.
         """
-        loop = asyncio.get_running_loop()
+        loop, is_decided = asyncio.get_running_loop(), False
         while True:
             alive()
             await asyncio.sleep(STALLED_S / 4)
             if self._run_state.stage == "goal":
                 for watched in self._watched.values():
-                    self._look(watched, loop.time())
-            if self._doubt is None:
+                    self._check_mixing(watched, loop.time())
+            if self._doubt is None or is_decided:
                 continue
             t_s, reason = self._doubt
-            if loop.time() - t_s > _SETTLE_S and not self._someone_is_silent():
+            if loop.time() - t_s > _SETTLE_S and not self._is_any_silent():
                 self._run_state.decide("INVALID", reason, t_s=t_s, source="mixing")
-                return
+                is_decided = True
 
-    def _look(self, watched: _WatchedMixing, now_s: float) -> None:
+    def _check_mixing(self, watched: _WatchedMixing, now_s: float) -> None:
         last_s = watched.loop.statistics.last_delivery_s or 0.0
         since_s = max(last_s, self._run_state.entered_s["goal"])
         if now_s - since_s > watched.stalled_s:
-            said = f"no mixed reading for more than {watched.stalled_s:g} s"
+            reason = f"no mixed reading for more than {watched.stalled_s:g} s"
             if why := watched.loop.statistics.last_miss:
-                said += f": {why}"
-            self.spoiled(watched.loop.name, said)
+                reason += f": {why}"
+            self.note_breach(watched.loop.name, reason)
         breach = watched.rate.breach(now_s)
         if breach is not None:
-            self.spoiled(watched.loop.name, str(breach))
+            self.note_breach(watched.loop.name, str(breach))
 
     def _stage(self, stage: Stage, t_s: float) -> None:
         if stage == "goal":
@@ -127,10 +127,10 @@ class MixingBudgetWatch:
                 watched.rate.start(t_s)
         elif self._run_state.reached("goal") and not self._is_over:
             self._is_over = True
-            self._look_back()
+            self._check_visibility()
 
-    def _look_back(self) -> None:
-        """Check what all mixtures of the goal's flight showed, once it is over."""
+    def _check_visibility(self) -> None:
+        """Check after the goal's flight what all its mixtures showed."""
         probes = {
             name: watched.loop.probe
             for name, watched in self._watched.items()
@@ -139,9 +139,9 @@ class MixingBudgetWatch:
         for name, probe in probes.items():
             fault = probe.coverage.never_shown()
             if fault is not None:
-                self._prove_nothing(f"mixing of {name}: {fault.text}{probe.why_nothing()}")
+                self._decide_invalid(f"mixing of {name}: {fault.text}{probe.why_nothing()}")
                 return
-        # What the twin's autonomy alone perceives speaks for nobody who is judged.
+        # Mixtures that only the twin's autonomy perceives prove nothing about the judged vehicle.
         judged = [
             probe
             for name, probe in probes.items()
@@ -150,8 +150,8 @@ class MixingBudgetWatch:
         fault = uncovered(probe.coverage for probe in judged)
         if fault is not None:
             why = judged[0].why_nothing() if len(judged) == 1 else ""
-            self._prove_nothing(f"mixing: {fault.text}{why}")
+            self._decide_invalid(f"mixing: {fault.text}{why}")
 
-    def _prove_nothing(self, reason: str) -> None:
+    def _decide_invalid(self, reason: str) -> None:
         if self._doubt is None:
             self._run_state.decide("INVALID", reason, source="mixing", ends_flight=False)

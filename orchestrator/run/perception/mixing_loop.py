@@ -1,4 +1,4 @@
-"""Mixing while flying: each real reading is met by the twin's of the same moment and pose."""
+"""Mixing in flight: each real reading is mixed with the twin's of the same time and pose."""
 
 import asyncio
 from collections import deque
@@ -18,20 +18,20 @@ from vehicles.sensors.sensor_streams import OnDemand
 
 _POSE_POLL_S = 0.002
 _PAIR_WAIT_S = 0.05
-"""How long a reading waits for the twin's of its moment, where the twin's source is not asked."""
+"""How long a real reading waits for the twin's of its time, where the twin streams readings."""
 _WAITING_BIG = 1
 _WAITING_SMALL = 32
-"""Readings that wait to be mixed: a late picture is not worth having, while readings of a few
-bytes come in bursts when the loop was busy."""
-_KEPT_BIG = 8
-_KEPT_SMALL = 64
-"""Readings of the twin among which that of a moment is sought."""
+"""Most readings that wait to be mixed: a late image is useless, while small readings come in bursts
+when the loop was busy."""
+_MOST_KEPT_BIG = 8
+_MOST_KEPT_SMALL = 64
+"""Most readings that are kept: of the twin, to find that of a time; of the real sensor, undue."""
 _EARLY_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Waiting:
-    """A real reading in the order of its arrival. is_due: it is mixed; others are but offered."""
+    """A real reading in its order of arrival. is_due: it is mixed; others are only offered."""
 
     reading: Reading
     is_due: bool
@@ -41,8 +41,8 @@ class _Waiting:
 class RegistrationError:
     """A mixture's registration error, RMS in pixels; None: nothing virtual in view.
 
-    error_px: against an independent reference; None without one. bound_px: without one, what the
-    error is within by what is known of the pose. unbounded: why nothing is known of it, in words.
+    error_px: against an independent reference; None without one. bound_px: without a reference,
+    the bound of the error by the accuracy of the pose. unbounded: why there is no bound.
     """
 
     error_px: float | None = None
@@ -51,24 +51,24 @@ class RegistrationError:
 
 
 Registration = Callable[[Reading, float], RegistrationError]
-"""The twin's reading, and the exposure of the real one that it was laid over."""
+"""Returns the error for the twin's reading and the exposure time of the real image below it."""
 
 
 class MixingLoop:
     """Mixes the readings of one sensor in a loop and reports each mixture.
 
-    name: of the combination. twin: a source that is asked for the pose that the recipe's
-    `register` wants; None where the twin's readings come by themselves (`twin_reading`). poses: of
-    the vehicle from whose place it is asked. wait_s: how long a pose for the exposure is waited
-    for. period_s: of the real readings; none waits longer for the twin's. rate_hz: at most so
-    many mixtures on average, each of the reading that is nearest to its time; None for each real
-    reading. registration: tells how far off a twin's picture is;
-    None for sensors without pixels. probe: measures what a mixture shows; None where
-    that cannot be, and `unmeasured` says why. tell: takes each mixture, also
-    one that is none. trouble: told what is wrong with a reading. A real reading that finds too
-    many waiting replaces the oldest, which counts as dropped; so does one for which the twin's
-    source gives no image, or gives it later than the recipe's max_latency_ms: a camera, too, loses
-    a frame here and there. Ends by StepError when a step fails.
+    name: of the combination. twin: the on-demand source of the twin's readings at the pose of the
+    recipe's `register`; None where the twin streams them (`twin_reading`). poses: of the vehicle
+    whose pose is requested. wait_s: longest wait for the pose of an exposure. period_s: of the real
+    readings, and the longest wait for the twin's. rate_hz: mean rate of mixtures, each of the
+    reading nearest to its due time; None mixes every real reading. registration: measures the
+    registration error; None for sensors without pixels. probe: measures the visibility of virtual
+    objects; None where it cannot be measured, for the reason `unmeasured`. on_mixture: called with
+    each mixture, also one that was dropped. on_fault: called with the fault of a refused reading.
+
+    A real reading that comes when too many wait replaces the oldest, which counts as replaced. One
+    for which the twin's source returns no image within the recipe's max_latency_ms counts as
+    missed: a camera, too, loses a frame now and then. Raises StepError when a step fails.
     """
 
     def __init__(
@@ -84,8 +84,8 @@ class MixingLoop:
         registration: Registration | None,
         probe: VisibilityProbe | None = None,
         unmeasured: str = "",
-        tell: Callable[[MixedFrame], None],
-        trouble: Callable[[str], None],
+        on_mixture: Callable[[MixedFrame], None],
+        on_fault: Callable[[str], None],
     ) -> None:
         self.name = name
         self.mixer = mixer
@@ -97,15 +97,15 @@ class MixingLoop:
         self._period_s = 0.0 if rate_hz is None else 1.0 / rate_hz
         self._early_s = max(_EARLY_S, min(period_s, self._period_s) / 2.0 - _EARLY_S)
         self._due_s = 0.0
-        self._drawn_s = 0.0
+        self._requested_s = 0.0
         self._registration = registration
         self.probe = probe
         self.unmeasured = unmeasured
-        self._tell = tell
-        self._trouble = trouble
+        self._on_mixture = on_mixture
+        self._on_fault = on_fault
         self._waiting: deque[_Waiting] = deque()
         self._is_mixing = False
-        self._twins: deque[Reading] = deque(maxlen=_KEPT_SMALL)
+        self._twin_readings: deque[Reading] = deque(maxlen=_MOST_KEPT_SMALL)
         self._arrived = asyncio.Event()
 
     def real_reading(self, reading: Reading) -> None:
@@ -114,17 +114,17 @@ class MixingLoop:
         if not (is_due or self._is_mixing or self._waiting):
             self.mixer.offer("real", reading)
             return
-        # Behind those that wait: a step that chooses by time sees all in their order.
+        # Queued behind those that wait: a step that selects by time sees all in their order.
         self._make_way(is_due=is_due, is_big=_is_big(reading))
         self._waiting.append(_Waiting(reading, is_due))
         self._arrived.set()
 
     def _make_way(self, *, is_due: bool, is_big: bool) -> None:
-        """Let the oldest reading of a kind go where as many wait as may."""
+        """Drop the oldest waiting reading of the same kind if the queue is full."""
         if is_due:
             most = _WAITING_BIG if is_big else _WAITING_SMALL
         else:
-            most = _KEPT_BIG if is_big else _KEPT_SMALL
+            most = _MOST_KEPT_BIG if is_big else _MOST_KEPT_SMALL
         alike = [one for one in self._waiting if one.is_due is is_due]
         if len(alike) >= most:
             self._waiting.remove(alike[0])
@@ -133,8 +133,8 @@ class MixingLoop:
     def _is_due(self, reading: Reading) -> bool:
         """Return whether a reading is due for mixing: on average at the recipe's rate.
 
-        One that is nearer to its time than the next would be counts, so that a camera at the
-        recipe's own rate loses nothing by the jitter of its stamps.
+        A reading nearer to the due time than the next one would be is due, so that a camera at
+        the recipe's rate loses no frame by the jitter of its stamps.
         """
         if self._period_s == 0.0:
             return True
@@ -148,11 +148,11 @@ class MixingLoop:
         """Take the twin sensor's reading: for recipes without `register`."""
         fault = self.mixer.offer("twin", reading)
         if fault is not None:
-            self._trouble(fault)
+            self._on_fault(fault)
             return
-        if _is_big(reading) and len(self._twins) >= _KEPT_BIG:
-            self._twins.popleft()
-        self._twins.append(reading)
+        if _is_big(reading) and len(self._twin_readings) >= _MOST_KEPT_BIG:
+            self._twin_readings.popleft()
+        self._twin_readings.append(reading)
         self._arrived.set()
 
     async def run(self) -> None:
@@ -166,7 +166,7 @@ class MixingLoop:
             self._is_mixing = False
 
     def _offer_readings_before_due(self) -> bool:
-        """Offer what waits before the next reading that is due; return whether there is one."""
+        """Offer the readings before the next due one; return whether a due one waits."""
         while self._waiting and not self._waiting[0].is_due:
             self.mixer.offer("real", self._waiting.popleft().reading)
         return bool(self._waiting)
@@ -177,13 +177,13 @@ class MixingLoop:
 
     async def _mix(self) -> None:
         if self._twin is None:
-            await self._twin_has_come()
+            await self._await_twin()
             real = self._next_due()
             twin, alignment = self._nearest(real.t_s), "as it came"
         else:
             real = self._next_due()
             try:
-                twin, alignment = await self._ask_twin(self._twin, real)
+                twin, alignment = await self._request_twin(self._twin, real)
             except NoImageError as error:
                 self.statistics.miss(str(error))
                 return
@@ -194,69 +194,68 @@ class MixingLoop:
         visibility = None if self.probe is None else self.probe.measure(mixed)
         unbounded = ""
         if self._registration is not None and twin is not None:
-            told = mixed.provenance
-            # A step may have chosen an older picture of the real camera.
-            exposed_s = real.t_s if told.real_t_s is None else told.real_t_s
-            found = self._registration(twin, exposed_s)
-            told = replace(
-                told,
-                registration_error_px=found.error_px,
-                registration_bound_px=found.bound_px,
+            provenance = mixed.provenance
+            # A step may have selected an older image of the real camera.
+            exposed_s = real.t_s if provenance.real_t_s is None else provenance.real_t_s
+            registration = self._registration(twin, exposed_s)
+            provenance = replace(
+                provenance,
+                registration_error_px=registration.error_px,
+                registration_bound_px=registration.bound_px,
             )
-            mixed = Mixed(mixed.reading, told)
-            unbounded = found.unbounded
+            mixed = Mixed(mixed.reading, provenance)
+            unbounded = registration.unbounded
             self.statistics.unbounded = unbounded or self.statistics.unbounded
         self._account(mixed, now_s)
         frame = MixedFrame(self.name, self.mixer.sensor, real, twin, mixed, visibility, unbounded)
-        self._tell(frame)
+        self._on_mixture(frame)
 
-    async def _twin_has_come(self) -> None:
-        """Wait until twin readings have reached the oldest real one that waits to be mixed.
+    async def _await_twin(self) -> None:
+        """Wait for the twin's reading of the oldest real one that is due.
 
-        While this waits that reading may be replaced by a newer one.
+        Meanwhile a newer real reading may replace that one.
         """
-        if self._twin_is_there():
+        if self._has_twin_come():
             return
         give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
         try:
             async with asyncio.timeout_at(give_up_s):
-                while not self._twin_is_there():
+                while not self._has_twin_come():
                     self._arrived.clear()
                     await self._arrived.wait()
         except TimeoutError:
             return
 
-    def _twin_is_there(self) -> bool:
+    def _has_twin_come(self) -> bool:
         oldest_s = next(one.reading.t_s for one in self._waiting if one.is_due)
-        return bool(self._twins) and self._twins[-1].t_s >= oldest_s - _EARLY_S
+        return bool(self._twin_readings) and self._twin_readings[-1].t_s >= oldest_s - _EARLY_S
 
     def _nearest(self, t_s: float) -> Reading | None:
-        return min(self._twins, key=lambda reading: abs(reading.t_s - t_s), default=None)
+        return min(self._twin_readings, key=lambda reading: abs(reading.t_s - t_s), default=None)
 
-    async def _ask_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading, str]:
-        """Return the twin's reading at the recipe's pose to mix, and how that was found.
+    async def _request_twin(self, twin: OnDemand, real: Reading) -> tuple[Reading, str]:
+        """Return the twin's reading at the recipe's pose, and how that pose was aligned.
 
-        Raises NoImageError without a pose to ask for, and when its source gives none, or gives it
-        too late.
+        Raises NoImageError without a pose, and when the source returns no image in time.
         """
         request = self.mixer.pose_request
-        assert request is not None  # noqa: S101 - who asks has a request
+        assert request is not None  # noqa: S101 - on-demand twins have one
         if request.align == "interpolate":
-            await self._pose_has_come(real.t_s)
+            await self._await_pose(real.t_s)
         now_s = asyncio.get_running_loop().time()
-        found = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
-        if found is None or found.t_s < self._drawn_s:
-            # A silent vehicle's last pose is older than what was predicted from it meanwhile.
+        aligned = align_pose(request, self._poses, exposure_s=real.t_s, now_s=now_s)
+        if aligned is None or aligned.t_s < self._requested_s:
+            # Once a vehicle is silent its last pose is older than poses predicted from it.
             raise NoImageError("no pose for the exposure")
-        self._drawn_s = found.t_s
+        self._requested_s = aligned.t_s
         reading = await twin.ask(
-            found.pose,
-            found.t_s,
+            aligned.pose,
+            aligned.t_s,
             want_ids="ids" in self.mixer.needs,
             want_depth="depth" in self.mixer.needs,
         )
         self._require_in_time(asyncio.get_running_loop().time() - real.t_s)
-        return replace(reading, sensor=self.mixer.sensor), found.how
+        return replace(reading, sensor=self.mixer.sensor), aligned.how
 
     def _require_in_time(self, age_s: float) -> None:
         limit_s = self.mixer.combination.budget.max_latency_s
@@ -266,8 +265,8 @@ class MixingLoop:
                 f"max_latency_ms: {limit_s * 1e3:.0f}"
             )
 
-    async def _pose_has_come(self, t_s: float) -> None:
-        """Wait briefly until the pose source has passed t_s, so that mixing can align."""
+    async def _await_pose(self, t_s: float) -> None:
+        """Wait briefly for a pose after t_s, so that the pose at t_s can be interpolated."""
         loop = asyncio.get_running_loop()
         give_up_s = loop.time() + self._wait_s
         while self._poses.at(t_s).kind != "interpolated" and loop.time() < give_up_s:
@@ -277,16 +276,16 @@ class MixingLoop:
         statistics, provenance = self.statistics, mixed.provenance
         if mixed.reading is not None:
             statistics.delivered(now_s)
-        if provenance.skew_ms is not None:
-            statistics.skew_ms.add(provenance.skew_ms)
-        if provenance.latency_ms is not None:
-            statistics.latency_ms.add(provenance.latency_ms)
-        if provenance.registration_error_px is not None:
-            statistics.registration_error_px.add(provenance.registration_error_px)
-        if provenance.registration_bound_px is not None:
-            statistics.registration_bound_px.add(provenance.registration_bound_px)
+        for samples, value in (
+            (statistics.skew_ms, provenance.skew_ms),
+            (statistics.latency_ms, provenance.latency_ms),
+            (statistics.registration_error_px, provenance.registration_error_px),
+            (statistics.registration_bound_px, provenance.registration_bound_px),
+        ):
+            if value is not None:
+                samples.add(value)
 
 
 def _is_big(reading: Reading) -> bool:
-    """Return whether the mixing loop keeps few readings of this size: images, clouds."""
+    """Return whether a reading is large, so that the mixing loop keeps only few: image, cloud."""
     return isinstance(reading, CameraReading | DepthReading | LidarPointsReading)

@@ -1,4 +1,4 @@
-"""Figures of the mixing of one run."""
+"""Statistics of one mixing loop: rate, skew, latency, registration error."""
 
 from array import array
 
@@ -28,10 +28,10 @@ class Samples:
 class MixingStatistics:
     """Statistics of mixed readings: rate, skew, latency, registration error.
 
-    replaced: readings that made way for newer ones before they were mixed. missed: readings that
-    were not mixed, for the twin's source gave no image in time; last_miss: why the newest of them
-    was. unbounded: why the registration error of some has no bound; empty where each has one. What
-    the mixer left out it counts itself.
+    replaced: readings that newer ones replaced before they were mixed. missed: readings that were
+    not mixed because the twin's source returned no image in time; last_miss: the reason of the
+    newest. unbounded: why the registration error of some mixtures has no bound; empty if all have
+    one. The mixer counts what it drops itself.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""What is perceived in a run: sensors of the vehicles that fly, mixed by the recipe, delivered."""
+"""Perception of a run: the vehicles' sensors, mixed by the recipe and delivered to runners."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -21,9 +21,9 @@ Take = Callable[[Reading], None]
 
 @dataclass(slots=True)
 class SensorSource:
-    """A vehicle's sensor in perception, and all that take its readings.
+    """A vehicle's sensor, and the consumers of its readings.
 
-    vehicle, sensor: names. fault: what is injected into its readings; None for nothing.
+    vehicle, sensor: names. fault: injected into its readings; None for no fault.
     """
 
     vehicle: str
@@ -37,7 +37,7 @@ class SensorSource:
         await self.stream.run(self._deliver)
 
     def _deliver(self, reading: Reading) -> None:
-        """Deliver a reading under the sensor's name to all that take it."""
+        """Deliver a reading under the sensor's name to all consumers."""
         if reading.sensor != self.sensor:
             reading = replace(reading, sensor=self.sensor)
         if self.fault is not None:
@@ -53,14 +53,14 @@ class SensorSource:
 class Perception:
     """Perception of a run: its sensors and mixing loops, and the runners that perceive.
 
-    listeners: told each mixture with the readings behind it, also one that is none. from_outside:
-    whether a sensor's readings come from outside of our processes.
+    listeners: called with each mixture and its input readings, also where it was dropped.
+    has_external_sensors: whether a sensor's readings come from an external source.
     """
 
     runners: Mapping[str, AnyRunner]
     run_state: RunState
     budgets: MixingBudgetWatch
-    from_outside: bool = False
+    has_external_sensors: bool = False
     sources: list[SensorSource] = field(default_factory=list)
     listeners: list[Callable[[MixedFrame], None]] = field(default_factory=list)
 
@@ -71,7 +71,7 @@ class Perception:
 
     @property
     def bound_to_twin(self) -> tuple[str, ...]:
-        """Return the mixings that take the twin's readings from wherever the twin is."""
+        """Return the mixings whose twin readings are taken from the twin's own pose."""
         return tuple(one.name for one in self.mixings if one.mixer.pose_request is None)
 
     @property
@@ -79,14 +79,14 @@ class Perception:
         """Return the statistics of the recipe's first combination; None without mixing."""
         return self.mixings[0].statistics if self.mixings else None
 
-    def tell(self, frame: MixedFrame) -> None:
+    def report_mixture(self, frame: MixedFrame) -> None:
         """Check a mixture and pass it on to perception's listeners."""
         self.budgets.frame(frame)
         for listener in self.listeners:
             listener(frame)
 
     async def run(self, alive: Callable[[], None]) -> None:
-        """From the takeoff on, sense, mix and deliver until cancelled.
+        """From the takeoff on, run sensors and mixing loops until cancelled.
 
         alive: called several times a second while budgets are watched.
         """
@@ -99,7 +99,7 @@ class Perception:
                 )
             for mixing in self.mixings:
                 group.create_task(self._mix(mixing), name=f"mixing {mixing.name}")
-            if self.mixings or self.from_outside:
+            if self.mixings or self.has_external_sensors:
                 group.create_task(self.budgets.run(alive), name="mixing budgets")
 
     async def _sense(self, source: SensorSource) -> None:

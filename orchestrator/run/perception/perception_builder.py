@@ -1,4 +1,4 @@
-"""Who perceives what in a run: sources, mixings and pilots put together by campaign and recipe."""
+"""Builds the perception of a run: connects sensors, mixing loops and runners by the recipe."""
 
 import asyncio
 from collections import Counter
@@ -28,19 +28,20 @@ from vehicles.readings import CameraReading, Reading
 from vehicles.readings.copies import restamp_reading
 
 _POSE_WAIT_S = 0.05
-"""How long a picture waits for the pose of its exposure, on top of what the camera is late."""
-_SILENT_S = 0.3
-"""Telemetry comes 50 times a second: a vehicle that says nothing for so long may be dead."""
+"""How long an image waits for the pose of its exposure, beyond the latency of the camera."""
+_LINK_SILENT_S = 0.3
+"""Telemetry comes 50 times a second: a vehicle that is silent for so long may be lost."""
 _MOCAP_HZ = 100.0
-"""Where a campaign does not say how often motion capture comes."""
+"""Rate of motion capture where a campaign does not state it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerceptionWatchers:
     """Watchers that a built perception reports readings and mixtures to.
 
-    reading: each of a source, of real or twin. frame: each mixture. perceived: each reading that
-    an autonomy perceives, with the vehicles whose autonomies do.
+    reading: called with each reading of a source, of real or twin. frame: with each mixture.
+    perceived: with each reading that autonomies perceive, and the names of their vehicles. shown:
+    with the images for people.
     """
 
     reading: Callable[[Reading], None]
@@ -54,7 +55,7 @@ def build_perception(
     *,
     pair: Pair,
     runners: Mapping[str, AnyRunner],
-    outside: ExternalIo,
+    external_io: ExternalIo,
     run_state: RunState,
     events: Mapping[str, float],
     watchers: PerceptionWatchers,
@@ -62,39 +63,43 @@ def build_perception(
 ) -> Perception:
     """Build a run's sensors and mixing loops for its runners, not started yet."""
 
-    def someone_is_silent() -> bool:
+    def is_any_silent() -> bool:
         now_s = asyncio.get_running_loop().time()
         awaited = [one for one in pair.contexts if one.name not in run_state.dropped_out]
-        heard_s = [context.driver.state.last_received_s for context in awaited]
-        return any(t_s is None or now_s - t_s > _SILENT_S for t_s in heard_s)
+        received_s = [context.driver.state.last_received_s for context in awaited]
+        return any(t_s is None or now_s - t_s > _LINK_SILENT_S for t_s in received_s)
 
-    budgets = MixingBudgetWatch(run_state=run_state, someone_is_silent=someone_is_silent)
+    budgets = MixingBudgetWatch(run_state=run_state, is_any_silent=is_any_silent)
     perception = Perception(runners, run_state, budgets)
     contexts = {context.name: context for context in pair.contexts}
     if setup.placed is not None:
         contexts[setup.placed.name] = contexts[setup.subject]
-    senses = SensorFactory(
+    sensor_factory = SensorFactory(
         setup=setup,
         contexts=contexts,
         feeds=pair.vehicles,
         events=events,
-        outside=outside,
+        external_io=external_io,
         faults=faults,
     )
-    perception.from_outside = outside.senses(budgets.doubted)
-    arranger = _PerceptionBuilder(
+    perception.has_external_sensors = external_io.senses(budgets.note_doubt)
+    builder = _PerceptionBuilder(
         setup=setup,
         contexts=contexts,
-        senses=senses,
+        sensor_factory=sensor_factory,
         events=events,
         watchers=watchers,
         perception=perception,
         probes=VisibilityProbes(
-            setup=setup, contexts=contexts, events=events, outside=outside, run_state=run_state
+            setup=setup,
+            contexts=contexts,
+            events=events,
+            external_io=external_io,
+            run_state=run_state,
         ),
         faults=faults,
     )
-    arranger.arrange()
+    builder.build()
     return perception
 
 
@@ -104,7 +109,7 @@ class _PerceptionBuilder:
         *,
         setup: RunSetup,
         contexts: Mapping[str, VehicleContext],
-        senses: SensorFactory,
+        sensor_factory: SensorFactory,
         events: Mapping[str, float],
         watchers: PerceptionWatchers,
         perception: Perception,
@@ -115,15 +120,15 @@ class _PerceptionBuilder:
         self._faults = faults
         self._setup = setup
         self._contexts = contexts
-        self._senses = senses
+        self._sensor_factory = sensor_factory
         self._watchers = watchers
         self._perception = perception
         self._registrar = Registrar(setup=setup, contexts=contexts, events=events)
         self._sources: dict[tuple[str, str], SensorSource] = {}
         self._video: str | None = None
 
-    def arrange(self) -> None:
-        """Build mixing loops for what the recipe mixes; other sensors go direct."""
+    def build(self) -> None:
+        """Build mixing loops for what the recipe mixes; deliver other sensors directly."""
         mixed: set[tuple[str, str]] = set()
         mixers = self._mixers() if self._setup.mode == "wil" else ()
         combined = Counter(mixer.sensor for mixer in mixers)
@@ -163,7 +168,7 @@ class _PerceptionBuilder:
         mixing = MixingLoop(
             name=name,
             mixer=mixer,
-            twin=None if request is None else self._senses.asked(twin, like=real),
+            twin=None if request is None else self._sensor_factory.on_demand(twin, like=real),
             poses=self._contexts["real" if request is None else request.pose].poses,
             wait_s=_POSE_WAIT_S,
             period_s=period_s,
@@ -171,32 +176,34 @@ class _PerceptionBuilder:
             registration=self._registration(real),
             probe=probe if isinstance(probe, VisibilityProbe) else None,
             unmeasured="" if isinstance(probe, VisibilityProbe) else probe.why,
-            tell=perception.tell,
-            trouble=lambda reason: perception.budgets.spoiled(name, reason),
+            on_mixture=perception.report_mixture,
+            on_fault=lambda reason: perception.budgets.note_breach(name, reason),
         )
         perception.budgets.watch(mixing, max(period_s, 1.0 / rate_hz if rate_hz else 0.0))
         self._source("real", real).takers.append(mixing.real_reading)
         if request is None:
             self._source("twin", twin).takers.append(mixing.twin_reading)
-        perception.listeners.append(self._delivery(mixer, name, asked=request is not None))
+        perception.listeners.append(self._delivery(mixer, name, on_demand=request is not None))
 
-    def _delivery(self, mixer: Mixer, name: str, *, asked: bool) -> Callable[[MixedFrame], None]:
-        """Build what records a mixture and hands it to its autonomy runners."""
+    def _delivery(
+        self, mixer: Mixer, name: str, *, on_demand: bool
+    ) -> Callable[[MixedFrame], None]:
+        """Return the listener that records a mixture and delivers it to its runners."""
         receivers = self._receivers(mixer)
         runners = [self._perception.runners[vehicle] for vehicle in receivers]
         raw = mixer.combination.publish_raw
         subject = self._setup.subject in mixer.publish
-        filmed = subject and mixer.combination.sensor.kind == "camera" and self._is_filmed(name)
+        is_filmed = subject and mixer.combination.sensor.kind == "camera" and self._is_filmed(name)
 
         def deliver(frame: MixedFrame) -> None:
             if frame.name != name:
                 return
-            if asked and frame.twin is not None:
+            if on_demand and frame.twin is not None:
                 self._watchers.reading(frame.twin)
             self._watchers.frame(frame)
             if frame.mixed.reading is not None:
                 self._watchers.perceived(frame.mixed.reading, receivers)
-            if filmed:
+            if is_filmed:
                 self._show(frame)
             for runner in runners:
                 _hand_over(runner, frame, raw=raw)
@@ -204,11 +211,11 @@ class _PerceptionBuilder:
         return deliver
 
     def _receivers(self, mixer: Mixer) -> tuple[str, ...]:
-        """Return whose autonomies perceive a mixture: nobody perceives for a placed twin."""
+        """Return the vehicles whose runners perceive a mixture; a placed twin has none."""
         return tuple(one for one in mixer.publish if one in self._perception.runners)
 
     def _is_filmed(self, name: str) -> bool:
-        """Return whether the run's video shows this: the subject's first image."""
+        """Return whether the run's video shows this image stream: the subject's first one."""
         self._video = self._video or name
         return self._video == name
 
@@ -226,15 +233,17 @@ class _PerceptionBuilder:
     def _direct(self, vehicle: VehicleSetup, sensor: SensorSetup) -> None:
         """Build the direct delivery of a vehicle's own sensor to its runner."""
         subject = vehicle.name == self._setup.subject
-        filmed = subject and isinstance(sensor, CameraSetup) and self._is_filmed(sensor.name)
+        is_filmed = subject and isinstance(sensor, CameraSetup) and self._is_filmed(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
-            _perception_users(self._perception.runners[vehicle.name], self._watchers, filmed=filmed)
+            _perception_users(
+                self._perception.runners[vehicle.name], self._watchers, is_filmed=is_filmed
+            )
         )
 
     def _source(self, vehicle: str, sensor: SensorSetup) -> SensorSource:
         key = (vehicle, sensor.name)
         if key not in self._sources:
-            stream = self._senses.stream(self._setup.vehicle(vehicle), sensor)
+            stream = self._sensor_factory.stream(self._setup.vehicle(vehicle), sensor)
             fault = self._faults.signal(vehicle, sensor.name, restamp_reading)
             source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading], fault)
             self._sources[key] = source
@@ -246,13 +255,13 @@ class _PerceptionBuilder:
         return self._registrar.of(real)
 
 
-def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, filmed: bool) -> Take:
+def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, is_filmed: bool) -> Take:
     receivers = (runner.context.name,)
 
     def take(reading: Reading) -> None:
         reading = without_ground_truth(reading)
         watchers.perceived(reading, receivers)
-        if filmed and isinstance(reading, CameraReading):
+        if is_filmed and isinstance(reading, CameraReading):
             watchers.shown(PreviewImages(reading, reading if reading.source == "real" else None))
         runner.perceive(reading)
 

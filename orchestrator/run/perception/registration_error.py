@@ -1,4 +1,4 @@
-"""How far the virtual objects were drawn from where they belong, in pixels."""
+"""Registration error: pixel distance of drawn virtual objects from their true place."""
 
 import itertools
 import math
@@ -44,11 +44,11 @@ class Registrar:
         self._events = events
 
     def of(self, camera: Pictured) -> Registration:
-        """Return what measures a twin image's registration error over a real camera's.
+        """Return the measurement of the registration error of twin images over a real camera's.
 
-        It tells nothing of a picture of unknown place, nor where nothing virtual is in sight. The
-        truth of a vehicle of ours is no reference for pictures that come from outside, and a
-        simulator's ground truth none for pictures that were drawn by it.
+        It measures nothing for an image of unknown pose, nor where nothing virtual is in view.
+        The truth of an embedded vehicle is no reference for external images, and a simulator's
+        ground truth is none for images which that simulator rendered.
         """
         twin_camera = _camera_setup(self._setup.vehicle("twin"), camera.name)
         real, shown_as = self._contexts["real"], _image_source_name(camera)
@@ -59,10 +59,10 @@ class Registrar:
         def registered(twin: Reading, exposed_s: float) -> RegistrationError:
             drawn_from = self._drawn_from(twin, twin_camera)
             truth = real.truth.at(exposed_s).pose if has_truth else None
-            found = real.poses.at(exposed_s).pose if truth is None else truth
-            if drawn_from is None or found is None or shown_as == "file":
+            reference = real.poses.at(exposed_s).pose if truth is None else truth
+            if drawn_from is None or reference is None or shown_as == "file":
                 return RegistrationError()
-            corners, here = self._corners(exposed_s), camera.mount.camera_pose(found)
+            corners, here = self._corners(exposed_s), camera.mount.camera_pose(reference)
             error_px = registration_error_px(
                 zip(self._corners(twin.t_s), corners, strict=True),
                 intrinsics=camera.intrinsics,
@@ -82,7 +82,7 @@ class Registrar:
         return registered
 
     def _drawn_from(self, twin: Reading, camera: Pictured | None) -> Pose | None:
-        """Return the pose a twin's image was rendered from; a live one does not say."""
+        """Return the pose a twin's image was rendered from; for a live camera the twin's own."""
         if not isinstance(twin, CameraReading | DepthReading):
             return None
         if twin.camera_pose is not None or camera is None or _image_source_name(camera) != "live":
@@ -91,10 +91,10 @@ class Registrar:
         return None if body is None else camera.mount.camera_pose(body)
 
     def _accuracy(self, t_s: float) -> PoseAccuracy | str:
-        """Return how exact the real vehicle's pose is; in words why nobody knows it.
+        """Return the accuracy of the real vehicle's pose, or in words why it is unknown.
 
-        What an estimate may be off by depends on satellites and surroundings: only its estimator
-        knows it, or who flies it.
+        The error of an estimate depends on satellites and surroundings: only the estimator reports
+        it, or the campaign states it.
         """
         vehicle = self._setup.vehicle("real")
         if not vehicle.reports_accuracy:
@@ -126,8 +126,8 @@ def no_accuracy_text(autopilot: Autopilot) -> str:
 
 def _camera_setup(vehicle: VehicleSetup, name: str) -> Pictured | None:
     """Return the setup of a vehicle's camera whose registration is measured."""
-    found = (one for one in vehicle.sensors if one.name == name)
-    return next((one for one in found if isinstance(one, CameraSetup | DepthSetup)), None)
+    sensors = (one for one in vehicle.sensors if one.name == name)
+    return next((one for one in sensors if isinstance(one, CameraSetup | DepthSetup)), None)
 
 
 def _image_source_name(camera: Pictured) -> ShownAs:
@@ -146,8 +146,8 @@ def registration_error_px(
     """Return the RMS pixel distance of points as rendered from where they should be.
 
     points_ned_m: points of virtual objects, world frame, each where it was drawn and where it
-    was at the exposure of the real picture. drawn_from, reference: camera poses (FRD axes). Only
-    points in front of both cameras and within either picture count; None when there is none.
+    was at the exposure of the real image. drawn_from, reference: camera poses (FRD axes). Only
+    points in front of both cameras and within either image count; None when there is none.
     """
     squares: list[float] = []
     for shown, point in points_ned_m:
@@ -167,7 +167,7 @@ def uncertainty_px(
 ) -> float:
     """Return the registration bound of points: three standard deviations of the pose.
 
-    RMS over the points in its picture, in pixels; 0 for none. To first order a camera that is
+    RMS over the points in its image, in pixels; 0 for none. To first order a camera that is
     moved by s across the ray to a point at distance d, depth z, sees it turned by s / d; an angle
     a moves it by up to f (d / z)^2 a pixels.
     """

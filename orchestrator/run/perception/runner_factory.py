@@ -1,4 +1,4 @@
-"""Who flies the vehicles of a run: the campaign's autonomy, in this process or a program."""
+"""Builds what flies each vehicle: the campaign's autonomy, an external program, or a coupling."""
 
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -56,7 +56,7 @@ async def open_runners(
 def _coupled_runner(
     setup: RunSetup, pair: Pair, context: VehicleContext, runners: Mapping[str, AnyRunner]
 ) -> FollowRunner | ShadowRunner | None:
-    """Return what flies a twin that has no autonomy of its own; None for any other vehicle."""
+    """Return the runner of a twin without an autonomy of its own; None for other vehicles."""
     if context.name != setup.companion:
         return None
     coupling = setup.vehicle(context.name).coupling
@@ -88,7 +88,7 @@ def _build_autonomy(setup: RunSetup, name: str, memory: MemoryMeter) -> Autonomy
 def _program_runner(
     setup: RunSetup, pair: Pair, context: VehicleContext, run_state: RunState
 ) -> ProgramRunner:
-    # What is perceived in mode wil is as large as the real picture, which it replaces.
+    # The mixture that is perceived in mode wil has the size of the real image that it replaces.
     owner = setup.vehicle("real" if setup.mode == "wil" else context.name)
     return ProgramRunner(
         under_test=setup.campaign.under_test,

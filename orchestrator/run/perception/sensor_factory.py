@@ -1,4 +1,4 @@
-"""The sensors of a run's vehicles: each as its campaign says, as good as its profile is."""
+"""Builds the sensors of a run's vehicles, by campaign, with the noise of their profile."""
 
 import asyncio
 import zlib
@@ -72,25 +72,25 @@ from worlds.scene.scene import Scene
 
 T = TypeVar("T")
 
-FELT_TRUTH_HZ = 250.0
-"""Of the truth that sensors feel: as often as the physics goes."""
+IMU_TRUTH_HZ = 250.0
+"""Rate of the truth that sensors sample: the step rate of the physics."""
 POSE_DELAY_S = 0.01
-"""How long after an exposure its pose is looked up: by then the samples around it have come."""
+"""How long after an exposure its pose is looked up: by then the samples around it have arrived."""
 _TELEMETRY_DELAY_S = 0.06
 """The same for poses that come by telemetry."""
 
 
 async def in_thread(job: Callable[[], T], /) -> T:
-    """Run a sensor's job in a thread, so that the loop's 50 Hz go on."""
+    """Run a sensor's job in a thread, so that it does not block the event loop."""
     return await asyncio.to_thread(job)
 
 
 class SensorFactory:
     """Makes the sensors of a run's vehicles, each with noise of its own.
 
-    events: of the world, with their times. outside: sensors whose readings come from there, and
-    simulators that draw pictures. A sensor's noise depends on the run's seed, its
-    vehicle and its name alone, so that a further sensor changes nothing for the others.
+    events: of the world, with their times. external_io: sensors whose readings come from external
+    sources, and simulators that render images. A sensor's noise depends only on the run's seed, its
+    vehicle and its name, so that a further sensor changes nothing for the others.
     """
 
     def __init__(
@@ -100,10 +100,10 @@ class SensorFactory:
         contexts: Mapping[str, VehicleContext],
         feeds: Mapping[str, Feed],
         events: Mapping[str, float],
-        outside: ExternalIo,
+        external_io: ExternalIo,
         faults: SignalFaults,
     ) -> None:
-        self._outside = outside
+        self._external_io = external_io
         self._faults = faults
         self._setup = setup
         self._contexts = contexts
@@ -111,13 +111,13 @@ class SensorFactory:
         self._events = events
         self._tracks: dict[str, TruthHistory] = {}
         self._rays: dict[str, WorldRays] = {}
-        self._asked: dict[str, OnDemand] = {}
+        self._on_demand: dict[str, OnDemand] = {}
 
     def stream(self, vehicle: VehicleSetup, sensor: SensorSetup) -> Stream:
         """Return a vehicle's sensor that streams readings by itself."""
         if isinstance(sensor, CameraSetup):
             return self._camera(vehicle, sensor)
-        external = self._outside.readings.get(vehicle.name, sensor.name)
+        external = self._external_io.readings.get(vehicle.name, sensor.name)
         if external is not None:
             return external
         if isinstance(sensor, PoseSetup):
@@ -131,19 +131,21 @@ class SensorFactory:
             compute=self._compute(sensor),
         )
 
-    def asked(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
+    def on_demand(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
         """Return the twin's sensor that senses at a requested pose, mounted like the real one.
 
-        A recipe asks only for readings that are of a place. Whoever asks for a sensor gets the
-        same one, so that its numbers are told once.
+        Only for sensors whose readings depend on a pose. Repeated calls return the same object, so
+        that readings are numbered once.
         """
-        if sensor.name not in self._asked:
-            asked = self._asked_sensor(sensor, like)
+        if sensor.name not in self._on_demand:
+            on_demand = self._build_on_demand(sensor, like)
             fault = self._faults.signal("twin", sensor.name, restamp_reading)
-            self._asked[sensor.name] = asked if fault is None else FaultyOnDemand(asked, fault)
-        return self._asked[sensor.name]
+            self._on_demand[sensor.name] = (
+                on_demand if fault is None else FaultyOnDemand(on_demand, fault)
+            )
+        return self._on_demand[sensor.name]
 
-    def _asked_sensor(self, sensor: SensorSetup, like: SensorSetup) -> OnDemand:
+    def _build_on_demand(self, sensor: SensorSetup, like: SensorSetup) -> OnDemand:
         twin = self._setup.vehicle("twin")
         if isinstance(sensor, CameraSetup) and isinstance(like, CameraSetup):
             return OnDemandCamera(
@@ -160,13 +162,13 @@ class SensorFactory:
 
     def _camera(self, vehicle: VehicleSetup, camera: CameraSetup) -> Stream:
         key = (vehicle.name, camera.name)
-        if key in self._outside.cameras:
-            return self._outside.cameras[key]
+        if key in self._external_io.cameras:
+            return self._external_io.cameras[key]
         context = self._contexts[vehicle.name]
         return RenderedCamera(
             source=self._image_source(*key),
-            on_missing=lambda reason: self._outside.missing(key, reason),
-            # Where nobody knows the truth, it stands where its pose source says.
+            on_missing=lambda reason: self._external_io.missing(key, reason),
+            # Without a truth the pose source says where the vehicle is.
             history=context.truth if self._has_truth(vehicle) else context.poses,
             intrinsics=camera.intrinsics,
             rate_hz=camera.rate_hz,
@@ -211,7 +213,7 @@ class SensorFactory:
             return ImuSensor(
                 source=vehicle.name,
                 noise=IMU_NOISES.named(noise),
-                timing=Timing(sensor.rate_hz or FELT_TRUTH_HZ),
+                timing=Timing(sensor.rate_hz or IMU_TRUTH_HZ),
             )
         raise TypeError(f"no sensor model for {type(sensor).__name__} of {vehicle.name}")
 
@@ -250,7 +252,7 @@ class SensorFactory:
     def _sensor_timing(self, vehicle: VehicleSetup, datasheet: Timing, rate_hz: float) -> Timing:
         """Return a sensor's timing: ideal, or late as data sheets say.
 
-        A turn of a lidar is delivered when it is over, so that a quicker one is less late.
+        A scan of a lidar is delivered when its turn is complete: a faster one has less latency.
         """
         if self._setup.profiles[vehicle.name].sensors == "ideal":
             return Timing(rate_hz)
@@ -259,15 +261,15 @@ class SensorFactory:
         return Timing(rate_hz, late_s, datasheet.jitter_s)
 
     def _has_truth(self, vehicle: VehicleSetup) -> bool:
-        """Return whether it is a simulation of ours that flies: a placed twin has the real's."""
+        """Return whether a vehicle is an embedded simulation that flies; a placed twin does not."""
         return vehicle.embedded and vehicle != self._setup.placed
 
     def _scene(self, name: str) -> Scene:
         return self._setup.real_scene if name == "real" else self._setup.virtual_scene
 
     def _image_source(self, name: str, sensor: str) -> ImageSource:
-        """Return what renders a sensor's images: a simulator, or our renderer."""
-        simulator = self._outside.drawn.get((name, sensor))
+        """Return the renderer of a sensor's images: a simulator, or the built-in one."""
+        simulator = self._external_io.drawn.get((name, sensor))
         if simulator is not None:
             return ThroughLens(simulator)
         return ThroughLens(WorldImages(scene=self._scene(name), events=self._events))
@@ -281,7 +283,7 @@ class SensorFactory:
         if name not in self._tracks:
             self._tracks[name] = TruthHistory()
             if self._has_truth(self._setup.vehicle(name)):
-                self._feeds[name].on_truth(self._tracks[name].add, FELT_TRUTH_HZ)
+                self._feeds[name].on_truth(self._tracks[name].add, IMU_TRUTH_HZ)
             else:
                 self._contexts[name].on_pose(partial(_add_pose_as_truth, self._tracks[name]))
         return self._tracks[name]
@@ -297,7 +299,7 @@ class SensorFactory:
 
 
 def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:
-    """Take a pose as the truth for sensors: no better source is there."""
+    """Take a pose as the truth for sensors, where there is no better source."""
     track.add(
         TruthSample(
             sample.t_s,

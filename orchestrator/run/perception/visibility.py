@@ -1,4 +1,4 @@
-"""Measures in flight what a mixture shows of the virtual objects, and from which pose."""
+"""Measures in flight whether mixtures show the virtual objects where geometry has them."""
 
 import math
 from collections.abc import Callable
@@ -35,40 +35,40 @@ from vehicles.sensors.beams import Directions, cone_directions, grid_directions,
 from worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
 PERIOD_S = 0.2
-"""How often a mixture is measured; the next one too where one was wrong, to confirm it."""
+"""Period of measuring; after a wrong mixture the next one is measured too, to confirm it."""
 _EARLY_S = 1e-6
 _AROUND_RAD = math.radians(2.0)
-"""How far around a rangefinder's cone something virtual may stand that it shows nevertheless."""
+"""How far outside of a rangefinder's cone a virtual object may be that it shows nevertheless."""
 _MOST_BEAMS = 3000
-"""Of a 3-D lidar, cast for the comparison."""
+"""Most beams of a 3-D lidar that are cast for the comparison."""
 
 BodyPose = Callable[[float], Pose | None]
-"""Where the real vehicle was at a time (run clock), by the best reference there is."""
+"""Returns the real vehicle's pose at a time (run clock), by the best reference available."""
 
 
 class MixtureViews:
-    """Keeps the steps' outputs of the last mixture for visibility; a mixer's observer.
+    """Stores the steps' outputs of the last mixture for visibility; a mixer's observer.
 
-    Mixers mix one at a time: what is kept is of the mixture that was made last.
+    Mixers run one at a time: the stored outputs are of the last mixture.
     """
 
     def __init__(self) -> None:
         self.views: list[StageView] = []
 
     def __call__(self, view: StageView) -> None:
-        """Keep a step's output of the mixture."""
+        """Store a step's output of the mixture."""
         self.views.append(view)
 
     def clear(self) -> None:
-        """Forget the kept outputs of the mixture's steps."""
+        """Clear the stored outputs."""
         self.views.clear()
 
     def merged_real(self) -> Reading | None:
         """Return the real reading as it was merged; None when nothing was."""
         if not self.views or self.views[-1].side is not None:
             return None
-        found = [view.work.reading for view in self.views if view.side == "real"]
-        return found[-1] if found else None
+        readings = [view.work.reading for view in self.views if view.side == "real"]
+        return readings[-1] if readings else None
 
     def emptied_by(self) -> str:
         """Return the first step that left nothing of the twin visible; "" for none."""
@@ -83,9 +83,9 @@ class MixtureViews:
 class Measured:
     """The parts by which one combination's visibility is measured.
 
-    real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the
-    twin's pictures are drawn by our renderer. is_judged: whether mixtures count now,
-    as they do while the goal is flown.
+    real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the twin's
+    images come from the renderer of the expected views. is_judged: whether mixtures count now, as
+    they do while the goal is flown.
     """
 
     combination: Combination
@@ -160,7 +160,7 @@ class VisibilityProbe:
     ) -> FrameVisibility:
         part, measured = samples_of(mixed.intrinsics), self._measured
         depth_m = None if real.depth_m is None else real.depth_m[part, part]
-        expected = measured.views.picture(
+        expected = measured.views.image(
             self._camera_pose(body),
             mixed.intrinsics,
             t_s,
@@ -239,15 +239,15 @@ class VisibilityProbe:
         t_s: float,
     ) -> FrameVisibility:
         directions = _some_beams(twin)
-        found = self._measured.views.ranges(body.compose(mixed.mount), directions, t_s)
+        cast_ranges = self._measured.views.ranges(body.compose(mixed.mount), directions, t_s)
         reach_m = np.inf if twin.reach.max_m is None else twin.reach.max_m
-        ids = np.where(found.ranges_m <= reach_m, found.ids, np.uint8(0))
-        met = np.isfinite(found.ranges_m)
+        ids = np.where(cast_ranges.ranges_m <= reach_m, cast_ranges.ids, np.uint8(0))
+        met = np.isfinite(cast_ranges.ranges_m)
         return compare_points(
             t_s=t_s,
             real_m=real.points_frd_m,
             mixed_m=mixed.points_frd_m,
-            expected_m=directions[met] * found.ranges_m[met, np.newaxis],
+            expected_m=directions[met] * cast_ranges.ranges_m[met, np.newaxis],
             ids=ids[met],
             virtual=self._measured.virtual,
         )
@@ -255,7 +255,7 @@ class VisibilityProbe:
     def _camera_pose(self, body: Pose) -> Pose:
         camera = self._measured.real
         if not isinstance(camera, CameraSetup | DepthSetup):
-            raise TypeError(f"{camera.name} takes no pictures")
+            raise TypeError(f"sensor {camera.name} is not a camera")
         pose = camera.mount.camera_pose(body)
         return Pose(pose.position_ned_m, quat_multiply(pose.q_wxyz, self._turn))
 

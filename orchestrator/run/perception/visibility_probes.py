@@ -1,4 +1,4 @@
-"""Which combinations of a recipe are measured for visibility, against which pose, and why not."""
+"""Builds the visibility probe of each combination of a recipe, or says why it has none."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class NotMeasured:
 
 
 class VisibilityProbes:
-    """Makes the visibility probe of each combination; all share the observer `views`."""
+    """Builds the visibility probe of each combination; all share the observer `views`."""
 
     def __init__(
         self,
@@ -37,14 +37,14 @@ class VisibilityProbes:
         setup: RunSetup,
         contexts: Mapping[str, VehicleContext],
         events: Mapping[str, float],
-        outside: ExternalIo,
+        external_io: ExternalIo,
         run_state: RunState,
     ) -> None:
         self._run_state = run_state
         self.views = MixtureViews()
         self._setup = setup
         self._contexts = contexts
-        self._outside = outside
+        self._external_io = external_io
         self._captured = PoseHistory(HISTORY_S)
         self._expected: ExpectedViews | None = None
         real = contexts.get("real")
@@ -79,7 +79,7 @@ class VisibilityProbes:
         self._captured.add(reading.t_s, reading.pose)
 
     def _views_of_geometry(self) -> ExpectedViews:
-        """Return the expected views for probes; made when first needed."""
+        """Return the expected views for the probes; built when first needed."""
         if self._expected is None:
             self._expected = ExpectedViews(
                 real=self._setup.real_scene,
@@ -94,10 +94,10 @@ class VisibilityProbes:
         if combination.sensor.kind not in SHOWING_KINDS:
             return f"a reading of type {combination.sensor.kind} shows no objects"
         if not virtual.names:
-            said = (
+            obstacle = (
                 "the recipe mixes in no object" if combination.shows is None else "shows names none"
             )
-            return f"{said} that exists in the virtual world only"
+            return f"{obstacle} that exists in the virtual world only"
         if isinstance(real, CameraSetup) and _is_file(real):
             return "images from a file have no camera pose"
         if combination.sensor.kind == "lidar_points" and not isinstance(twin, LidarPointsSetup):
@@ -107,22 +107,24 @@ class VisibilityProbes:
     def _body(self, sensor: SensorSetup) -> BodyPose:
         """Return the real vehicle's pose for probes: truth, motion capture or pose source.
 
-        The truth of a vehicle of ours is no reference for pictures that come from outside.
+        The truth of an embedded vehicle is no reference for external images.
         """
         context = self._contexts["real"]
-        is_live = isinstance(sensor, CameraSetup) and ("real", sensor.name) in self._outside.cameras
+        is_live = (
+            isinstance(sensor, CameraSetup) and ("real", sensor.name) in self._external_io.cameras
+        )
         histories = [*(() if is_live else (context.truth,)), self._captured, context.poses]
 
         def body(t_s: float) -> Pose | None:
-            found = (history.at(t_s) for history in histories)
-            fresh = (one.pose for one in found if one.gap_s <= MAX_POSE_AGE_S)
+            nearest = (history.at(t_s) for history in histories)
+            fresh = (one.pose for one in nearest if one.gap_s <= MAX_POSE_AGE_S)
             return next((pose for pose in fresh if pose is not None), None)
 
         return body
 
     def _drawn_by_us(self, twin: SensorSetup) -> bool:
         key = ("twin", twin.name)
-        return key not in self._outside.cameras and key not in self._outside.simulators
+        return key not in self._external_io.cameras and key not in self._external_io.simulators
 
 
 def sought_objects(
@@ -130,17 +132,17 @@ def sought_objects(
 ) -> Virtual:
     """Return the virtual objects that a probe looks for. things: all of them, by id.
 
-    Those that `shows` of the recipe names; else all of them, or, where the recipe isolates objects
-    by name, these and those that the goal and the required oracles name (`named`): the others are
-    left out, which is counted.
+    Those that `shows` of the recipe names; without it all of them, or, where the recipe isolates
+    objects by name, these and those that the goal and the required oracles name (`named`). The
+    others are left out, and counted.
     """
     if combination.shows is not None:
-        meant = {i: name for i, name in things.items() if name in combination.shows}
-        return Virtual(meant, {i: name for i, name in things.items() if i not in meant})
-    kept = combination.isolated()
-    if kept:
-        kept |= set(named)
-    wanted = {i: name for i, name in things.items() if name in kept}
+        shown = {i: name for i, name in things.items() if name in combination.shows}
+        return Virtual(shown, {i: name for i, name in things.items() if i not in shown})
+    isolated = combination.isolated()
+    if isolated:
+        isolated |= set(named)
+    wanted = {i: name for i, name in things.items() if name in isolated}
     if not wanted:
         return Virtual(dict(things))
     return Virtual(wanted, {i: name for i, name in things.items() if i not in wanted})

@@ -1,8 +1,8 @@
-"""What takes its time once in a process is done before the loop runs, not in flight.
+"""Loads compiled kernels before the flight, so that none is compiled or loaded during it.
 
-Compiled kernels are loaded, or compiled, at their first call, with the interpreter's lock held
-for most of a second: the guard would take that for an orchestrator that is dead. On a machine that
-has nothing kept and much to do it takes minutes: the pool would take that for a worker that hangs.
+The first call of a kernel holds the interpreter's lock for most of a second: the guard would take
+that for a dead orchestrator. On a busy machine without a compilation cache it takes minutes: the
+pool would take that for a hanging worker.
 """
 
 import math
@@ -30,10 +30,10 @@ _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
 
 
 def load_kept_kernels() -> None:
-    """Load the kernels that this machine has compiled before, and compile none.
+    """Load the kernels in this machine's compilation cache, and compile none.
 
-    Run by the run server, whose forks so have them: half a second less for each run. What is
-    missing a run compiles, for a run can be aborted meanwhile.
+    The run server calls it before it forks: half a second less for each run. Missing kernels are
+    compiled by the run, which can be aborted meanwhile.
     """
     if is_cached(estimate):
         load_kernels()
@@ -42,9 +42,9 @@ def load_kept_kernels() -> None:
 
 
 def warm_up(setup: RunSetup) -> None:
-    """Warm up before the flight: compile control laws, clearance, rendering, search for colours.
+    """Warm up before the flight: control laws, clearance, rendering, colour search.
 
-    Where there are clouds of points, the search for the nearest point is imported.
+    With point clouds, the search for the nearest point, too.
     """
     if any(vehicle.embedded for vehicle in setup.vehicles):
         load_kernels()
@@ -59,7 +59,7 @@ def warm_up(setup: RunSetup) -> None:
 
 @cache
 def load_rendering() -> None:
-    """Load the kernels of rendering and of the search for colours, or compile them, once.
+    """Load or compile the kernels of rendering and of the colour search, once.
 
     An empty scene serves: kernels are compiled for the types of their arguments.
     """

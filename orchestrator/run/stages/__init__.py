@@ -1,1 +1,1 @@
-"""The stages of a flight: ready, armed, taken off, at height, goal, landed; of pair and actors."""
+"""The stages of a flight, of pair and actors: ready, armed, takeoff, at height, goal, landed."""

@@ -1,4 +1,4 @@
-"""The flight of an actor: a vehicle of its own that flies as an object of the world."""
+"""The flight of an actor: a separate vehicle that flies as a moving object of the world."""
 
 import asyncio
 import math
@@ -22,38 +22,38 @@ from worlds.frames import Vec3, add, norm, scale, subtract
 
 _SETPOINT_HZ = 20.0
 _ARM_BEFORE_S = 2.0
-"""How long before its takeoff command it is armed: no autopilot disarms so soon."""
+"""How long before its takeoff command it arms: no autopilot disarms so soon."""
 _FLIES = frozenset({"taking_off", "in_air"})
 _OFF_GROUND_M = 0.15
-"""Autopilots report a takeoff when they begin it, which is seconds before the ground is left."""
+"""Autopilots report a takeoff when they begin it, seconds before it leaves the ground."""
 _LAG_S = 0.3
-"""How late a quadrotor has the velocity that it is asked for: so much sooner it is asked."""
+"""Lag of a quadrotor behind its velocity setpoint: setpoints are sent so much earlier."""
 _GAIN_1_S = 1.0
-"""Of the velocity towards where the motion has it, beside the motion's own velocity."""
+"""Gain of the velocity towards the motion's position, added to the motion's own velocity."""
 _CATCH_UP = 1.1
-"""How many times its motion's speed an actor that is behind may fly."""
+"""Largest speed of an actor that is behind, in times its motion's speed."""
 _SILENT_S = 0.5
-"""Without a pose for so long nobody knows where the actor is: nothing can be judged by it."""
+"""Without a pose for so long the actor's position is unknown, and the run proves nothing."""
 
 
 @dataclass(slots=True, kw_only=True)
 class ActorFlight:
     """Flies one actor along its object's motion, until the pair lands; then lands it.
 
-    It is to leave the ground when the motion begins, and so gets its commands sooner, as soon as
-    there is the event on which that starts. By how much later it leaves the ground it stays behind
-    the motion from then on. events: of the world. place: is told where the actor is. anchored: is
-    called when its local frame has been anchored anew.
+    It is to leave the ground when the motion begins, so its commands are sent before that, as soon
+    as the start event of the motion is known. If it leaves the ground later, it flies the whole
+    motion with that delay. events: of the world. report_pose: called with each pose of the actor.
+    send_anchors: called once arming has anchored its local frame anew.
     """
 
     setup: ActorSetup
     context: VehicleContext
     run_state: RunState
-    holding: OperatorHold
+    operator_hold: OperatorHold
     sync: SyncSetup
     events: Mapping[str, float]
-    place: Callable[[PoseSample], None]
-    anchored: Callable[[], None]
+    report_pose: Callable[[PoseSample], None]
+    send_anchors: Callable[[], None]
     landed: asyncio.Event = field(default_factory=asyncio.Event)
     _way: ActorWay = field(init=False)
     _delay_s: float | None = None
@@ -72,7 +72,7 @@ class ActorFlight:
 
     @property
     def name(self) -> str:
-        """Return the actor's name, which is its object's."""
+        """Return the actor's name, which is the name of its object."""
         return self.setup.name
 
     def result(self) -> ActorResult:
@@ -87,7 +87,7 @@ class ActorFlight:
         )
 
     async def fly(self) -> None:
-        """Fly the actor until the pair lands, and land it then; what goes wrong is decisive."""
+        """Fly the actor until the pair lands, then land it; an error decides the run."""
         try:
             async with together() as tasks:
                 flying = tasks.create_task(self._fly(), name=f"flight of {self.name}")
@@ -99,27 +99,27 @@ class ActorFlight:
         self.landed.set()
 
     def _fail(self, why: str) -> None:
-        """End the run: without its actor it shows nothing."""
+        """End the run as ERROR: without its actor it proves nothing."""
         source = f"actor/{self.name}"
         if not self.run_state.reached("landed"):
             self.run_state.decide("ERROR", f"actor {why}", source=source)
 
     async def _fly(self) -> None:
-        """Take off when the motion begins, and follow it; errors are decisive."""
+        """Take off when the motion begins, and follow it; an error decides the run."""
         try:
             started_s = await self._started_s()
             async with together() as tasks:
-                tasks.create_task(self._watch(started_s), name=f"way of {self.name}")
-                await self.holding.through(lambda: self._take_off(started_s))
+                tasks.create_task(self._watch(started_s), name=f"limits of {self.name}")
+                await self.operator_hold.through(lambda: self._take_off(started_s))
                 self._delay_s = asyncio.get_running_loop().time() - started_s
                 tasks.create_task(
                     self._follow(started_s + self._delay_s), name=f"{self.name} flies"
                 )
-                await self.holding.through(self.context.driver.enter_guided)
+                await self.operator_hold.through(self.context.driver.enter_guided)
                 while True:
-                    held = self.holding.count
-                    await self.holding.resumed(after=held)
-                    await self.holding.through(self.context.driver.enter_guided)
+                    held = self.operator_hold.count
+                    await self.operator_hold.resumed(after=held)
+                    await self.operator_hold.through(self.context.driver.enter_guided)
         except (VehicleError, FlightError) as error:
             self._fail(str(error))
 
@@ -131,12 +131,12 @@ class ActorFlight:
         return started_s
 
     async def _take_off(self, started_s: float) -> None:
-        """Arm the actor, command its takeoff as its autopilot needs it, see it leave the ground."""
+        """Arm the actor, command its takeoff in time, and wait until it leaves the ground."""
         driver = self.context.driver
-        if driver.state.landed in _FLIES:  # An operator held meanwhile.
+        if driver.state.landed in _FLIES:  # It took off before an operator's hold.
             return
         await driver.arm()
-        self.anchored()
+        self.send_anchors()
         await sleep_until(started_s - self._liftoff_s)
         await driver.begin_takeoff(self._way.climb_m)
         try:
@@ -145,11 +145,11 @@ class ActorFlight:
                     await sleep_until(asyncio.get_running_loop().time() + 1.0 / _SETPOINT_HZ)
         except TimeoutError:
             within_s = self.sync.takeoff_timeout_s
-            said = f"{self.name} is on the ground {within_s:g} s after its takeoff command"
-            raise FlightError(said) from None
+            reason = f"{self.name} is still on the ground {within_s:g} s after its takeoff command"
+            raise FlightError(reason) from None
 
     async def _follow(self, lifted_s: float) -> None:
-        """Send the setpoints of the motion from its liftoff on, and of its end, until cancelled."""
+        """Send the setpoints of the motion from the liftoff on, until cancelled."""
         loop = asyncio.get_running_loop()
         tick = 0
         while True:
@@ -158,7 +158,7 @@ class ActorFlight:
             await sleep_until(lifted_s + tick / _SETPOINT_HZ)
 
     def _setpoint(self, since_s: float) -> VelocitySetpoint:
-        """Return the velocity to where the motion has the actor at a time since its start."""
+        """Return the velocity setpoint that follows the motion, at a time since the liftoff."""
         wanted = self._way.pose_at(since_s)
         velocity: Vec3 = self._way.velocity_at(since_s + _LAG_S)
         estimate = self.context.driver.estimate
@@ -171,36 +171,36 @@ class ActorFlight:
         return VelocitySetpoint(velocity, yaw_rad=wanted.yaw_rad)
 
     async def _watch(self, started_s: float) -> None:
-        """Decide that the run proves nothing when the actor does not do as its motion says."""
+        """Watch the actor against its motion: beyond its limits the run is INVALID."""
         loop = asyncio.get_running_loop()
         while True:
             now_s, limits = loop.time(), self.setup
             late_s = now_s - started_s if self._delay_s is None else self._delay_s
             if late_s > limits.max_delay_s:
-                self._disprove(f"is {late_s:.1f} s behind its motion (max_delay_s)")
+                self._invalidate(f"is {late_s:.1f} s behind its motion (max_delay_s)")
                 return
             if self._offset_m > limits.max_offset_m:
-                self._disprove(f"is {self._offset_m:.2f} m off its way (max_offset_m)")
+                self._invalidate(f"is {self._offset_m:.2f} m off its path (max_offset_m)")
                 return
             if self._last is None or now_s - self._last.t_s > _SILENT_S:
-                self._disprove(f"has sent no pose for {_SILENT_S:g} s")
+                self._invalidate(f"has sent no pose for {_SILENT_S:g} s")
                 return
             await asyncio.sleep(2.0 / _SETPOINT_HZ)
 
-    def _disprove(self, why: str) -> None:
-        said = f"actor {self.name} {why}: the run did not meet what its world describes"
-        self.run_state.decide("INVALID", said, source=f"actor/{self.name}")
+    def _invalidate(self, why: str) -> None:
+        reason = f"actor {self.name} {why}: the run did not fly what its world describes"
+        self.run_state.decide("INVALID", reason, source=f"actor/{self.name}")
 
     def _take(self, sample: PoseSample) -> None:
-        """Take where the actor is."""
+        """Process a pose of the actor."""
         self._last = sample
         if self._delay_s is not None and not self.run_state.reached("land"):
             off_m = self._way.distance_m(sample.pose.position_ned_m)
             self._offset_m = max(self._offset_m, off_m if math.isfinite(off_m) else math.inf)
-        self.place(sample)
+        self.report_pose(sample)
 
     async def _land(self) -> None:
-        """Land the actor where it is, if it took off at all."""
+        """Land the actor where it is, if it is armed."""
         driver = self.context.driver
         if driver.state.armed:
             await driver.land()

@@ -1,4 +1,4 @@
-"""The way of an actor: its object's motion as a place and a velocity by time; pure."""
+"""The path of an actor: its object's motion as pose and velocity over time; pure."""
 
 import math
 from itertools import pairwise
@@ -10,9 +10,9 @@ _STEP_S = 0.05
 
 
 class ActorWay:
-    """The way of an actor along a motion that begins with a climb straight up.
+    """The path of an actor along a motion that begins with a vertical climb.
 
-    climb_m: how far up that is.
+    climb_m: height of that climb.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -23,17 +23,17 @@ class ActorWay:
         self._stretches = tuple(pairwise(corners))
 
     def pose_at(self, since_s: float) -> Pose:
-        """Return where the motion has the actor, so long after its start."""
+        """Return the pose of the motion at a time since its start."""
         leg = self._leg_at(since_s)
         return leg.begin.interpolate(leg.end, leg.share(since_s))
 
     def velocity_at(self, since_s: float) -> Vec3:
-        """Return the velocity of the motion, so long after its start (NED)."""
+        """Return the velocity of the motion (NED) at a time since its start."""
         here, there = self.pose_at(since_s), self.pose_at(since_s + _STEP_S)
         return scale(subtract(there.position_ned_m, here.position_ned_m), 1.0 / _STEP_S)
 
     def speed_at(self, since_s: float) -> float:
-        """Return the speed of the leg that the actor is on, so long after the motion's start."""
+        """Return the speed of the current leg at a time since the motion's start."""
         return self._leg_at(since_s).speed_m_s
 
     def _leg_at(self, since_s: float) -> Leg:
@@ -41,12 +41,12 @@ class ActorWay:
         return next(ends_later, self._motion.legs[-1])
 
     def distance_m(self, place_ned_m: Vec3) -> float:
-        """Return how far a place is from the nearest of the way."""
+        """Return the distance of a position from the nearest point of the path."""
         return min(_distance_m(place_ned_m, begin, end) for begin, end in self._stretches)
 
 
 def _distance_m(place: Vec3, begin: Vec3, end: Vec3) -> float:
-    """Return the distance of a place from a straight stretch."""
+    """Return the distance of a position from a straight segment."""
     along = subtract(end, begin)
     length2 = sum(one * one for one in along)
     off = subtract(place, begin)

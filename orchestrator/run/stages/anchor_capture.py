@@ -1,4 +1,4 @@
-"""Anchors of autopilots' local frames by motion capture."""
+"""Anchors an autopilot's local frame in the world by motion capture."""
 
 import asyncio
 
@@ -15,7 +15,7 @@ _STILL_M = 0.1
 async def anchor_by_mocap(context: VehicleContext) -> Anchor:
     """Anchor a vehicle's estimate in motion capture's frame, over a second; return the anchor.
 
-    Raises AnchorError when either says too little, or moves.
+    Raises AnchorError when either source has too few poses, or moves.
     """
     loop = asyncio.get_running_loop()
     local, world = PoseAverage(span_s=_SPAN_S), PoseAverage(span_s=_SPAN_S, still_within_m=_STILL_M)
@@ -25,10 +25,10 @@ async def anchor_by_mocap(context: VehicleContext) -> Anchor:
         estimate = context.driver.state.local
         if estimate is not None:
             local.add(now_s, estimate.pose)
-        # As late as motion capture itself is, so that nothing is predicted.
-        seen = context.poses.at(now_s - 2.0 * _SAMPLE_S)
-        if seen.pose is not None and seen.kind == "interpolated":
-            world.add(now_s, seen.pose)
+        # Looked up as late as motion capture arrives, so that no pose is predicted.
+        captured = context.poses.at(now_s - 2.0 * _SAMPLE_S)
+        if captured.pose is not None and captured.kind == "interpolated":
+            world.add(now_s, captured.pose)
         await asyncio.sleep(_SAMPLE_S)
     try:
         anchor = Anchor.of_poses(local=local.mean(), world=world.mean())

@@ -1,4 +1,4 @@
-"""All that is done to a run's vehicles between ready and armed, in one order and one record."""
+"""The steps between ready and armed, in a fixed order and one record: configure, check, anchor."""
 
 import asyncio
 
@@ -18,9 +18,9 @@ class BeforeArming:
     """Applies what vehicles need before they arm, and restores it in reverse when they are down.
 
     The order: actors identified and ready as the pair is; of each vehicle its parameters, then its
-    fence, each read back; ready again, for who was ready first has stood meanwhile and its estimate
-    has drifted; external inputs and injections proven; anchors by motion capture; the preflight,
-    which sees all of it. contexts: of the pair.
+    fence, each read back; ready again, for the estimate of the vehicle that was ready first may
+    have drifted; external inputs and injections checked; anchors by motion capture; the preflight,
+    which checks the result. contexts: of the pair.
     """
 
     def __init__(
@@ -28,7 +28,7 @@ class BeforeArming:
         *,
         setup: RunSetup,
         contexts: tuple[VehicleContext, ...],
-        outside: ExternalIo,
+        external_io: ExternalIo,
         preflight: Preflight,
         configuration: OnboardConfiguration,
         record: ArmingRecord,
@@ -36,7 +36,7 @@ class BeforeArming:
     ) -> None:
         self._setup = setup
         self._contexts = contexts
-        self._outside = outside
+        self._external_io = external_io
         self._preflight = preflight
         self._record = record
         self._actors = actors
@@ -48,7 +48,7 @@ class BeforeArming:
         return self._record.steps
 
     async def apply(self) -> None:
-        """Do all of it; the first error ends it and is raised.
+        """Run all steps; the first error is raised.
 
         Raises VehicleError, FlightError with every reason of the preflight, SourceError,
         NotHonouredError, AnchorError.
@@ -60,24 +60,24 @@ class BeforeArming:
                 await actor.driver.identify(self._setup.campaign.sync.identify_timeout_s)
                 await actor.driver.ready(timeout_s)
         require_distinct(flown)
-        await each(flown, self.configuration.put)
+        await each(flown, self.configuration.apply)
         await each(flown, lambda context: context.driver.ready(timeout_s))
-        with self._record.step("external") as said:
+        with self._record.step("external") as record:
             unbooted = self.configuration.unbooted
-            said(await self._outside.before_arming(self._contexts, unbooted=unbooted))
+            record(await self._external_io.before_arming(self._contexts, unbooted=unbooted))
         captured = [
             one for one in self._contexts if self._setup.vehicle(one.name).anchor == "mocap"
         ]
         await asyncio.gather(*map(self._anchor, captured))
-        with self._record.step("preflight") as said:
-            said(await self._preflight.check(self._contexts, self._actors))
+        with self._record.step("preflight") as record:
+            record(await self._preflight.check(self._contexts, self._actors))
 
     async def restore(self) -> None:
-        """Restore what attached vehicles had; a failure is decisive, for it stays so."""
+        """Restore the configuration of attached vehicles; a failure decides the run as ERROR."""
         await self.configuration.restore()
 
     async def _anchor(self, context: VehicleContext) -> None:
-        with self._record.step("anchor", context.name) as said:
+        with self._record.step("anchor", context.name) as record:
             anchor = await anchor_by_mocap(context)
             north_m, east_m, down_m = anchor.origin_ned_m
-            said(f"its origin: north {north_m:.3f} m, east {east_m:.3f} m, down {down_m:.3f} m")
+            record(f"its origin: north {north_m:.3f} m, east {east_m:.3f} m, down {down_m:.3f} m")

@@ -1,4 +1,4 @@
-"""Whether identified vehicles are different ones."""
+"""Checks that the identified vehicles are different ones."""
 
 import itertools
 from collections.abc import Iterable
@@ -13,6 +13,6 @@ def require_distinct(contexts: Iterable[VehicleContext]) -> None:
     for one, other in itertools.combinations(contexts, 2):
         if same_vehicle(one.driver.identity, other.driver.identity):
             raise FlightError(
-                f"{one.name} and {other.name} are the same vehicle: both answer with the uid "
-                f"{one.driver.identity.uid}; check where their links lead"
+                f"{one.name} and {other.name} are the same vehicle: both report the uid "
+                f"{one.driver.identity.uid}; check the addresses of their links"
             )

@@ -1,4 +1,4 @@
-"""Doing a thing with vehicles until it is done, or a vehicle drops out of the flight."""
+"""Runs a step with vehicles concurrently, each until it is done or the vehicle drops out."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
@@ -15,10 +15,10 @@ async def unless_out(
     *,
     repeated: bool = False,
 ) -> None:
-    """Do something with a vehicle until it drops out; its own errors are such a reason.
+    """Run a step with a vehicle until it drops out; an error of the step makes it drop out.
 
-    repeated: the caller does it again after an operator's hold: errors that a hold came between are
-    raised then, for they are the hold's and not the vehicle's.
+    repeated: the caller repeats the step after an operator's hold: an error during which a hold
+    began is raised then, for the hold caused it and not the vehicle.
     """
     if vehicle in run_state.dropped_out:
         return
@@ -39,7 +39,7 @@ async def unless_out(
 async def each(
     contexts: Iterable[VehicleContext], do: Callable[[VehicleContext], Awaitable[object]]
 ) -> None:
-    """Do something with all of the pair at once; the first error cancels the others."""
+    """Run a step with all vehicles concurrently; the first error cancels the others."""
 
     async def one(context: VehicleContext) -> None:
         await do(context)
@@ -57,7 +57,7 @@ async def each_left(
     run_state: RunState,
     do: Callable[[VehicleContext], Awaitable[object]],
 ) -> None:
-    """Do something with each vehicle of the pair that has not dropped out, until it does."""
+    """Run a step with each vehicle of the pair until it is done or has dropped out."""
 
     async def one(context: VehicleContext) -> None:
         if not context.may_drop_out:

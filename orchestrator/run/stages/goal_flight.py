@@ -1,4 +1,4 @@
-"""The goal: given to all pilots at one moment, flown until the subject is done."""
+"""The goal: all runners start at one time t0 and fly until the subject is done."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -11,16 +11,16 @@ from safety.model.verdict import GOAL_TIMEOUT
 from vehicles.tasks import stop, together
 
 _OTHERS_S = 2.0
-"""How long the twin may take longer than the real vehicle to say that it is done."""
+"""How much longer than the real vehicle the twin may take to be done."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalFlight:
     """Flies the goal with the autonomy runner of every vehicle.
 
-    events: learns of t0 as the world's event "goal"; notify: told of it as well. started: told
-    when each vehicle got its first setpoint. within_s: how long the subject is given. companion: a
-    vehicle that flies beside it, and may drop out.
+    events: gets t0 as the world's event "goal"; notify: called with it as well. started: called
+    when each vehicle got its first setpoint. within_s: time limit of the subject. companion: a
+    vehicle that flies beside the subject, and may drop out.
     """
 
     runners: Mapping[str, AnyRunner]
@@ -33,9 +33,9 @@ class GoalFlight:
     companion: str | None = None
 
     async def fly(self, t0_s: float) -> None:
-        """Fly the goal; return when the subject's autonomy is done, and the other's awaited.
+        """Fly the goal; return when the subject's autonomy is done, and the other's was awaited.
 
-        One that is not done in time FAILs the run, whatever its oracles ask: it would never end.
+        A subject that is not done in time FAILs the run, whatever its oracles require.
         """
         self.events["goal"] = t0_s
         self.notify("goal", t0_s)
@@ -47,11 +47,13 @@ class GoalFlight:
                     tasks.create_task(self._fly_vehicle(name, runner), name=f"{name} autonomy")
                     for name, runner in self.runners.items()
                 ]
-                await self._is_done()
+                await self._await_done()
                 await stop(*flying)
         except TimeoutError:
-            said = f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
-            self.run_state.decide("FAIL", f"{said} (sync.goal_timeout_s)", source=GOAL_TIMEOUT)
+            reason = (
+                f"the autonomy of {self.subject} was not done {self.within_s:g} s after its goal"
+            )
+            self.run_state.decide("FAIL", f"{reason} (sync.goal_timeout_s)", source=GOAL_TIMEOUT)
 
     async def _fly_vehicle(self, name: str, runner: AnyRunner) -> None:
         if name == self.companion:
@@ -59,11 +61,11 @@ class GoalFlight:
         else:
             await runner.fly()
 
-    async def _is_done(self) -> None:
+    async def _await_done(self) -> None:
         await self.runners[self.subject].done.wait()
         self.run_state.enter("done")
-        gone = {self.subject, *self.run_state.dropped_out}
-        others = [one.done.wait() for name, one in self.runners.items() if name not in gone]
+        not_awaited = {self.subject, *self.run_state.dropped_out}
+        others = [one.done.wait() for name, one in self.runners.items() if name not in not_awaited]
         try:
             async with asyncio.timeout(_OTHERS_S):
                 await asyncio.gather(*others)

@@ -1,16 +1,16 @@
-"""Has everything on the ground and disarmed before a run ends."""
+"""Lands all vehicles and checks that they are disarmed before a run ends."""
 
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState
 
 _ALL_DOWN_S = 60.0
-"""How long the guard is given to bring all down; its own retries and escalation fit in."""
+"""How long the guard may take to land all, with its own retries and escalation."""
 _AGREED_S = 3.0
-"""Three heartbeats: after the driver's, the guard has as many to see the same."""
+"""Three heartbeats: so many the guard has to confirm what the driver reported."""
 
 
 async def bring_down(pair: Pair, run_state: RunState) -> None:
-    """Have the guard land everything that is in the air or armed, and wait for it."""
+    """Have the guard land every vehicle that is in the air or armed, and wait for it."""
     guard = pair.guard
     first = run_state.decisive[0].text if run_state.decisive else "the flight was not completed"
     if run_state.reached("arm"):
@@ -24,13 +24,13 @@ async def bring_down(pair: Pair, run_state: RunState) -> None:
         run_state.enter("landed")
 
 
-async def see_at_rest(pair: Pair, run_state: RunState) -> None:
-    """Check with the guard that all have landed; else it brings them down.
+async def verify_landed(pair: Pair, run_state: RunState) -> None:
+    """Check with the guard that all vehicles have landed; else have it land them.
 
-    A heartbeat that was replayed, or is another vehicle's of the same number, says that a vehicle
-    is disarmed that is not: who believed it would leave it alone in the air.
+    A heartbeat that was replayed, or comes from another vehicle with the same system ID, may report
+    an armed vehicle as disarmed: it must not be left alone in the air.
     """
     if await pair.guard.at_rest(_AGREED_S):
         return
-    run_state.decide("ERROR", "a vehicle reported disarmed, and armed after that")
+    run_state.decide("ERROR", "a vehicle reported that it was disarmed, and later that it is armed")
     await bring_down(pair, run_state)

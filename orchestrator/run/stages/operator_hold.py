@@ -1,4 +1,4 @@
-"""The operator's hold, as the run sees it: what it means for the verdict, and how to go on."""
+"""The operator's hold in a run: its effect on the verdict, and how stages resume after it."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -12,10 +12,10 @@ Do = Callable[[], Awaitable[object]]
 
 
 class OperatorHold:
-    """Follows the guard's reports of an operator's hold; `count` of holds so far.
+    """Follows the guard's reports of an operator's hold. count: holds so far.
 
-    A hold after t0 makes the run INVALID and yet leaves the vehicles in the air: whoever holds
-    decides what comes next. A stage that a hold came between is begun again after it.
+    A hold after t0 makes the run INVALID and leaves the vehicles in the air: the operator decides
+    what comes next. A stage that a hold interrupted is repeated after it.
     """
 
     def __init__(self, *, run_state: RunState) -> None:
@@ -26,7 +26,7 @@ class OperatorHold:
         self.count = 0
 
     def take(self, event: GuardEvent) -> None:
-        """Take a guard event: hold or resume."""
+        """Process a guard event: a hold, or what ends it."""
         if event.kind == "hold":
             self._hold(event)
         elif event.kind in {"resume", "bring_down"} or decisive(event) is not None:
@@ -45,10 +45,10 @@ class OperatorHold:
         await self._free.wait()
 
     async def through(self, do: Do, *, again: Do | None = None) -> None:
-        """Do a repeatable stage until no operator hold came between.
+        """Run a stage, and repeat it until no operator's hold interrupted it.
 
-        A resume ends what a hold interrupted, and does it again. again: how to do it when it may
-        have been half done; by default in the same way.
+        A resume cancels the interrupted stage, which is run again. again: the stage for such a
+        repetition, where it may be half done; by default the same.
         """
         attempt = do
         while True:
@@ -64,7 +64,7 @@ class OperatorHold:
             attempt = again or do
 
     async def _unless_resumed(self, do: Do, *, after: int) -> None:
-        """Do a stage to its end, or until the operator resumes after a hold beyond the first."""
+        """Run a stage to its end, or until the operator resumes after a hold beyond `after`."""
 
         async def doing() -> None:
             await do()

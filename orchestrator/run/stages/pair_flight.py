@@ -1,4 +1,4 @@
-"""The flight of a pair: both ready, both armed, one takeoff, both at height, one goal, landing."""
+"""The stages of a pair's flight: ready, armed, common takeoff, at height, goal, landed."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -19,18 +19,18 @@ from vehicles.setpoints import PositionSetpoint
 from vehicles.tasks import stop, together
 
 _SETTLED_S = 0.5
-"""How long a vehicle has to be at height before it counts: not merely passing through."""
+"""How long a vehicle has to stay at height before it counts as there."""
 _POLL_S = 0.02
 _CLIMB_HZ = 10.0
 _SILENT_S = 3.0
-"""A vehicle that dropped out and is silent for so long is not waited for."""
+"""A dropped-out vehicle that is silent for so long is not awaited."""
 
 
 async def fly_together(
     contexts: tuple[VehicleContext, ...],
     *,
     run_state: RunState,
-    holding: OperatorHold,
+    operator_hold: OperatorHold,
     sync: SyncSetup,
     heights_m: Mapping[str, float],
     liftoff_delays_s: Mapping[str, float],
@@ -43,16 +43,16 @@ async def fly_together(
 ) -> None:
     """Fly all vehicles of the pair through the stages up to landed; `goal(t0_s)` flies the goal.
 
-    heights_m: to which height above its start each takes off, by name. liftoff_delays_s: how long
-    each takes from its command to its liftoff; whose is shorter gets its command later. stagger: is
-    told by how much. before_arming: what is done when all are ready; it raises what speaks against
-    arming. others_landed: what else has to be down before all have landed. arm: False stops there.
+    heights_m: takeoff height above each vehicle's start, by name. liftoff_delays_s: from takeoff
+    command to liftoff; a vehicle with a shorter delay gets its command later. stagger: called with
+    these waiting times. before_arming: run when all are ready; raises what forbids arming.
+    others_landed: waits for other vehicles that have to land. arm: False stops before arming.
     barrier: called when all are at height, before the goal.
 
-    Every barrier waits for all, and for an operator who holds. An error at any stage is raised to
-    the caller, who brings everything down; so does `run_state.over` when it is set before the goal
-    is given. From the takeoff on a vehicle that may drop out does so by its errors, and the others
-    fly on without it.
+    Every stage waits for all vehicles, and for the end of an operator's hold. An error at any stage
+    is raised to the caller, which lands everything; it does so too when `run_state.over` is set.
+    From the takeoff on, a vehicle that may drop out does so by its errors, and the others continue
+    without it.
     """
     run_state.enter("identify")
     await each(contexts, lambda context: context.driver.identify(sync.identify_timeout_s))
@@ -64,21 +64,21 @@ async def fly_together(
         run_state.decide("ABORTED", NOT_ARMED, source="no-arm")
         return
     run_state.enter("arm")
-    await holding.through(lambda: _arm(contexts))
+    await operator_hold.through(lambda: _arm(contexts))
     stagger(staggers_s(liftoff_delays_s, [context.name for context in contexts]))
     run_state.enter("takeoff")
     delays_s = liftoff_delays_s
-    await holding.through(
+    await operator_hold.through(
         lambda: _take_off(contexts, heights_m, sync, run_state, delays_s),
-        again=lambda: _go_on_taking_off(contexts, heights_m, sync, run_state, delays_s),
+        again=lambda: _resume_takeoff(contexts, heights_m, sync, run_state, delays_s),
     )
     run_state.enter("at_height")
     barrier()
-    await holding.through(lambda: _guide(contexts, run_state))
+    await operator_hold.through(lambda: _guide(contexts, run_state))
     t0_s = run_state.enter("goal")
-    await _with_operator_holds(contexts, holding, goal(t0_s), run_state)
+    await _with_operator_holds(contexts, operator_hold, goal(t0_s), run_state)
     run_state.enter("land")
-    await holding.through(lambda: _land(contexts, sync, run_state))
+    await operator_hold.through(lambda: _land(contexts, sync, run_state))
     for landed in others_landed:
         await landed()
     run_state.enter("landed")
@@ -88,7 +88,7 @@ async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
     """Arm the pair's vehicles, and wait for their motors."""
     await each(contexts, lambda context: context.driver.arm())
     if len(contexts) > 1:
-        # Who was armed first is ahead by as much: motors that are not up make a takeoff wait.
+        # The vehicle armed first is ahead: a takeoff waits until the motors have spooled up.
         flown_by = [autopilot_named(context.driver.identity.autopilot) for context in contexts]
         await asyncio.sleep(max(autopilot.spool_s for autopilot in flown_by))
 
@@ -100,19 +100,19 @@ async def _take_off(
     run_state: RunState,
     delays_s: Mapping[str, float],
 ) -> None:
-    """Send the pair's takeoff commands, so that all lift together, and wait until they are up."""
+    """Send the pair's takeoff commands for a common liftoff, and wait until all are at height."""
     await _command_takeoff(contexts, heights_m, run_state, delays_s)
     await each_left(contexts, run_state, lambda one: _at_height(one, heights_m[one.name], sync))
 
 
-async def _go_on_taking_off(
+async def _resume_takeoff(
     contexts: Iterable[VehicleContext],
     heights_m: Mapping[str, float],
     sync: SyncSetup,
     run_state: RunState,
     delays_s: Mapping[str, float],
 ) -> None:
-    """Continue the pair's takeoff after a hold: again from the ground, climbing in the air."""
+    """Continue the takeoff after a hold: take off again from the ground, climb in the air."""
     grounded = [one for one in contexts if one.driver.state.landed in {"on_ground", "unknown"}]
     await each_left(grounded, run_state, lambda one: one.driver.arm())
     await _command_takeoff(grounded, heights_m, run_state, delays_s)
@@ -130,10 +130,10 @@ async def _command_takeoff(
     run_state: RunState,
     delays_s: Mapping[str, float],
 ) -> None:
-    """Send the slowest vehicle's takeoff command at once, in one turn; the others' later."""
-    left = [one for one in contexts if one.name not in run_state.dropped_out]
-    waits_s = staggers_s(delays_s, [one.name for one in left])
-    at_once = [one for one in left if waits_s[one.name] == 0.0]
+    """Send the takeoff command of the slowest vehicle at once, those of the others later."""
+    flying = [one for one in contexts if one.name not in run_state.dropped_out]
+    waits_s = staggers_s(delays_s, [one.name for one in flying])
+    at_once = [one for one in flying if waits_s[one.name] == 0.0]
     acknowledged = {one.name: one.driver.begin_takeoff(heights_m[one.name]) for one in at_once}
 
     async def command(context: VehicleContext) -> None:
@@ -142,27 +142,27 @@ async def _command_takeoff(
             acknowledged[context.name] = context.driver.begin_takeoff(heights_m[context.name])
         await acknowledged[context.name]
 
-    await each_left(left, run_state, command)
+    await each_left(flying, run_state, command)
 
 
 async def _climb(context: VehicleContext, height_m: float, sync: SyncSetup) -> None:
-    """Fly a vehicle of the pair to a height by setpoints: no autopilot takes off twice."""
+    """Fly a vehicle to a height by setpoints: no autopilot takes off in the air."""
     await context.driver.enter_guided()
     north_m, east_m, down_m = context.start.position_ned_m
     place = PositionSetpoint((north_m, east_m, down_m - height_m), context.start.yaw_rad)
     async with together() as tasks:
-        there = tasks.create_task(
+        climbed = tasks.create_task(
             _at_height(context, height_m, sync), name=f"{context.name} at height"
         )
-        while not there.done():
+        while not climbed.done():
             context.driver.send(place)
-            await asyncio.wait([there], timeout=1.0 / _CLIMB_HZ)
-    # The other one may not be up yet: without setpoints PX4 falls into its failsafe meanwhile.
+            await asyncio.wait([climbed], timeout=1.0 / _CLIMB_HZ)
+    # The other vehicle may still climb: without setpoints PX4 enters its failsafe meanwhile.
     context.driver.keep_still()
 
 
 async def _guide(contexts: Iterable[VehicleContext], run_state: RunState) -> None:
-    """Bring the pair into the mode that follows setpoints."""
+    """Switch the pair to the mode that follows setpoints (offboard, guided)."""
     await each_left(contexts, run_state, lambda context: context.driver.enter_guided())
 
 
@@ -170,28 +170,28 @@ async def _land(contexts: tuple[VehicleContext, ...], sync: SyncSetup, run_state
     """Land the pair and wait until both are disarmed."""
     async with together() as tasks:
         for context in (one for one in contexts if one.name in run_state.dropped_out):
-            tasks.create_task(_land_dropped_out(context), name=f"{context.name} is landed")
+            tasks.create_task(_land_dropped_out(context), name=f"landing of {context.name}")
         await each_left(contexts, run_state, lambda context: context.driver.land())
         await each_left(
             contexts, run_state, lambda context: context.driver.disarmed(sync.landing_timeout_s)
         )
-        await _grounded([one for one in contexts if one.name in run_state.dropped_out], sync)
+        await _await_disarmed([one for one in contexts if one.name in run_state.dropped_out], sync)
 
 
 async def _land_dropped_out(context: VehicleContext) -> None:
-    """Land a vehicle that dropped out and may hover still; the guard may be landing it already."""
+    """Land a dropped-out vehicle that may still hover; the guard may be landing it already."""
     with suppress(VehicleError):
         await context.driver.land()
 
 
-async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> None:
-    """Wait until dropped-out vehicles are disarmed, as long as they are received."""
+async def _await_disarmed(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> None:
+    """Wait until dropped-out vehicles are disarmed, as long as messages arrive from them."""
     loop = asyncio.get_running_loop()
 
     def is_coming_down(context: VehicleContext) -> bool:
         state = context.driver.state
-        heard_s = state.last_received_s
-        return state.armed and heard_s is not None and loop.time() - heard_s < _SILENT_S
+        received_s = state.last_received_s
+        return state.armed and received_s is not None and loop.time() - received_s < _SILENT_S
 
     until_s = loop.time() + sync.landing_timeout_s
     while loop.time() < until_s and any(map(is_coming_down, dropped_out)):
@@ -200,7 +200,7 @@ async def _grounded(dropped_out: Iterable[VehicleContext], sync: SyncSetup) -> N
 
 async def _with_operator_holds(
     contexts: Iterable[VehicleContext],
-    holding: OperatorHold,
+    operator_hold: OperatorHold,
     goal: Awaitable[None],
     run_state: RunState,
 ) -> None:
@@ -208,9 +208,9 @@ async def _with_operator_holds(
 
     async def guide_again() -> None:
         while True:
-            count = holding.count
-            await holding.resumed(after=count)
-            await holding.through(lambda: _guide(contexts, run_state))
+            count = operator_hold.count
+            await operator_hold.resumed(after=count)
+            await operator_hold.through(lambda: _guide(contexts, run_state))
 
     async with together() as tasks:
         guiding = tasks.create_task(guide_again(), name="guided after a hold")

@@ -1,4 +1,4 @@
-"""A flight back to the start between two runs: a run like others, of the real vehicle alone."""
+"""The return flight to the start between two runs: a run of the real vehicle alone."""
 
 import math
 from dataclasses import replace
@@ -15,18 +15,18 @@ _RATE_HZ = 20.0
 
 
 def return_plan(plan: RunPlan) -> RunPlan:
-    """Return a run's plan as that of its return flight: never taken for the run."""
+    """Return the plan of a run's return flight, with a name and mode of its own."""
     return replace(plan, case=f"{plan.case}-{plan.mode}-back", mode="real", required=False)
 
 
-def return_setup(setup: RunSetup, way: ReturnPath) -> RunSetup:
-    """Return a run's setup as that of its return flight, from where the vehicle stands.
+def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
+    """Return the setup of a run's return flight, from where the vehicle stands.
 
-    It mixes nothing, draws nothing and tells nobody but the guard, which keeps the same fence.
+    It mixes nothing and has no external I/O; the guard applies the same fence.
     """
-    north_m, east_m, _ = way.start.position_ned_m
-    place = {"north_m": north_m, "east_m": east_m, "up_m": way.altitude_m}
-    real = replace(setup.campaign.vehicles["real"], start=way.stand, sensors=())
+    north_m, east_m, _ = path.start.position_ned_m
+    place = {"north_m": north_m, "east_m": east_m, "up_m": path.altitude_m}
+    real = replace(setup.campaign.vehicles["real"], start=path.stand, sensors=())
     campaign = replace(
         setup.campaign,
         vehicles={"real": real},
@@ -35,10 +35,10 @@ def return_setup(setup: RunSetup, way: ReturnPath) -> RunSetup:
             use="place",
             folder=setup.campaign.under_test.folder,
             rate_hz=_RATE_HZ,
-            parameters={"speed_m_s": way.speed_m_s, "yaw_deg": math.degrees(way.start.yaw_rad)},
-            goal={"altitude_m": way.altitude_m, **place},
+            parameters={"speed_m_s": path.speed_m_s, "yaw_deg": math.degrees(path.start.yaw_rad)},
+            goal={"altitude_m": path.altitude_m, **place},
         ),
-        goal=GoalSetup(altitude_m=way.altitude_m),
+        goal=GoalSetup(altitude_m=path.altitude_m),
         oracles=(),
         links={},
         record=RecordPart(),

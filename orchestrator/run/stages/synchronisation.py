@@ -1,4 +1,4 @@
-"""How well the pair kept together: the skews of a run, measured and held to their limits."""
+"""Synchronisation of a pair: skews of command, takeoff and t0, checked against their limits."""
 
 from collections.abc import Iterable, Mapping
 
@@ -30,7 +30,7 @@ class Synchronisation:
         self._run_state.on_stage(self._on_stage)
 
     def stagger(self, waited_s: Mapping[str, float]) -> None:
-        """Take how long each vehicle's takeoff command is held back, so that all lift together."""
+        """Set how long each vehicle's takeoff command is delayed for a common liftoff."""
         self._waited_s = waited_s
 
     def recording(self, record: Record) -> Record:
@@ -51,8 +51,8 @@ class Synchronisation:
     def check_takeoff(self) -> None:
         """Check the pair's takeoff skew against its limits, once both are at height.
 
-        A skew that was not measured is not shown to be small: INVALID too. There is none to a
-        vehicle that dropped out meanwhile.
+        A skew that was not measured makes the run INVALID, too. With a vehicle that dropped out
+        there is no skew to check.
         """
         if any(context.name in self._run_state.dropped_out for context in self._contexts):
             return
@@ -83,7 +83,7 @@ class Synchronisation:
 
     def _on_stage(self, stage: Stage, _: float) -> None:
         if stage == "takeoff":
-            # What an estimate did before, on the ground, was none.
+            # A drift of the estimate on the ground, before this, was no liftoff.
             for context in self._contexts:
                 context.liftoff = LiftoffDetector()
 
@@ -93,7 +93,7 @@ class Synchronisation:
         return max(times_s.values()) - min(times_s.values())
 
     def _require(self, what: str, known: Iterable[str], event: str) -> None:
-        missing = [s.name for s in self._contexts if s.name not in set(known)]
+        missing = [one.name for one in self._contexts if one.name not in set(known)]
         if len(self._contexts) > 1 and missing:
             self._run_state.decide(
                 "INVALID",

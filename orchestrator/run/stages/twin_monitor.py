@@ -1,4 +1,4 @@
-"""The twin beside the judged flight: how far it is from its vehicle, and whether it drops out."""
+"""Monitors the twin of a run: its distance from the real vehicle, and whether it drops out."""
 
 import asyncio
 from collections import deque
@@ -14,17 +14,16 @@ from worlds.frames import norm, subtract
 
 _HZ = 20.0
 _DELAY_S = 0.1
-"""How long after a moment both vehicles' poses of it have mostly come; a radio may take longer."""
+"""How long after a time most poses of both vehicles have arrived; a radio may take longer."""
 _WAIT_S = 1.5
-"""How long poses of a moment are waited for: as long as a vehicle's history has it."""
+"""How long to wait for the poses of a time: as long as a vehicle's history has them."""
 
 
 class TwinMonitor:
-    """Measures the distance of a pair while its goal is flown; one beyond its limit is INVALID.
+    """Measures the distance of real and twin while the goal is flown; beyond the limit: INVALID.
 
-    So is one that could never be measured, for then nothing shows that the limit was kept, and a
-    twin that drops out, where the mixture is made of readings from the twin's own place.
-    None of it ends the flight of the real vehicle, which is flown and judged as it is.
+    The run is also INVALID when the distance could never be measured, and when the twin drops out
+    while mixtures need readings from the twin's own pose. None of this ends the flight.
     """
 
     def __init__(self, *, coupling: Coupling, limit_m: float, run_state: RunState) -> None:
@@ -34,18 +33,18 @@ class TwinMonitor:
         self._distances_m: list[float] = []
         self._is_beyond = False
         self._waiting: deque[float] = deque()
-        self._asked_for = 0
+        self._due_count = 0
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
     def attach(self, twin: str, *, needed_by: Sequence[str]) -> None:
-        """Take who the twin is, and which mixtures need it to be where its vehicle is."""
+        """Set the twin's name, and the mixtures that need readings from the twin's own pose."""
         self._twin, self._needed_by = twin, tuple(needed_by)
         self._run_state.on_drop_out(self._drop_out)
         self._run_state.on_stage(self._stage)
 
     async def run(self, contexts: Sequence[VehicleContext], alive: Callable[[], None]) -> None:
-        """Measure until the goal is done; go on until cancelled. alive: called at each tick."""
+        """Measure until the goal is done; run until cancelled. alive: called at each tick."""
         await self._run_state.reaching("goal")
         loop = asyncio.get_running_loop()
         t0_s, count = loop.time(), 0
@@ -54,7 +53,7 @@ class TwinMonitor:
             await sleep_until(t0_s + _DELAY_S + count / _HZ)
             alive()
             if not self._is_over():
-                self._asked_for += 1
+                self._due_count += 1
                 self._waiting.append(t0_s + count / _HZ)
             self._measure_waiting(contexts, loop.time())
 
@@ -75,13 +74,13 @@ class TwinMonitor:
         return ended or self._twin in self._run_state.dropped_out
 
     def _measure_waiting(self, contexts: Sequence[VehicleContext], now_s: float) -> None:
-        """Measure at the moments of which poses have come by now, of a late vehicle too."""
+        """Measure at the due times of which both poses have arrived by now."""
         for _ in range(len(self._waiting)):
             t_s = self._waiting.popleft()
-            found = [context.poses.at(t_s) for context in contexts]
+            nearest = [context.poses.at(t_s) for context in contexts]
             places = [
                 one.pose.position_ned_m
-                for one in found
+                for one in nearest
                 if one.pose is not None and one.kind == "interpolated"
             ]
             if len(places) == 2:
@@ -104,14 +103,14 @@ class TwinMonitor:
         )
 
     def _stage(self, stage: Stage, t_s: float) -> None:
-        """Decide at the landing: a limit that was never looked at was not kept."""
-        unseen = self._asked_for and not self._distances_m and self._twin
+        """Decide at the landing: a distance that was never measured makes the run INVALID."""
+        unseen = self._due_count and not self._distances_m and self._twin
         if stage != "landed" or not unseen or self._twin in self._run_state.dropped_out:
             return
         self._run_state.decide(
             "INVALID",
-            f"the distance of real and twin was never measured, for at {self._asked_for} moments "
-            f"there were no poses of both; sync.max_twin_distance_m is {self._limit_m:g} m",
+            f"the distance of real and twin was never measured: at none of {self._due_count} times "
+            f"were there poses of both; sync.max_twin_distance_m is {self._limit_m:g} m",
             t_s=t_s,
             source="sync/twin",
             ends_flight=False,
@@ -122,8 +121,8 @@ class TwinMonitor:
             return
         self._run_state.decide(
             "INVALID",
-            f"the mixture of {' and '.join(self._needed_by)} is made of readings from the twin's "
-            f"own place, and the twin dropped out: {left.reason}",
+            f"the mixture of {' and '.join(self._needed_by)} uses readings from the twin's own "
+            f"pose, and the twin dropped out: {left.reason}",
             t_s=left.at_s,
             source="sync/twin",
             ends_flight=False,

@@ -1,4 +1,4 @@
-"""The record of what is done before arming, in the order in which it was done."""
+"""Records the steps before arming, in their order."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ Note = Callable[..., None]
 
 
 class ArmingRecord:
-    """Keeps the steps before arming. now: the run's clock; note: takes each for the run's log."""
+    """The steps before arming. now: the run clock; note: called with each step, for the log."""
 
     def __init__(self, *, now: Callable[[], float], note: Note) -> None:
         self._now = now
@@ -24,17 +24,17 @@ class ArmingRecord:
 
     @contextmanager
     def step(self, name: StepName, vehicle: str = "") -> Iterator[Callable[[str], None]]:
-        """Record a step when it ends; what it yields takes what is worth saying of it."""
-        said: list[str] = []
+        """Record a step when it ends; yields a function that adds a text to its record."""
+        notes: list[str] = []
         try:
-            yield said.append
+            yield notes.append
         except BaseException as error:
             self._add(name, vehicle, ok=False, text=str(error) or type(error).__name__)
             raise
-        self._add(name, vehicle, ok=True, text="; ".join(said))
+        self._add(name, vehicle, ok=True, text="; ".join(notes))
 
     def restored(self, vehicle: str, *, ok: bool) -> None:
-        """Record whether what was set aboard an attached vehicle was set back."""
+        """Record whether the onboard configuration of an attached vehicle was restored."""
         self._note("restored", vehicle=vehicle, ok=ok)
         self._steps = [
             replace(one, restored=ok)

@@ -1,4 +1,4 @@
-"""Preflight items of an attached actor beside another attached vehicle: what keeps them apart."""
+"""Preflight items of an attached actor and another attached vehicle: fences and distance."""
 
 from collections.abc import Iterable, Iterator
 
@@ -24,7 +24,7 @@ def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iter
 
 
 def _distance_m(one: tuple[float, float] | None, other: tuple[float, float] | None) -> float | None:
-    """Return the distance of two places on Earth, seen from above; None where one is unknown."""
+    """Return the horizontal distance of two places on Earth; None where one is unknown."""
     if one is None or other is None:
         return None
     frame = LocalFrame(*other, 0.0)

@@ -1,4 +1,4 @@
-"""What of a campaign's fence an autopilot keeps by itself: areas on earth, and a ceiling; pure."""
+"""Converts a campaign's fence into one that an autopilot enforces: areas and a ceiling; pure."""
 
 from collections.abc import Callable, Iterator
 
@@ -11,10 +11,10 @@ from vehicles.mavlink.fence_areas import FenceArea, FenceCircle, FencePolygon, P
 from worlds.frames import Vec3
 
 _QUARTER = 6
-"""Corners of a circle's quarter where it is joined with other areas: autopilots keep 70 in all."""
+"""Corners of a quarter circle joined with other areas: autopilots store 70 corners in all."""
 
 Locate = Callable[[Point2], Place]
-"""Returns where on earth a place of the world is; north and east in metres."""
+"""Returns the place on Earth of a point of the world; north and east in metres."""
 
 
 def onboard_fence_of(
@@ -22,9 +22,9 @@ def onboard_fence_of(
 ) -> AutopilotFence:
     """Convert a campaign's fence into an onboard fence, wider by a margin.
 
-    home_ned_m: above which its ceiling counts. here_m: north and east of where it is: of inclusions
-    that do not touch, the one that it is in is kept: it can fly to no other one. Raises ValueError
-    for a ceiling that is not above its home.
+    home_ned_m: its ceiling is relative to this. here_m: north and east of the vehicle: of several
+    separate inclusions only the one around it is converted, for it cannot reach the others. Raises
+    ValueError for a ceiling that is not above home.
     """
     areas = [
         *_inclusion(fence.inclusions, here_m, margin_m, locate),

@@ -1,4 +1,4 @@
-"""Which guard stands over a run: in this process under virtual time, else in one of its own."""
+"""Builds the guard of a run: in this process under virtual time, else in a separate process."""
 
 import asyncio
 import time
@@ -29,13 +29,13 @@ from vehicles.links.link_conditions import LinkConditions, under_conditions
 from vehicles.links.memory import memory_pair
 from worlds.scene.track import Track
 
-_LINK_LUCK = 3
-"""Keeps the luck of links apart from that of other things with the same seed."""
+_LINK_SEED = 3
+"""Separates the random draws of links from others with the same seed."""
 
 HANGING_S = 1.0
-"""How long an orchestrator on a busy computer may be silent under the wall clock. The end of its
-process is seen at once, and the guard watches the fence meanwhile; from 1 s on PX4 falls into its
-own failsafe for want of setpoints anyway."""
+"""How long the orchestrator may be silent under the wall clock, as on a busy computer. The guard
+sees the end of its process at once, and watches the fence meanwhile; after 1 s without setpoints
+PX4 enters its own failsafe anyway."""
 
 
 def guard_of(
@@ -47,19 +47,18 @@ def guard_of(
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
     """Return the guard, the backend that starts vehicles for it, and its links by vehicle.
 
-    tracks: where objects of the world are that vehicles fly. prepared: the simulators that are
-    going to be launched. record: gets every frame under virtual
-    time; under the wall clock the guard's process writes the logs of frames, and it gets the
-    commands that went out.
+    tracks: positions of the world's objects that are flown by actors. prepared: the simulators to
+    launch. record: called with every frame under virtual time; under the wall clock the guard's
+    process logs the frames, and it is called with the commands that were sent.
     """
     pace = _pace_of(setup)
-    # Without the simulation that leads it the run clock is nobody's: then all have to come down.
+    # Without the simulation that leads the run clock all vehicles have to land.
     leader = None if pace is None else pace.leader
     guarded: dict[str, GuardedVehicle] = {
         vehicle.name: GuardedVehicle(
             autopilot=autopilot_named(vehicle.autopilot),
             target=Target(vehicle.system_id),
-            # An actor flies as its motion says, which no autonomy has a say in.
+            # An actor follows its motion: the limits are for the autonomy under test.
             limits=None if vehicle in setup.actors else setup.campaign.limits,
             attached=vehicle.attached is not None,
             gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
@@ -69,12 +68,14 @@ def guard_of(
         )
         for vehicle in setup.guarded
     }
-    keeping = setup.campaign.guarding
+    guard_settings = setup.campaign.guarding
     settings = GuardSettings(
-        keep_m=keeping.keep_m, latency_s=keeping.latency_s, braking_m_s2=keeping.braking_m_s2
+        keep_m=guard_settings.keep_m,
+        latency_s=guard_settings.latency_s,
+        braking_m_s2=guard_settings.braking_m_s2,
     )
     if setup.clock == "virtual":
-        return _in_process(setup, guarded, settings, record, tracks)
+        return _guard_in_process(setup, guarded, settings, record, tracks)
     guard_config = GuardConfig(
         run=setup.order.plan.name,
         folder=str(setup.order.folder.absolute()),
@@ -99,20 +100,20 @@ def guard_of(
 
 
 def _lands_alone(setup: RunSetup, vehicle: FlownSetup) -> bool:
-    """Return whether what happens to a vehicle brings it down and, by the guard, no other."""
+    """Return whether the guard lands a vehicle alone when something happens to it."""
     return vehicle.name == setup.companion or vehicle in setup.actors
 
 
 def _is_abandoned_when_lost(setup: RunSetup, vehicle: FlownSetup) -> bool:
-    """Return whether nobody waits for a vehicle that is silent; an attached actor may fly still.
+    """Return whether the guard abandons a lost vehicle; an attached actor may still be flying.
 
-    The twin is simulated, however it is attached.
+    The twin is always simulated, also an attached one.
     """
     return vehicle.name == setup.companion or (vehicle in setup.actors and not vehicle.attached)
 
 
 def _pace_of(setup: RunSetup) -> PaceSetup | None:
-    """Return the guard's pace of the scaled clock: by a simulation with its own pace."""
+    """Return the settings of the scaled clock, led by a simulator if one is launched; else None."""
     if setup.clock != "scaled":
         return None
     launched = tuple(one.name for one in setup.guarded if one.launch is not None)
@@ -125,7 +126,7 @@ def _pace_of(setup: RunSetup) -> PaceSetup | None:
 
 
 def _address(vehicle: FlownSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
-    """Return the guard's link string to a vehicle; empty for a port of its choice."""
+    """Return the guard's link address of a vehicle; empty for a port that the guard chooses."""
     if vehicle.name in prepared:
         return str(prepared[vehicle.name].plan.link)
     return "" if vehicle.attached is None else str(vehicle.attached)
@@ -137,13 +138,13 @@ def conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
     return LinkConditions(
         outgoing=link.outgoing,
         incoming=link.incoming,
-        seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_LUCK),
+        seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_SEED),
         has_later_outage=bool(link.outages),
         signing=vehicle.signing,
     )
 
 
-def _in_process(
+def _guard_in_process(
     setup: RunSetup,
     guarded: Mapping[str, GuardedVehicle],
     settings: GuardSettings,

@@ -1,6 +1,6 @@
-"""What is put aboard the vehicles before they arm, and taken back when they have landed.
+"""Onboard configuration: parameters and fences, applied before arming, restored after landing.
 
-Parameters of the campaign, and a fence of the autopilot's own: the second line behind the guard's.
+The onboard fence is the autopilot's own: the second line behind the guard's.
 """
 
 import asyncio
@@ -27,14 +27,14 @@ from vehicles.errors import VehicleError
 Note = Callable[..., None]
 
 _LOG_S = 300.0
-"""How long a log may take: at 57.6 kbit/s a megabyte."""
+"""How long the download of a log may take: about 1 MB at 57.6 kbit/s."""
 
 
 class OnboardConfiguration:
     """Applies and restores the onboard configuration of a run's vehicles; fetches logs.
 
-    record: takes each step; note: what else is worth recording. Only of attached vehicles anything
-    is set back: the others end with the run.
+    record: of the steps before arming; note: records other events. Only attached vehicles are
+    restored: the others end with the run.
     """
 
     def __init__(
@@ -57,63 +57,69 @@ class OnboardConfiguration:
 
     @property
     def unbooted(self) -> Mapping[str, frozenset[str]]:
-        """Return parameters that were changed in operation, by vehicle: some need a boot."""
+        """Return the parameters changed since boot, by vehicle: some take effect after a reboot."""
         return self._unbooted
 
-    async def put(self, context: VehicleContext) -> None:
+    async def apply(self, context: VehicleContext) -> None:
         """Apply a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
         vehicle = self._setup.flown(context.name)
         stack = self._stacks[context.name] = AsyncExitStack()
-        with self._record.step("parameters", context.name) as said:
-            said(await self._put_parameters(context, vehicle, stack))
-        with self._record.step("fence", context.name) as said:
-            said(await self.fences.put(context, stack))
+        with self._record.step("parameters", context.name) as note:
+            note(await self._apply_parameters(context, vehicle, stack))
+        with self._record.step("fence", context.name) as note:
+            note(await self.fences.upload(context, stack))
 
     async def restore(self) -> None:
-        """Restore the onboard configuration; a failure is decisive, for it stays so."""
-        await asyncio.gather(*(self._undo(name, one) for name, one in self._stacks.items()))
+        """Restore the onboard configuration; a failure decides the run as ERROR."""
+        results = await asyncio.gather(
+            *(self._restore_vehicle(name, one) for name, one in self._stacks.items()),
+            return_exceptions=True,
+        )
         self._stacks.clear()
+        for result in results:
+            if result is not None:
+                raise result
 
     async def fetch_logs(self) -> None:
         """Fetch each vehicle's newest log into the run's folder; failures are noted."""
         if self._setup.campaign.record.vehicle_logs:
             await asyncio.gather(*map(self._fetch_log, self._contexts))
 
-    async def _put_parameters(
+    async def _apply_parameters(
         self, context: VehicleContext, vehicle: FlownSetup, stack: AsyncExitStack
     ) -> str:
-        """Apply a vehicle's parameters, and say which."""
+        """Apply a vehicle's parameters; return in words which."""
         parameters = context.driver.parameters
         if vehicle.attached is None:
-            # All were born with the campaign's, and end with the run; a simulator has to show that
-            # it was.
-            given = {} if vehicle.embedded else vehicle.params
-            values = {**await self._failsafes(context, vehicle), **given}
+            # Simulations start with the campaign's parameters and end with the run; a simulator is
+            # set again and read back, to be sure.
+            campaign_values = {} if vehicle.embedded else vehicle.params
+            values = {**await self._failsafes(context, vehicle), **campaign_values}
             for name, value in values.items():
                 await parameters.set(name, value)
             return ", ".join(f"{name} {value:g}" for name, value in values.items()) or "none set"
-        journal = parameter_backup_folder()
-        restored = await parameters.restore_backups(journal)
+        backups = parameter_backup_folder()
+        restored = await parameters.restore_backups(backups)
         for change in restored.restored:
             self._note("parameter", vehicle=context.name, name=change.name, value=change.before)
         fences = context.driver.onboard.fences
-        if await restore_fence(journal, fences=fences, vehicle=parameters.vehicle):
+        if await restore_fence(backups, fences=fences, vehicle=parameters.vehicle):
             self._note("fence_given_back", vehicle=context.name)
         changes = {**await self._failsafes(context, vehicle), **vehicle.params}
-        changed = parameters.changed(changes, backup_folder=journal)
+        changed = parameters.changed(changes, backup_folder=backups)
         await stack.enter_async_context(changed)
         moved = tuple(one for one in changed.changes if one.before != one.wanted)
         names = (one.name for one in (*restored.restored, *moved))
         self._unbooted[context.name] = frozenset(names)
-        said = [f"{one.name} {one.wanted:g} (was {one.before:g})" for one in moved]
-        return ", ".join(said) or "none changed"
+        texts = [f"{one.name} {one.wanted:g} (was {one.before:g})" for one in moved]
+        return ", ".join(texts) or "none changed"
 
     async def _failsafes(
         self, context: VehicleContext, vehicle: FlownSetup
     ) -> Mapping[str, ParameterValue]:
         """Return the autopilot's failsafe parameters to apply, except the campaign's.
 
-        By default what is attached is not touched; its failsafes are looked at by the preflight.
+        By default those of attached vehicles are not changed, only checked by the preflight.
         """
         if not sets_failsafes(self._setup, vehicle):
             return {}
@@ -123,7 +129,7 @@ class OnboardConfiguration:
         )
         return {name: value for name, value in wanted.items() if name not in vehicle.params}
 
-    async def _undo(self, name: str, stack: AsyncExitStack) -> None:
+    async def _restore_vehicle(self, name: str, stack: AsyncExitStack) -> None:
         attached = self._setup.flown(name).attached is not None
         try:
             await stack.aclose()
@@ -131,15 +137,15 @@ class OnboardConfiguration:
                 self._record.restored(name, ok=True)
         except VehicleError as error:
             self._record.restored(name, ok=False)
-            said = f"{name} keeps the onboard configuration of this run: {error}"
+            reason = f"{name} still has the onboard configuration of this run: {error}"
             if name in self._run_state.dropped_out:
-                self._note("parameter", vehicle=name, text=said)
+                self._note("parameter", vehicle=name, text=reason)
             else:
-                self._run_state.decide("ERROR", said)
+                self._run_state.decide("ERROR", reason)
 
     async def _fetch_log(self, context: VehicleContext) -> None:
         logs, folder = context.driver.onboard.logs, self._setup.order.folder
-        # What we launched writes them here; PX4's take longer over MAVLink than the flight did.
+        # A launched simulator writes its log here; over MAVLink it would take longer than the run.
         written = flight_log(folder / f"{context.name}-sitl")
         if written is not None:
             self._note("log", vehicle=context.name, text=str(written.relative_to(folder)))
@@ -148,7 +154,7 @@ class OnboardConfiguration:
             async with asyncio.timeout(_LOG_S):
                 entries = await logs.list()
                 if not entries:
-                    self._note("log", vehicle=context.name, text="it has no log")
+                    self._note("log", vehicle=context.name, text="the vehicle has no log")
                     return
                 file = await logs.fetch(entries[-1], folder, name=context.name)
         except TimeoutError:

@@ -1,4 +1,4 @@
-"""The fences that the autopilots keep by themselves, behind the guard's: put aboard, exchanged."""
+"""Onboard fences, enforced by the autopilots behind the guard's: uploaded, changed, restored."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -23,15 +23,14 @@ from vehicles.mavlink.fence_areas import Place
 
 Note = Callable[..., None]
 
-_PLACE_S, _LOOK_S = 3.0, 0.05
-"""How long is waited for its place on earth: that comes twice a second, on a radio that loses."""
+_LOCATION_TIMEOUT_S, _LOCATION_POLL_S = 3.0, 0.05
+"""How long to wait for a vehicle's place on Earth: sent twice a second, over a lossy radio."""
 
 
 class OnboardFences:
     """Uploads onboard fences to a run's autopilots, read back; wider than the guard's.
 
-    note: takes what is worth recording. Where the campaign uploads none (`preflight.fence: null`),
-    there is nothing to do.
+    note: records events. Does nothing where the campaign uploads none (`preflight.fence: null`).
     """
 
     def __init__(
@@ -40,56 +39,62 @@ class OnboardFences:
         self._setup = setup
         self._contexts = {context.name: context for context in contexts}
         self._note = note
-        self._kept: dict[str, OnboardFence] = {}
+        self._onboard: dict[str, OnboardFence] = {}
         self._ceilings_m: dict[str, float | None] = {}
 
     @property
     def unsettled(self) -> tuple[str, ...]:
         """Return vehicles whose offered onboard fence is neither confirmed nor undone."""
-        return tuple(name for name, kept in self._kept.items() if kept.unsettled)
+        return tuple(name for name, onboard in self._onboard.items() if onboard.unsettled)
 
-    async def put(self, context: VehicleContext, stack: AsyncExitStack) -> str:
-        """Upload the campaign's fence to a vehicle on the ground; say which. Raises VehicleError.
+    async def upload(self, context: VehicleContext, stack: AsyncExitStack) -> str:
+        """Upload the campaign's fence to a vehicle on the ground; return in words which.
 
-        stack: what gives an attached vehicle its own back when it is closed.
+        stack: when it is closed, an attached vehicle gets its own fence back. Raises VehicleError.
         """
         if self._setup.campaign.preflight.fence is None:
             return "none uploaded: preflight.fence is null"
         vehicle = self._setup.flown(context.name)
         attached = vehicle.attached is not None
-        kept = OnboardFence(
+        onboard = OnboardFence(
             fences=context.driver.onboard.fences,
             parameters=context.driver.parameters,
             autopilot=context.driver.identity.autopilot,
             backup_folder=parameter_backup_folder() if attached else None,
         )
         if attached:
-            await stack.enter_async_context(kept)
+            await stack.enter_async_context(onboard)
         fence = self._setup.campaign.fences.get(vehicle.name)
         self._ceilings_m[context.name] = ceiling_above_home_m(self._setup, vehicle)
-        said = "none: the campaign has none for it"
+        text = "none: the campaign has no fence for this vehicle"
         if fence is not None:
             await _await_location(context)
             start_m = context.start.position_ned_m
-            own = self._own(context, fence, (start_m[0], start_m[1]))
-            await kept.keep(own)
-            self._report(context.name, own)
-            high = "" if own.ceiling_m is None else f", ceiling {own.ceiling_m:.2f} m above home"
-            said = f"{len(own.areas)} areas{high}"
-        self._kept[context.name] = kept
-        return said
+            onboard_fence = self._onboard_fence(context, fence, (start_m[0], start_m[1]))
+            await onboard.keep(onboard_fence)
+            self._report(context.name, onboard_fence)
+            high = (
+                ""
+                if onboard_fence.ceiling_m is None
+                else f", ceiling {onboard_fence.ceiling_m:.2f} m above home"
+            )
+            text = f"{len(onboard_fence.areas)} areas{high}"
+        self._onboard[context.name] = onboard
+        return text
 
     async def offer(self, fences: Mapping[str, Fence]) -> None:
         """Upload other fences to flying vehicles, each read back.
 
-        Raises VehicleError of the first that does not; then, and when cancelled, `put_back` is to
-        be called, otherwise `confirm`.
+        Raises VehicleError of the first upload that fails; then, and when cancelled, `restore` has
+        to be called, otherwise `confirm`.
         """
         if self._setup.campaign.preflight.fence is None:
             return
         for name in fences:
-            if name not in self._kept:
-                raise VehicleError(f"{name}: it is not ready yet; its first fence is uploaded then")
+            if name not in self._onboard:
+                raise VehicleError(
+                    f"{name} is not ready yet: try again once its first fence is uploaded"
+                )
         try:
             async with asyncio.TaskGroup() as group:
                 for name, fence in fences.items():
@@ -98,21 +103,21 @@ class OnboardFences:
             raise errors.exceptions[0] from None
 
     async def confirm(self) -> None:
-        """Make the offered onboard fences count."""
+        """Confirm the offered onboard fences: they stay."""
         for name in self.unsettled:
-            kept = self._kept[name]
-            await kept.confirm()
-            if kept.fence is not None:
-                self._report(name, kept.fence)
+            onboard = self._onboard[name]
+            await onboard.confirm()
+            if onboard.fence is not None:
+                self._report(name, onboard.fence)
 
-    async def put_back(self) -> None:
-        """Restore the onboard fences before the offer. Raises VehicleError, after all.
+    async def restore(self) -> None:
+        """Restore the onboard fences from before the offer, of all vehicles.
 
-        To be called again then.
+        Raises VehicleError if one failed; it has to be called again then.
         """
         names = self.unsettled
         results = await asyncio.gather(
-            *(self._kept[name].put_back() for name in names), return_exceptions=True
+            *(self._onboard[name].put_back() for name in names), return_exceptions=True
         )
         for name, result in zip(names, results, strict=True):
             if result is None:
@@ -125,16 +130,16 @@ class OnboardFences:
         context = self._contexts[name]
         here = context.poses.latest().pose
         place_m = (context.start if here is None else here).position_ned_m
-        own = self._own(context, fence, (place_m[0], place_m[1]))
+        onboard_fence = self._onboard_fence(context, fence, (place_m[0], place_m[1]))
         also = await self._return_beneath(context, fence)
-        await self._kept[name].offer(own, also)
+        await self._onboard[name].offer(onboard_fence, also)
 
     async def _return_beneath(
         self, context: VehicleContext, fence: Fence
     ) -> Mapping[str, ParameterValue]:
-        """Return parameters that keep a return beneath a lowered ceiling.
+        """Return the parameters that keep the return (RTL) altitude beneath a lowered ceiling.
 
-        Raises VehicleError where that may not be set.
+        Raises VehicleError where these may not be set.
         """
         vehicle = self._setup.flown(context.name)
         before_m = self._ceilings_m.get(context.name)
@@ -151,12 +156,14 @@ class OnboardFences:
             return lower
         for name in lower:
             raise VehicleError(
-                f"{context.name}: it returns above the new ceiling; set {name} in the vehicle"
+                f"{context.name} returns (RTL) above the new ceiling; set {name} in the vehicle"
             )
         return {}
 
-    def _own(self, context: VehicleContext, fence: Fence, here_m: Point2) -> AutopilotFence:
-        """Return the onboard fence that an autopilot can keep. Raises VehicleError."""
+    def _onboard_fence(
+        self, context: VehicleContext, fence: Fence, here_m: Point2
+    ) -> AutopilotFence:
+        """Return the onboard fence of an autopilot for a campaign's fence. Raises VehicleError."""
         wider = self._setup.campaign.preflight.fence
 
         def locate(point_m: Point2) -> Place:
@@ -174,13 +181,15 @@ class OnboardFences:
         except ValueError as error:
             raise VehicleError(f"{context.name}: {error}") from error
 
-    def _report(self, name: str, own: AutopilotFence) -> None:
-        self._note("fence", vehicle=name, areas=len(own.areas), ceiling_m=own.ceiling_m)
+    def _report(self, name: str, onboard_fence: AutopilotFence) -> None:
+        self._note(
+            "fence", vehicle=name, areas=len(onboard_fence.areas), ceiling_m=onboard_fence.ceiling_m
+        )
 
 
 async def _await_location(context: VehicleContext) -> None:
-    """Wait until a vehicle knows its geographic place, for its onboard fence."""
-    for _ in range(round(_PLACE_S / _LOOK_S)):
+    """Wait until a vehicle reports its place on Earth, for its onboard fence."""
+    for _ in range(round(_LOCATION_TIMEOUT_S / _LOCATION_POLL_S)):
         if context.driver.place_deg is not None:
             return
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_LOCATION_POLL_S)

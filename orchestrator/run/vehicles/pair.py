@@ -23,22 +23,22 @@ from vehicles.embedded.physics.states import TruthSample
 from vehicles.links.tapped import TappedLink
 from worlds.scene.track import Track
 
-_OTHERS_TRUTH_HZ = 50.0
-"""The truth of a vehicle that nobody judges by it: its camera interpolates, and it is recorded."""
+_UNJUDGED_TRUTH_HZ = 50.0
+"""Rate of a truth that judges nothing: its camera interpolates it, and it is recorded."""
 _CLOCK_DRIFT = 2e-4
-"""The worst crystal that a vehicle's clock has, ten times over; only SITL drifts by more."""
+"""Ten times the drift of the worst crystal in a vehicle's clock; only SITL drifts by more."""
 _SIMULATED_CLOCK_DRIFT = 0.02
-"""What is attached may be a simulation, whose clock runs as well as its machine can."""
-_STEERED_CLOCK_DRIFT = 0.1
-"""The run clock is led behind a simulation that hurries and tarries."""
+"""An attached vehicle may be a simulation, whose clock runs as fast as its machine allows."""
+_SCALED_CLOCK_DRIFT = 0.1
+"""The run clock follows a simulation whose pace varies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
     """The pair in flight: one vehicle context in modes sim and real, two in wil; and the guard.
 
-    links: to the vehicles through the guard, for who speaks MAVLink beside the drivers. actors: the
-    vehicles that fly as objects of the world.
+    links: to the vehicles through the guard, for programs that use MAVLink beside the drivers.
+    actors: the vehicles that fly as objects of the world.
     """
 
     contexts: tuple[VehicleContext, ...]
@@ -54,26 +54,26 @@ class Pair:
             loop = asyncio.get_running_loop()
             for context in self.contexts:
                 link = links.get(context.name)
-                for blackout in () if link is None else link.outages:
-                    if blackout.stage == stage:
+                for outage in () if link is None else link.outages:
+                    if outage.stage == stage:
                         loop.call_later(
-                            blackout.after_s, self.guard.start_outage, context.name, blackout.for_s
+                            outage.after_s, self.guard.start_outage, context.name, outage.for_s
                         )
 
         run_state.on_stage(entered)
 
     def send_anchors(self) -> None:
-        """Send the guard the anchors of the pair's local frames, as far as known.
+        """Send the guard the anchors of all vehicles' local frames, as far as known.
 
-        With it the guard can place them by their own estimates, which it needs when nobody else
-        tells it where they are, and it can limit setpoints, which are in these frames.
+        With them the guard locates vehicles by their own estimates when it gets no other position,
+        and limits setpoints, which are in these frames.
         """
         for context in (*self.contexts, *self.actors):
             if context.driver.anchor is not None:
                 self.guard.anchor(context.name, context.driver.anchor)
 
     def notify(self, event: str, t_s: float) -> None:
-        """Notify the pair's simulated surroundings of an event of the world."""
+        """Notify the pair's simulations of an event of the world."""
         for vehicle in self.vehicles.values():
             vehicle.notify(event, t_s)
 
@@ -84,9 +84,9 @@ async def open_pair(
 ) -> AsyncIterator[Pair]:
     """Start the guard, then the pair of a run, and connect to it through the guard.
 
-    captures: motion capture from outside, for vehicles that have it. tracks: where the objects of
-    the world are that its actors fly. Closing stops the vehicles,
-    wherever they are: land before that. Raises LinkError.
+    captures: external motion capture, for vehicles that have it. tracks: positions of the world's
+    objects that are flown by actors. Closing stops the vehicles wherever they are: land them
+    before. Raises LinkError.
     """
     async with AsyncExitStack() as stack:
         prepared = prepare_launches(setup, stack)
@@ -100,10 +100,10 @@ async def open_pair(
             await backend.begin(stack, vehicle)
         feeds: dict[str, Feed] = {}
         for vehicle, context in zip(setup.vehicles, contexts, strict=True):
-            truth_hz = TRUTH_HZ if vehicle.name == setup.subject else _OTHERS_TRUTH_HZ
+            truth_hz = TRUTH_HZ if vehicle.name == setup.subject else _UNJUDGED_TRUTH_HZ
             feeds[vehicle.name] = feed = await backend.start(stack, vehicle)
             await stack.enter_async_context(context.driver)
-            _connect(context, feed, guard, truth_hz=truth_hz)
+            _connect_vehicle(context, feed, guard, truth_hz=truth_hz)
             if vehicle.reports_accuracy and vehicle.name == "real":
                 context.driver.request_accuracy()
             if vehicle.requests_truth:
@@ -147,11 +147,11 @@ def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> 
 def _clock_drift(setup: RunSetup, vehicle: FlownSetup) -> float:
     """Return the clock drift that is tolerated of one vehicle of the run."""
     if setup.clock == "scaled":
-        return _STEERED_CLOCK_DRIFT
+        return _SCALED_CLOCK_DRIFT
     return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
 
 
-def _connect(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
+def _connect_vehicle(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
     """Connect one vehicle's estimates and truth to its context and the guard."""
     context.driver.on_estimate(context.take_estimate)
     feed.on_truth(context.take_truth, truth_hz)
@@ -159,12 +159,12 @@ def _connect(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: flo
 
 
 def _connect_actor(context: VehicleContext, feed: Feed, guard: Guard) -> None:
-    """Connect an actor's estimates and its simulation's truth to its context, world and guard."""
+    """Connect an actor's estimates and its simulation's truth to its context and the guard."""
 
     def take(truth: TruthSample) -> None:
         t_s = truth.t_s
         context.take_simulator(EstimateSample(t_s, t_s, t_s, truth.pose, truth.velocity_ned_m_s))
 
     context.driver.on_estimate(context.take_estimate)
-    feed.on_truth(take, _OTHERS_TRUTH_HZ)
+    feed.on_truth(take, _UNJUDGED_TRUTH_HZ)
     context.on_pose(guard.position)

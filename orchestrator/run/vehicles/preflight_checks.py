@@ -1,4 +1,4 @@
-"""Preflight of a run: gathers what the checks of `safety.preflight` look at, and keeps the list."""
+"""Preflight of a run: gathers the values for the checks of `safety.preflight`."""
 
 import asyncio
 import shutil
@@ -42,19 +42,19 @@ from worlds.frames import Vec3, norm, subtract
 Note = Callable[..., None]
 
 _FRESH_S = 0.5
-"""How old the newest pose may be: twenty times what the slowest telemetry asked for takes."""
+"""How old the newest pose may be: twenty periods of the slowest requested telemetry."""
 _FIRST_POSE_S = 5.0
-"""How long the poses of a ready vehicle are waited for; a computer that stumbles is no fault."""
+"""How long to wait for the first poses of a ready vehicle, also on a busy computer."""
 _FIX_WITHIN_S = 3.0
 _RATE_OVER_S = 1.0
 _POLL_S = 0.02
 _MEGABYTE = 1e6
 _OF_CEILING = 0.75
-"""How high a return is set beneath a low ceiling: a quarter of it is left for overshooting."""
+"""Return altitude beneath a low ceiling, as a share of it: a quarter is left for overshoot."""
 
 
 class Preflight:
-    """Runs the preflight checks before arming; `items` is the list, note takes each for the log."""
+    """Runs the preflight checks before arming. items: the results; note: records each of them."""
 
     def __init__(self, *, setup: RunSetup, note: Note) -> None:
         self._setup = setup
@@ -64,14 +64,14 @@ class Preflight:
     async def check(
         self, contexts: tuple[VehicleContext, ...], actors: tuple[VehicleContext, ...] = ()
     ) -> str:
-        """Check all vehicles before arming, and say how many checks there were.
+        """Check all vehicles before arming; return in words how many checks there were.
 
         contexts: of the pair. Raises FlightError with every reason against arming.
         """
         wanted = self._setup.campaign.preflight
         items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
         flown = (*contexts, *actors)
-        await _await_position(flown)
+        await _await_positions(flown)
         for context in flown:
             items += await self._vehicle(context)
         items += self._pair(contexts)
@@ -81,8 +81,8 @@ class Preflight:
         self.items = settled(items, wanted.override)
         for item in self.items:
             self._note("preflight", **asdict(item))
-        if why := refused(self.items):
-            raise FlightError(f"preflight: {why}{_advice(self.items)}")
+        if reasons := refused(self.items):
+            raise FlightError(f"preflight: {reasons}{_advice(self.items)}")
         overridden = sum(item.outcome == "overridden" for item in self.items)
         return f"{len(self.items)} checks" + (f", {overridden} overridden" if overridden else "")
 
@@ -91,13 +91,13 @@ class Preflight:
         wanted, vehicle = setup.campaign.preflight, setup.flown(name)
         state, fence = context.driver.state, setup.campaign.fences.get(vehicle.name)
         battery = None if state.battery is None else state.battery.remaining
-        place = _place(context)
+        position = _position(context)
         uncertainty_s = context.driver.clock.uncertainty_s
         items = [
             *await self._failsafes(context, vehicle),
             at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
             without_faults("estimator", name, state.faults),
-            _position_item(context, place, wanted.start_tolerance_m),
+            _position_item(context, position, wanted.start_tolerance_m),
             *await self._source(context),
             at_most(
                 "clock",
@@ -109,23 +109,23 @@ class Preflight:
             ),
         ]
         if fence is not None:
-            items.append(home_item(name, fence, place, setup.campaign.guarding.keep_m))
+            items.append(home_item(name, fence, position, setup.campaign.guarding.keep_m))
         return items
 
     async def _source(self, context: VehicleContext) -> Iterable[Item]:
-        """Return the preflight items of a vehicle's pose source; of an estimate, GPS.
+        """Return the preflight items of a vehicle's pose source: motion capture, or truth and GPS.
 
-        A simulated vehicle flies by its estimate, whatever it is judged by.
+        A simulated vehicle flies by its estimate, also where it is judged by its truth.
         """
         wanted, name = self._setup.campaign.preflight, context.name
         if context.pose_source == "mocap":
-            seen_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
+            age_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
             rate_hz = context.poses.rate_hz(_RATE_OVER_S)
-            since = "the age of its motion capture pose"
-            often = "the rate of its motion capture poses"
+            age = "the age of its motion capture pose"
+            rate = "the rate of its motion capture poses"
             return (
-                at_most("mocap", name, seen_s, _FRESH_S, unit="s", what=since),
-                at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=often),
+                at_most("mocap", name, age_s, _FRESH_S, unit="s", what=age),
+                at_least("mocap", name, rate_hz, wanted.min_mocap_hz, unit="Hz", what=rate),
             )
         is_judged_by_truth = context.pose_source == "simulator"
         has_truth = is_judged_by_truth and self._setup.flown(name).requests_truth
@@ -143,7 +143,7 @@ class Preflight:
 
     def _truth_item(self, context: VehicleContext) -> Item:
         """Return the preflight item of the ground truth that a vehicle is judged by."""
-        # Not of the poses: these begin with the anchor, which may be a moment old.
+        # Not the rate of the poses: these begin with the anchor, which may be new.
         now_s = asyncio.get_running_loop().time()
         return ground_truth_item(
             context.name,
@@ -163,7 +163,7 @@ class Preflight:
             values |= await first_known(parameters, rule.names)
         names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
-        yielded = [
+        items = [
             without_faults(
                 "failsafe",
                 context.name,
@@ -173,20 +173,20 @@ class Preflight:
         if ceiling_m is not None:
             altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
             what = "its RTL altitude"
-            yielded.append(
+            items.append(
                 at_most("return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what)
             )
-        return yielded
+        return items
 
     def _pair(self, contexts: tuple[VehicleContext, ...]) -> Iterable[Item]:
         if len(contexts) < 2:
             return ()
-        real, twin = [_from_start(context, _place(context)) for context in contexts]
+        real, twin = [_from_start(context, _position(context)) for context in contexts]
         return (pair_item(real, twin, self._setup.campaign.preflight.pair_tolerance_m),)
 
 
 async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
-    """Return the first parameter name that the firmware knows; empty for none."""
+    """Return name and value of the first parameter that the firmware knows; empty for none."""
     for name in names:
         try:
             return {name: await parameters.get(name)}
@@ -200,7 +200,7 @@ async def wanted_failsafes(
 ) -> dict[str, ParameterValue]:
     """Return the failsafe parameters that preflight demands, by the firmware's names.
 
-    ceiling_m: of the fence, above home; where it returns above that, it is to return beneath.
+    ceiling_m: of the fence, above home; a higher return altitude is lowered beneath it.
     """
     wanted: dict[str, ParameterValue] = {}
     for rule in FAILSAFES[autopilot]:
@@ -228,9 +228,9 @@ async def lower_return(
 
 
 def sets_failsafes(setup: RunSetup, vehicle: FlownSetup) -> bool:
-    """Return whether preflight sets a vehicle's failsafes; not of attached ones by default.
+    """Return whether the failsafes of a vehicle are set; by default not those of attached ones.
 
-    Those that are not set are looked at.
+    Failsafes that are not set are checked.
     """
     how = setup.campaign.preflight.failsafe
     return how == "set" or (how is None and vehicle.attached is None)
@@ -257,16 +257,16 @@ def disk_item(folder: Path, least_mb: float) -> Item:
 
 
 def _advice(items: Iterable[Item]) -> str:
-    """Return what to do about parameters that preflight only checked; empty for others."""
+    """Return the remedy for refused parameters that preflight only checks; empty for others."""
     wrong = {item.check for item in items if item.outcome == "refused"}
     if wrong.isdisjoint({"failsafe", "return_altitude"}):
         return ""
     return "; set them in the vehicle, by its params, or with preflight.failsafe: set"
 
 
-def _position_item(context: VehicleContext, place: Vec3 | None, tolerance_m: float) -> Item:
+def _position_item(context: VehicleContext, position: Vec3 | None, tolerance_m: float) -> Item:
     """Return the preflight item of a vehicle's distance from its start pose."""
-    away = _from_start(context, place)
+    away = _from_start(context, position)
     what = f"its distance from its start pose by {context.pose_source}"
     return at_most(
         "position",
@@ -278,22 +278,22 @@ def _position_item(context: VehicleContext, place: Vec3 | None, tolerance_m: flo
     )
 
 
-async def _await_position(contexts: Iterable[VehicleContext]) -> None:
-    """Wait for the first poses before the checks: without an anchor there are none."""
+async def _await_positions(contexts: Iterable[VehicleContext]) -> None:
+    """Wait for the first poses before the checks: they begin once the frame is anchored."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + _FIRST_POSE_S
-    while any(_place(one) is None for one in contexts) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history tells nobody
+    while any(_position(one) is None for one in contexts) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history has no event
         await asyncio.sleep(_POLL_S)
 
 
-def _place(context: VehicleContext) -> Vec3 | None:
-    """Return where a vehicle is by its pose source, for the checks; None when silent."""
+def _position(context: VehicleContext) -> Vec3 | None:
+    """Return a vehicle's position by its pose source, for the checks; None without a fresh one."""
     latest = context.poses.at(asyncio.get_running_loop().time())
     if latest.pose is None or latest.gap_s > _FRESH_S:
         return None
     return latest.pose.position_ned_m
 
 
-def _from_start(context: VehicleContext, place: Vec3 | None) -> Vec3 | None:
+def _from_start(context: VehicleContext, position: Vec3 | None) -> Vec3 | None:
     """Return a vehicle's offset from its start, for the checks; None when unknown."""
-    return None if place is None else subtract(place, context.start.position_ned_m)
+    return None if position is None else subtract(position, context.start.position_ned_m)

@@ -1,4 +1,4 @@
-"""Simulators that a run launches: prepared before the guard opens its links, started by it."""
+"""Launches the simulators of a run: prepared before the guard opens its links, started by it."""
 
 import math
 from collections.abc import Mapping
@@ -13,9 +13,9 @@ from vehicles.launch.prepared_launch import PreparedLaunch
 from vehicles.tasks import start, stop
 
 _READY_S = 60.0
-"""A simulator on a loaded machine; an image that starts cold."""
+"""Start time limit: a loaded machine, or a container image that starts cold."""
 _GRACE_S = 2.0
-"""Below what the guard gives its children to end."""
+"""How long a simulator may take to end; less than the guard allows its children."""
 
 
 def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, PreparedLaunch]:

@@ -1,4 +1,4 @@
-"""Where the vehicles of a run live: in this process under virtual time, else each in its own."""
+"""Vehicle backends: start vehicles in this process (virtual time) or in separate processes."""
 
 import math
 import sys
@@ -26,14 +26,14 @@ from vehicles.tasks import start, stop
 from worlds.scene.track import Track
 
 _LINK_LATENCY_S = 0.003
-"""Each way, as measured between processes on one machine's loopback, rounded up."""
-_FIRST_WORD_S = 20.0
+"""One way, as measured between processes over the loopback interface, rounded up."""
+_FIRST_MESSAGE_S = 20.0
 """How long a process may take to import, build its physics and send its first datagram."""
 _RUNNING_S = 60.0
-"""For how long an embedded vehicle has been on when it is started: nobody waits for its filters."""
+"""Simulated uptime of an embedded vehicle at its start, so that its filters have converged."""
 TRUTH_HZ = 125.0
 _ACTOR_SEEDS = 1 << 62
-"""Keeps an actor's seed from its pair's; what is sent to a process has 64 bits."""
+"""Separates the seeds of actors from those of the pair; within 64 bits."""
 
 
 class Feed(Protocol):
@@ -53,19 +53,19 @@ class VehicleBackend(Protocol):
     """Starts the vehicles of a run, once the guard holds their links (protocol)."""
 
     async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
-        """Begin to start a vehicle beside others, where that takes time. Raises LinkError."""
+        """Begin to start a vehicle, concurrently with others. Raises LinkError."""
 
     async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> Feed:
         """Start a vehicle whose link is open; the stack stops it. Raises LinkError."""
 
     def all_started(self) -> None:
-        """Take that the backend has no more vehicles to start: clocks may scale."""
+        """Tell the backend that all vehicles have started: the clock may scale from now on."""
 
 
 class InProcessBackend:
     """Vehicles in this event loop, at the far end of links in memory.
 
-    tracks: where objects of the world are that vehicles fly.
+    tracks: positions of the world's objects that are flown by actors.
     """
 
     def __init__(self, setup: RunSetup, tracks: Mapping[str, Track]) -> None:
@@ -80,7 +80,7 @@ class InProcessBackend:
         return near
 
     async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
-        """Do nothing: a vehicle in this loop is there at once."""
+        """Do nothing: a vehicle in this loop starts at once."""
 
     async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> EmbeddedVehicle:
         """Start the vehicle in this loop."""
@@ -113,7 +113,7 @@ class InProcessBackend:
 
 
 class NoFeed:
-    """The feed of a vehicle that is not ours: nothing beside MAVLink."""
+    """The feed of a launched or attached vehicle: nothing beside MAVLink."""
 
     def on_truth(self, callback: Callable[[TruthSample], None], rate_hz: float) -> None:
         """Ignore the callback: this vehicle backend knows no truth."""
@@ -122,11 +122,11 @@ class NoFeed:
         """Ignore the callback: this vehicle backend has no motion capture."""
 
     def notify(self, event: str, t_s: float) -> None:
-        """Ignore the event: the vehicle's surroundings are not ours."""
+        """Ignore the event: such a vehicle does not simulate this world."""
 
 
 class SubprocessBackend:
-    """Vehicles in processes of their own, children of the guard; or attached ones."""
+    """Vehicles in separate processes, children of the guard; or attached vehicles."""
 
     def __init__(
         self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
@@ -137,7 +137,7 @@ class SubprocessBackend:
         self._begun: dict[str, FeedClient] = {}
 
     async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
-        """Have the guard start an embedded vehicle's process; its feed comes to us."""
+        """Have the guard start an embedded vehicle's process, and open the socket of its feed."""
         if not vehicle.embedded:
             return
         feed = await stack.enter_async_context(FeedClient(source=_source_of(vehicle)))
@@ -147,25 +147,25 @@ class SubprocessBackend:
         self._begun[vehicle.name] = feed
 
     async def start(self, _: AsyncExitStack, vehicle: FlownSetup) -> Feed:
-        """Wait for the process that was begun, or launch a simulator; what is attached is there."""
+        """Wait for an embedded vehicle's process, or launch a simulator; attached ones run."""
         if vehicle.name in self._begun:
-            return await self._first_word(vehicle.name)
+            return await self._await_first_message(vehicle.name)
         if vehicle.name in self._prepared:
             await start_simulators(vehicle.name, self._prepared[vehicle.name], self._guard)
         return NoFeed()
 
     def all_started(self) -> None:
-        """Have the guard lead the scaled clock from now on."""
+        """Have the guard control the scaled clock from now on."""
         self._guard.follow()
 
-    async def _first_word(self, name: str) -> Feed:
-        """Wait for the first word of an embedded vehicle's process."""
+    async def _await_first_message(self, name: str) -> Feed:
+        """Wait for the first message of an embedded vehicle's process."""
         feed = self._begun[name]
-        heard = start(feed.connected.wait(), name=f"first word of {name}")
+        first_message = start(feed.connected.wait(), name=f"first message of {name}")
         try:
-            await self._guard.ended_or(name, heard, _FIRST_WORD_S)
+            await self._guard.ended_or(name, first_message, _FIRST_MESSAGE_S)
         finally:
-            await stop(heard)
+            await stop(first_message)
         return feed
 
     def _settings(self, vehicle: FlownSetup) -> ProcessSettings:
@@ -196,13 +196,13 @@ class SubprocessBackend:
         )
 
     def _contact_settings(self) -> ContactWorldSettings | None:
-        """Return what the real vehicle's backend lets it collide with."""
+        """Return the settings of the real vehicle's contact world; None without a world file."""
         world = self._setup.order.plan.files.world
         if world is None:
             return None
         return ContactWorldSettings(
             use="vehicles.embedded.physics.contact_world:from_argument",
-            # That process does not know where an actor is; a contact is judged all the same.
+            # That process does not know the actors' poses; the oracles judge contacts with them.
             argument=as_argument(
                 world, self._setup.mode, "W", without=[one.name for one in self._setup.actors]
             ),
@@ -210,12 +210,12 @@ class SubprocessBackend:
 
 
 def vehicle_seed(seed: int, name: str) -> int:
-    """Return the seed of one vehicle: no two vehicles of a run may share their noise."""
+    """Return the seed of one vehicle: no two vehicles of a run share their noise."""
     if name in {"real", "twin"}:
         return seed * 2 + (1 if name == "twin" else 0)
     return seed * 2 ^ (_ACTOR_SEEDS + zlib.crc32(name.encode()))
 
 
 def _source_of(vehicle: FlownSetup) -> Literal["real", "twin"]:
-    """Return what the readings of an embedded vehicle say they are of; nobody takes an actor's."""
+    """Return the source named in an embedded vehicle's readings; those of an actor are unused."""
     return "real" if vehicle.name == "real" else "twin"

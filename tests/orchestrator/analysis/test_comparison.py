@@ -159,8 +159,8 @@ def test_an_oracle_that_is_gone_is_no_good_comparison(
     [
         ({"stopped": "signal"}, "stopped by Ctrl-C or SIGTERM"),
         ({"stopped": "command"}, "stopped by an operator's command"),
-        ({"broken": True}, "an exception of this program came up outside of its runs"),
-        ({"broken": None}, "summary.json does not say that it came to its end"),
+        ({"broken": True}, "an internal exception occurred outside of its runs"),
+        ({"broken": None}, "summary.json does not record the end of the campaign"),
     ],
 )
 def test_what_ended_a_campaign_outside_of_its_runs_is_named(

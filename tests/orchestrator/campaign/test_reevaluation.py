@@ -138,7 +138,7 @@ def test_what_was_not_flown_and_what_is_no_recording_are_reported(
 DAMAGE: tuple[tuple[str, Callable[[bytes], bytes], str], ...] = (
     ("result.json", lambda data: data[:-20], "is truncated, damaged or of another version"),
     ("result.json", lambda data: data.replace(b'"PASS"', b'"FINE"'), "verdict"),
-    ("result.json", lambda data: data.replace(b"\n", b" \n"), "was changed"),
+    ("result.json", lambda data: data.replace(b"\n", b" \n"), "was edited"),
     ("judged.msgpack", lambda data: data[:-30], "was cut before the end of the run"),
     ("judged.msgpack", lambda _: b"", "does not begin with wil/judged/2"),
     ("log.jsonl", lambda data: data[:-3], "log.jsonl cannot be read"),
@@ -241,8 +241,8 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
     [
         ({"stopped": "signal"}, 130, "stopped by Ctrl-C or SIGTERM"),
         ({"stopped": "command"}, 4, "stopped by an operator's command"),
-        ({"broken": True}, 3, "an exception of this program came up outside of its runs"),
-        ({"broken": None}, 3, "summary.json does not say that it came to its end"),
+        ({"broken": True}, 3, "an internal exception occurred outside of its runs"),
+        ({"broken": None}, 3, "summary.json does not record the end of the campaign"),
         (None, 3, "it was cut off, or flown by an earlier version"),
     ],
 )

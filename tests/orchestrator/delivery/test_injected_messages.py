@@ -120,7 +120,7 @@ def test_a_rangefinder_down() -> None:
 @pytest.mark.parametrize("range_m", [math.inf, 8.5])
 def test_a_beam_that_met_nothing_is_beyond_the_longest(range_m: float) -> None:
     assert wired(distance_sensor(rangefinder(range_m))).current_distance == 801
-    with pytest.raises(ValueError, match="not a number"):
+    with pytest.raises(ValueError, match="is NaN"):
         distance_sensor(rangefinder(math.nan))
 
 
@@ -163,7 +163,8 @@ def test_an_intruder() -> None:
 
 
 @pytest.mark.parametrize(
-    ("icao", "latitude", "words"), [(0, 1.0, "ICAO"), (1 << 24, 1.0, "ICAO"), (1, 91.0, "place")]
+    ("icao", "latitude", "words"),
+    [(0, 1.0, "ICAO"), (1 << 24, 1.0, "ICAO"), (1, 91.0, "not on Earth")],
 )
 def test_an_impossible_intruder_is_refused(icao: int, latitude: float, words: str) -> None:
     intruder = Intruder(0.0, icao, "X", latitude, 0.0, 0.0, (0.0, 0.0, 0.0))

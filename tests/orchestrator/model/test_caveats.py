@@ -214,7 +214,7 @@ def test_pictures_that_were_perceived_on_trust_are_reported_of_passed_runs() -> 
         run(2, mode="sim", outside=outside, verdict="FAIL"),
         run(outside=outside, mixing=mixed(combination())),
     ]
-    said = "simulator's pictures not compared with the world: twin camera: it marks no gate"
+    said = "simulator's images not compared with the world: twin camera: it marks no gate"
     assert f"{said} (large sim, 1 run)" in caveat_lines(*runs)
     assert caveat_lines(*runs)[-1].endswith("not compared with the world: twin camera")
     text = "twin camera: it marks no gate (large sim, 1 run)"
@@ -247,7 +247,7 @@ def test_readings_that_nobody_measured_are_named_beside_the_verdict() -> None:
     made = replace(
         summary(run()), sensors={"camera": "live", "lidar": "synthesised", "gps": "synthesised"}
     )
-    why = "computed from the pose of the real vehicle and its world, measured by nobody"
+    why = "computed from the pose of the real vehicle and its world, not measured"
     assert [line.plain for line in conclusions(made)] == [
         f"synthesised readings: lidar, gps ({why})",
         "accepted; synthesised readings: gps, lidar",

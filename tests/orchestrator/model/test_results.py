@@ -187,7 +187,7 @@ def test_a_rehearsal_that_left_something_on_a_vehicle_is_not_good() -> None:
     unjudged = replace(
         good, also=(Also("INVALID", "collision cannot be judged: no pose seen", 9.0),)
     )
-    kept = Also("ERROR", "real keeps the onboard configuration of this run: no answer", 9.0)
+    kept = Also("ERROR", "real still has the onboard configuration of this run: no answer", 9.0)
     assert rehearsal_code([good, unjudged]) == 5
     assert rehearsal_code([good, replace(unjudged, also=(*unjudged.also, kept))]) == 3
     assert rehearsal_code([replace(good, exceptions=("RuntimeError: boom",))]) == 3

@@ -13,15 +13,15 @@ from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from orchestrator.campaign.between_runs import BetweenRuns
 from orchestrator.campaign.workers.run_order import fly_order
 from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.results import RunResult, SyncResult
+from orchestrator.model.results import Also, RunResult, SyncResult
 from orchestrator.model.return_path import (
     CLEAR_M,
     ReturnPath,
     StandingPose,
     off_start,
     read_standing_pose,
-    why_not_on,
-    why_not_there,
+    why_no_return,
+    why_path_blocked,
 )
 from orchestrator.run.stages.return_flight import return_setup
 from orchestrator.state.run_setup import RunOrder, RunSetup
@@ -150,6 +150,13 @@ ARMED = {"event": "stage", "stage": "arm"}
         (result(verdict="INVALID", reason="mixing"), LANDED, [], ""),
         (result(verdict="ABORTED", reason="by anna"), LANDED, [], "ended as ABORTED: by anna"),
         (result(verdict="ERROR", reason="lost"), LANDED, [], "ended as ERROR: lost"),
+        (
+            result(verdict="FAIL", also=(Also("ERROR", "real still has its parameters", 9.0),)),
+            LANDED,
+            [],
+            "the run ended as ERROR: real still has its parameters",
+        ),
+        (result(verdict="FAIL", also=(Also("INVALID", "mixing", 9.0),)), LANDED, [], ""),
         (result(), None, [], "its position is unknown"),
         (result(), replace(LANDED, armed=True), [], "not landed and disarmed"),
         (result(), replace(LANDED, stage="land"), [], "not landed and disarmed"),
@@ -176,7 +183,7 @@ ARMED = {"event": "stage", "stage": "arm"}
             result(collisions=(Flag(3.0, "collision", "real", "real touched pillar"),)),
             LANDED,
             [],
-            "real touched pillar, which is there",
+            "real touched pillar, a real object",
         ),
         (result(collisions=(Flag(3.0, "collision", "real", "real touched gate"),)), LANDED, [], ""),
     ],
@@ -184,7 +191,7 @@ ARMED = {"event": "stage", "stage": "arm"}
 def test_after_which_runs_it_may_fly_on(
     ended: RunResult, stand: StandingPose | None, log: list[dict[str, Any]], why: str
 ) -> None:
-    said = why_not_on(ended, stand, log, solid={"pillar"})
+    said = why_no_return(ended, stand, log, solid={"pillar"})
     assert (why in said) if why else said == ""
 
 
@@ -194,14 +201,14 @@ def test_after_which_runs_it_may_fly_on(
         (way(), ""),
         (way(altitude_m=4.5), "the path leaves the fence at its ceiling"),
         (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the path leaves the fence at its side"),
-        (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the way"),
+        (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the path"),
         (way(Pose.of(3.0, 5.5, 0.0), altitude_m=3.9), ""),
     ],
 )
 def test_which_ways_are_free(back: ReturnPath, why: str) -> None:
     scene = World.parse(parse(WORLD.encode(), name="world.yaml")).scene("real", "W")
     probe = ClearanceProbe(scene, BODY, floors=False, within_m=CLEAR_M)
-    assert why_not_there(back, fence=FENCE, keep_m=0.0, probe=probe) == why
+    assert why_path_blocked(back, fence=FENCE, keep_m=0.0, probe=probe) == why
 
 
 class Asked:

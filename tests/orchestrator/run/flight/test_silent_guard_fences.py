@@ -33,7 +33,7 @@ class AutopilotFences:
         assert self.unsettled
         self.unsettled = ()
 
-    async def put_back(self) -> None:
+    async def restore(self) -> None:
         if self.unsettled:
             self.has, self.unsettled = "old", ()
 
@@ -63,9 +63,9 @@ class Rig:
         self.shown: list[str] = []
         self.changes = FenceChanges(
             guard=cast("Any", self.guard),
-            aboard=cast("Any", self.aboard),
+            onboard_fences=cast("Any", self.aboard),
             frame=LocalFrame(47.4, 8.5, 488.0),
-            present={"real": OLD},
+            fences={"real": OLD},
             flying=("real",),
             changed=lambda fences, _: self.shown.extend(fences),
             answer=lambda _, ok, text: self.answers.append((ok, text)),

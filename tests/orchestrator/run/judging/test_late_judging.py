@@ -42,8 +42,8 @@ class LateJudge:
             judge=self.judge,
             run_state=RunState(time=lambda: 0.0),
             kinds={},
-            watch=(),
-            tape=lambda _: None,
+            flag_watchers=(),
+            log_sample=lambda _: None,
         )
         start = Pose((0.0, 0.0, 0.0))
         self.runner.attach(VehicleContext("twin", driver, start, "mavlink"))

@@ -52,7 +52,9 @@ def test_a_mode_that_was_there_between_two_ticks_only_is_judged(tmp_path: Path) 
     plan = load_campaign(write_wall(tmp_path), Options(sets=("oracles.modes={}",))).runs[0]
     judge = build_judge(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")), {})
     run_state = RunState(time=lambda: 1.0)
-    runner = OracleRunner(judge=judge, run_state=run_state, kinds={}, watch=(), tape=lambda _: None)
+    runner = OracleRunner(
+        judge=judge, run_state=run_state, kinds={}, flag_watchers=(), log_sample=lambda _: None
+    )
     vehicle: Any = Vehicle()
     runner.attach(vehicle)
     runner.last_state(0.5)
@@ -75,6 +77,6 @@ def test_the_least_clearance_is_of_the_oracles_that_measure_one() -> None:
     judge: Any = SimpleNamespace(oracles=oracles)
     run_state = RunState(time=lambda: 1.0)
     runner = OracleRunner(
-        judge=judge, run_state=run_state, kinds=kinds, watch=(), tape=lambda _: None
+        judge=judge, run_state=run_state, kinds=kinds, flag_watchers=(), log_sample=lambda _: None
     )
     assert runner.clearance_m(1.0) == 0.7

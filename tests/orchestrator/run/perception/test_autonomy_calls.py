@@ -1,6 +1,7 @@
 """Whatever the autonomy under test does or answers, it is its fault, and told with its place."""
 
 import asyncio
+import contextlib
 import json
 import math
 import signal
@@ -94,6 +95,18 @@ def test_an_autonomy_that_hangs_gave_no_answer(hang: Callable[[], None]) -> None
         call_autonomy(hang, within_s=0.05)
 
 
+def test_an_alarm_after_the_end_of_a_call_does_not_interrupt_its_clean_up() -> None:
+    """Else the timer stays on, and the next alarm interrupts the run: a landing, maybe."""
+
+    before = signal.getsignal(signal.SIGALRM)
+    for k in range(300):
+        with contextlib.suppress(AutonomyFault):
+            call_autonomy(lambda: 7, within_s=1e-6 * (1 + k % 30))
+        _, every_s = signal.getitimer(signal.ITIMER_REAL)
+        assert every_s == 0.0
+        assert signal.getsignal(signal.SIGALRM) is before
+
+
 def test_somebody_elses_timer_goes_on() -> None:
     heard: list[int] = []
     before = signal.signal(signal.SIGALRM, lambda number, _: heard.append(number))
@@ -127,6 +140,7 @@ def test_somebody_elses_timer_goes_on() -> None:
         (Command(VelocitySetpoint((0.0, 0.0, 0.0), 0.0, 0.0)), "both yaw_rad and yaw_rate_rad_s"),
         (Command(PositionSetpoint((math.nan, 0.0, 0.0))), "position_ned_m is not finite"),
         (Command(STILL, note={"a": 1}), "a note that is a dict"),  # type: ignore[arg-type]
+        (Command(STILL, done=np.zeros(2)), "a done that is a ndarray"),  # type: ignore[arg-type]
     ],
 )
 def test_an_answer_that_no_vehicle_can_fly_is_a_fault(answer: object, said: str) -> None:

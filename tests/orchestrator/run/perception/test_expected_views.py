@@ -28,7 +28,7 @@ def test_what_stands_behind_what_the_real_camera_sees_is_unknown(
 ) -> None:
     views = ExpectedViews(real=Scene(), virtual=Scene((WALL,)), events={})
     depth_m = None if real_m is None else np.full((48, 64), real_m, np.float32)
-    expected = views.picture(
+    expected = views.image(
         Pose((0.0, 0.0, 0.0)), CAMERA, 0.0, virtual=Virtual({2: "wall"}), real_depth_m=depth_m
     )
     assert (expected.ids == 2).all()

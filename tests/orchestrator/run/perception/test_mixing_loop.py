@@ -58,8 +58,8 @@ class Rig:
             period_s=period_s,
             rate_hz=rate_hz,
             registration=registration,
-            tell=lambda frame: self.frames.append((asyncio.get_running_loop().time(), frame)),
-            trouble=self.troubles.append,
+            on_mixture=lambda frame: self.frames.append((asyncio.get_running_loop().time(), frame)),
+            on_fault=self.troubles.append,
         )
 
     def real(self, t_s: float, late_s: float = 0.0, made: Any = None) -> None:
@@ -241,7 +241,7 @@ def watched(twin: Unsteady, budget: str = "") -> tuple[Rig, RunState]:
     async def run() -> tuple[Rig, RunState]:
         run_state = RunState(time=asyncio.get_running_loop().time)
         rig = Rig(REGISTERED + budget, sensor="camera", twin=twin, period_s=1 / 15)
-        watch = MixingBudgetWatch(run_state=run_state, someone_is_silent=lambda: False)
+        watch = MixingBudgetWatch(run_state=run_state, is_any_silent=lambda: False)
         watch.watch(rig.loop, 1 / 15)
         watching = asyncio.ensure_future(watch.run(lambda: None))
         film(rig, 15.0, seconds=5.0)
@@ -451,9 +451,7 @@ class Flight:
     def __init__(self, body: str, period_s: float = 0.1) -> None:
         self.run_state = RunState(time=asyncio.get_running_loop().time)
         self.silent = False
-        self.watch = MixingBudgetWatch(
-            run_state=self.run_state, someone_is_silent=lambda: self.silent
-        )
+        self.watch = MixingBudgetWatch(run_state=self.run_state, is_any_silent=lambda: self.silent)
         self.rig = Rig(body, period_s=period_s)
         self.watch.watch(self.rig.loop, period_s)
 
@@ -477,6 +475,24 @@ class Flight:
             self.watch.frame(MixedFrame("s", "s", real, twin, mixed, unbounded=unbounded))
 
         asyncio.get_running_loop().call_at(t_s + late_s, mix)
+
+
+def test_the_watch_stays_alive_after_it_has_decided_the_run() -> None:
+    """Else the watchdog takes it for blocked, while an operator holds the vehicles in the air."""
+
+    async def run() -> list[float]:
+        flight, loop, alive_s = Flight(BODY), asyncio.get_running_loop(), list[float]()
+        task = asyncio.ensure_future(flight.watch.run(lambda: alive_s.append(loop.time())))
+        flight.run_state.enter("goal")
+        flight.watch.note_doubt("the camera stopped")
+        await asyncio.sleep(20.0)
+        assert flight.reason() == ("INVALID", "the camera stopped", 0.0)
+        assert len(flight.run_state.decisive) == 1
+        task.cancel()
+        await asyncio.wait([task])
+        return alive_s
+
+    assert run_virtual(run())[-1] > 19.0
 
 
 def judged(body: str, feed: Callable[[Flight], Awaitable[None]]) -> Flight:
@@ -619,7 +635,7 @@ def test_what_the_twins_autonomy_perceives_speaks_for_nobody_who_is_judged(
 ) -> None:
     async def fly() -> RunState:
         run_state = RunState(time=asyncio.get_running_loop().time)
-        watch = MixingBudgetWatch(run_state=run_state, someone_is_silent=lambda: False)
+        watch = MixingBudgetWatch(run_state=run_state, is_any_silent=lambda: False)
         reals = {"gate": True} if not verdicts else {"gate": True, "wall": False}
         for loop in (seen_by("real", **reals), seen_by("twin", **twins)):
             watch.watch(loop, 0.1)

@@ -85,15 +85,15 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
                 ),
             ),
             contexts=cast("Any", contexts),
-            outside=cast("Any", SimpleNamespace(before_arming=partial(report, "proven"))),
+            external_io=cast("Any", SimpleNamespace(before_arming=partial(report, "proven"))),
             preflight=cast("Any", SimpleNamespace(check=partial(report, "preflight"))),
-            configuration=cast("Any", SimpleNamespace(put=put, unbooted={})),
+            configuration=cast("Any", SimpleNamespace(apply=put, unbooted={})),
             record=record,
         )
         await fly_together(
             contexts,  # type: ignore[arg-type]  # as much of them as is used
             run_state=run_state,
-            holding=OperatorHold(run_state=run_state),
+            operator_hold=OperatorHold(run_state=run_state),
             sync=SYNC,
             heights_m={},
             liftoff_delays_s={},

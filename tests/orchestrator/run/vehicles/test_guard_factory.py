@@ -9,7 +9,7 @@ from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.model.clock import run_virtual
 from orchestrator.run.vehicles import pair
 from orchestrator.run.vehicles.guard_factory import HANGING_S, guard_of
-from orchestrator.run.vehicles.preflight_checks import _await_position
+from orchestrator.run.vehicles.preflight_checks import _await_positions
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.guard.process.guard_config import GuardConfig
@@ -71,7 +71,7 @@ def test_the_preflight_waits_for_a_vehicle_s_first_pose() -> None:
         loop = asyncio.get_running_loop()
         loop.call_later(0.5, lambda: context.poses.add(loop.time(), AT_ORIGIN))
         began_s = loop.time()
-        await _await_position([context])
+        await _await_positions([context])
         assert 0.5 <= loop.time() - began_s < 1.0
 
     run_virtual(main())

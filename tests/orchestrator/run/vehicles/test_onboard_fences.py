@@ -239,7 +239,7 @@ def test_a_ceiling_below_the_way_home_is_refused_where_that_is_only_checked(fly_
     assert result.verdict == "PASS"
     ((_, word, text),) = operator.answers
     assert word == "refused"
-    assert "twin: it returns above the new ceiling; set RTL_RETURN_ALT in the vehicle" in text
+    assert "twin returns (RTL) above the new ceiling; set RTL_RETURN_ALT in the vehicle" in text
     assert event_texts(folder, "geofence") == []
     assert operator.aboard[0] == operator.aboard[1]
 

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AsyncExitStack
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
@@ -121,7 +122,7 @@ def test_what_the_campaign_sets_is_set_back(
 ) -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has(name) == 5.0
         assert len(list(parameter_backup_folder().iterdir())) == 1
         assert onboard.unbooted == {"real": frozenset({name})}
@@ -141,7 +142,7 @@ def test_what_the_campaign_sets_is_set_back(
 def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has("PRX1_TYPE") == 2.0
         with pytest.raises(
             UnsupportedInjectionError, match=r"PRX1_TYPE was set to 2 since .* reboot it"
@@ -159,7 +160,7 @@ def test_a_vehicle_that_booted_with_it_gets_the_rest_from_the_campaign() -> None
         with pytest.raises(UnsupportedInjectionError, match="set AVOID_ENABLE to 2"):
             await rig.prove(bare)
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         await rig.prove(onboard)
         await onboard.restore()
         assert rig.has("AVOID_ENABLE") == 0.0
@@ -196,7 +197,7 @@ def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
         assert killed.returncode == -signal.SIGKILL
         assert rig.has("AVOID_MARGIN") == 9.0  # as that run left it
         onboard = rig.onboard()
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has("AVOID_MARGIN") == 2.0
         assert rig.noted[0][0] == "parameter"
         assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
@@ -226,7 +227,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
         before = rig.has(ceiling)
         onboard = rig.onboard(PreflightPart(failsafe="set"), {"real": first})
-        await onboard.put(rig.context)
+        await onboard.apply(rig.context)
         assert rig.has(ceiling) == 10.0
         await onboard.fences.offer({"real": second})
         if settled:
@@ -240,6 +241,33 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         assert rig.decided == []
 
     with_vehicle(autopilot, script, params={})
+
+
+def test_a_vehicle_is_restored_although_another_one_cannot_be() -> None:
+    """A backup that cannot be deleted (OSError) must not cut short what takes longer elsewhere."""
+    restored: list[str] = []
+
+    async def fail() -> None:
+        raise OSError("disk failed")
+
+    async def restore_slowly() -> None:
+        await asyncio.sleep(1.0)
+        restored.append("twin")
+
+    async def run() -> None:
+        setup: Any = SimpleNamespace(flown=lambda _: SimpleNamespace(attached="udpin://:14540"))
+        anything: Any = SimpleNamespace(restored=lambda *_, **__: None)
+        onboard = OnboardConfiguration(
+            setup=setup, contexts=(), run_state=anything, record=anything, note=print
+        )
+        for name, undo in (("real", fail), ("twin", restore_slowly)):
+            onboard._stacks[name] = stack = AsyncExitStack()
+            stack.push_async_callback(undo)
+        with pytest.raises(OSError, match="disk failed"):
+            await onboard.restore()
+
+    run_virtual(run())
+    assert restored == ["twin"]
 
 
 def backups() -> int:
