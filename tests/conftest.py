@@ -107,6 +107,8 @@ WALL = (
 """What waits on the wall clock: it leaves the processor idle most of the time."""
 
 
+MOST_WAITING = 2
+"""How many workers begin with what waits."""
 YIELDING = 5
 """What workers add to their niceness once they are at tests that wait for nothing."""
 YIELDING_SESSION = 10
@@ -151,8 +153,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
-    one begins with all flights on the wall clock, and the others with what else waits on it and
-    then with the flights that need no turn: they are long.
+    one begins with all flights on the wall clock, two others with what else waits on it and then
+    with the flights that need no turn: they are long. Further ones begin with what waits for
+    nothing, which fills the processor that the others leave idle.
     """
     flights: list[pytest.Item] = []
     waiting: list[pytest.Item] = []
@@ -171,8 +174,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         else:
             (waiting if _is_among(path, WALL) else others).append(item)
     if (workers := _workers()) > 1:
-        then = range(workers - 1)
-        begun = [flights, *(waiting[k :: len(then)] + long[k :: len(then)] for k in then)]
+        waits = min(workers - 1, MOST_WAITING)
+        begun = [flights, *(waiting[k::waits] + long[k::waits] for k in range(waits))]
+        begun += [[] for _ in range(workers - len(begun))]
         items[:] = _shares(begun, others)
 
 

@@ -143,7 +143,7 @@ def test_a_campaign_that_did_not_come_to_its_end_is_named(tmp_path: Path, capsys
     text = capsys.readouterr().out
     assert f"gate of 2026-11-01T10:00:00Z: {said}" in text
     assert "gate of 2026-11-02T10:00:00Z: how it ended is unknown" in text
-    assert "gate of 2026-11-03T10:00:00Z: summary.json does not say" in text
+    assert "gate of 2026-11-03T10:00:00Z: summary.json does not record the end" in text
 
 
 def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) -> None:

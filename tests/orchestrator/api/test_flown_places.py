@@ -117,7 +117,7 @@ def test_pytest_takes_benches_and_an_engine(
     without = inner.runpytest_inprocess(*words)
     without.stdout.fnmatch_lines(["*asks for a bench*"])
     over = inner.runpytest_inprocess(*words, "--wil-engine", "ray://127.0.0.1:1")
-    over.stdout.fnmatch_lines(["*a bench of a cluster is known once it is taken*"])
+    over.stdout.fnmatch_lines(["*pytest names runs before a bench of a cluster is known*"])
     inner.runpytest_inprocess(*words, *bench, "--wil-engine", "ray").assert_outcomes(errors=2)
     (asked,) = given
     assert (asked["engine"], asked["arm_real"], asked["benches"]) == ("ray", False, ["hall-a"])

@@ -80,7 +80,7 @@ def test_a_console_refuses_a_foreign_address_and_a_finished_run(
     for name in ("run.mcap", "result.json"):
         (tmp_path / name).touch()
     assert main(["console", str(tmp_path), "--foxglove", "auto"]) == 2
-    assert "run.mcap itself in Foxglove" in capsys.readouterr().err
+    assert "run.mcap in Foxglove" in capsys.readouterr().err
 
 
 def test_where_the_extra_is_missing_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -134,7 +134,7 @@ def test_what_is_too_near_or_was_not_measured_is_no_free_space(tmp_path: Path) -
     assert isinstance(found, LidarScanReading)
     assert found.ranges_m.tolist() == pytest.approx([math.inf, 1.0, 0.2])
     path = write_bag(tmp_path / "blind.mcap", [("/it", laser, AT_S, scan(math.nan, math.nan))])
-    with pytest.raises(SourceError, match=r"none of its messages is usable.*not a number"):
+    with pytest.raises(SourceError, match=r"none of its messages is usable.*are NaN"):
         read(path, "lidar")
     lost = [("/it", "sensor_msgs/msg/Range", AT_S, distance(math.nan))]
     (one,) = read(write_bag(tmp_path / "lost.mcap", lost), "rangefinder")

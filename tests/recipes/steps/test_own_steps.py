@@ -134,7 +134,7 @@ def test_a_step_may_refuse_a_frame(tmp_path: Path) -> None:
     ("name", "said"),
     [
         ("nothing", "returned NoneType, not a reading"),
-        ("wrong_size", r"returned a bad reading: picture is \(3, 64, 3\)"),
+        ("wrong_size", r"returned a bad reading: image is \(3, 64, 3\)"),
         ("bad_mask", r"returned a mask of \(3,\), not \(48, 64\)"),
     ],
 )

@@ -194,5 +194,5 @@ def test_a_run_is_named_with_resume_alone(
 ) -> None:
     words = ["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out"), "--again", FIRST]
     assert main(words) == 2
-    assert "with --resume alone" in capsys.readouterr().err
+    assert "needs --resume" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

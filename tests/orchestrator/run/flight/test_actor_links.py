@@ -224,7 +224,7 @@ async def test_an_attached_actor_flies_at_an_attached_vehicle_by_two_words(tmp_p
     assert (items["separation"]["outcome"], items["separation"]["by"]) == ("overridden", "A. Pilot")
     assert items["distance"]["outcome"] == "ok"
     caveats = json.loads(landed.out)["caveats"]
-    assert any("by its own estimate" in one for one in caveats), caveats
+    assert any("at its own position estimate" in one for one in caveats), caveats
 
 
 async def test_an_abort_lands_both(tmp_path: Path) -> None:
