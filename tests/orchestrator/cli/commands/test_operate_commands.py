@@ -97,6 +97,23 @@ async def test_a_fence_is_answered_by_the_runs(
     assert [json.loads(line)["ok"] for line in lines] == [True, True, True, False]
 
 
+async def test_a_fence_that_no_run_answers_before_it_ends_is_reported(
+    cli: Cli, controller: CampaignController, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    calling = asyncio.ensure_future(cli("fence", str(path)))
+    while not fleet.told:  # noqa: ASYNC110 - another thread sets no event
+        await asyncio.sleep(0.01)
+    controller.left("large/wil/1")
+    code, out, err = await calling
+    assert (code, out) == (3, "")
+    assert err == (
+        "gate: no vehicle took the fence: each run ended before it answered; send the fence again "
+        "when a run is in flight (`wil-campaign watch` shows them)\n"
+    )
+
+
 async def test_a_fence_is_for_one_campaign(
     cli: Cli,
     controller: CampaignController,
