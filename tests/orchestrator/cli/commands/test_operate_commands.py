@@ -11,7 +11,7 @@ from orchestrator.cli import main
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import Happening, Progress
 from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.campaign_records import Place, Places
+from orchestrator.operator.campaign_records import Place, Places, places
 from orchestrator.operator.operator_channels import open_operator_channels
 from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
@@ -166,6 +166,26 @@ async def test_watch_shows_what_flies_until_it_is_over(
     assert lines.count("gate: 0 of 4 runs; large/wil/1: goal, PASS so far") == 1
     statuses = [json.loads(line) for line in lines if line.startswith("{")]
     assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"
+
+
+@pytest.mark.usefixtures("controller")
+async def test_watch_reports_records_that_it_cannot_read_any_longer(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readable = [places()]
+
+    def read_once() -> Places:
+        if readable:
+            return readable.pop()
+        raise PermissionError(13, "Permission denied", "/run/user/1/wil-campaign")
+
+    monkeypatch.setattr("orchestrator.cli.commands.operate.places", read_once)
+    code, _, err = await cli("watch")
+    assert code == 3
+    assert err == (
+        "the records of this machine's flights cannot be read: /run/user/1/wil-campaign: "
+        "Permission denied; check who may read this folder\n"
+    )
 
 
 async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_not(
