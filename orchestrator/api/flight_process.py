@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -87,8 +88,9 @@ def main() -> int:
 
 
 def _stop_at_end(commands: BinaryIO) -> None:
-    """Land all vehicles when standard input has another line, or ends."""
-    commands.readline()
+    """Land all vehicles when standard input has another line, ends, or cannot be read."""
+    with suppress(OSError):
+        commands.readline()
     os.kill(os.getpid(), signal.SIGINT)
 
 

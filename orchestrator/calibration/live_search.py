@@ -53,6 +53,7 @@ async def search_live(order: LiveOrder, board: Board) -> tuple[BoardViews, BodyP
         async for reading in camera:
             if reading.arrived_s >= until_s:
                 break
+            captures.check()
             if reading.t_s >= due_s:
                 due_s = reading.t_s + STEP_S
                 # In a thread: poses keep arriving, and the camera drops excess images.

@@ -53,7 +53,7 @@ class ThreadedDelivery:
 
     @property
     def trouble(self) -> str:
-        """Return why the last image failed in the thread; empty when none has."""
+        """Return why the last image, or else closing the sink, failed; empty when nothing has."""
         return self._trouble
 
     def deliver(self, reading: CameraReading) -> None:
@@ -115,7 +115,14 @@ class ThreadedDelivery:
             while (reading := self._next_reading()) is not None:
                 self._send(reading)
         finally:
+            self._close_sink()
+
+    def _close_sink(self) -> None:
+        try:
             self._sink.close()
+        except Exception as error:  # noqa: BLE001 - a thread's error must reach the result
+            text = f"{self.name}: cannot be closed: {type(error).__name__}: {error}"
+            self._trouble = self._trouble or text
 
     def _next_reading(self) -> CameraReading | None:
         with self._change:

@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 _POLL_S = 3.0
 _SILENT_S = 30.0
@@ -34,11 +34,13 @@ def watched_head(
         while not over.wait(poll_s) and silent < silent_s:
             silent = 0.0 if _accepts_connection(address) else silent + poll_s
         if not over.is_set():
-            sys.stderr.write(
-                f"the head of the Ray cluster at {address} has not answered for {silent_s:g} s: "
-                "vehicles in flight land; start the head again, then this campaign with --resume\n"
-            )
-            sys.stderr.flush()
+            with suppress(OSError, ValueError):  # without a terminal it has to end as well
+                sys.stderr.write(
+                    f"the head of the Ray cluster at {address} has not answered for {silent_s:g} "
+                    "s: vehicles in flight land; start the head again, then this campaign with "
+                    "--resume\n"
+                )
+                sys.stderr.flush()
             end(3)
 
     thread = threading.Thread(target=watch, name="watch of the cluster head", daemon=True)

@@ -37,6 +37,7 @@ class MotionCaptures:
     def __init__(self, setups: Mapping[Source, MocapSetup]) -> None:
         self._feeds: dict[Source, _Feed] = {}
         self._inputs: list[Input] = []
+        self._error: SourceError | None = None
         groups: dict[tuple[object, ...], dict[Source, MocapSetup]] = {}
         for vehicle, setup in setups.items():
             body = setup.body if setup.kind == "vrpn" else ""
@@ -63,12 +64,23 @@ class MotionCaptures:
         deadline_s = loop.time() + within_s
         for vehicle, feed in self._feeds.items():
             while feed.last_s is None:
+                self.check()
                 if loop.time() > deadline_s:
                     raise SourceError(_unseen_text(vehicle, feed, within_s))
                 await asyncio.sleep(_POLL_S)
 
+    def check(self) -> None:
+        """Raise the SourceError of an input that has ended."""
+        if self._error is not None:
+            raise self._error
+
     def silent(self, now_s: float) -> str:
-        """Return in words which vehicle has had no pose for too long; "" for none."""
+        """Return in words which input has ended, or which vehicle has had no pose for too long.
+
+        "" for none.
+        """
+        if self._error is not None:
+            return str(self._error)
         for vehicle, feed in self._feeds.items():
             gap_s = now_s - (feed.last_s if feed.last_s is not None else now_s)
             if gap_s > feed.setup.stall_s:
@@ -119,7 +131,11 @@ class MotionCaptures:
             tracker=setup.body,
             capture=capture,
             deliver=self._deliver,
+            fail=self._fail,
         )
+
+    def _fail(self, error: SourceError) -> None:
+        self._error = self._error or error
 
     def _deliver(self, reading: PoseReading) -> None:
         feed = self._feeds[reading.source]

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from recipes.pipeline.stages import StageView
+from vehicles.perception.depth_colors import color_depth
 from vehicles.perception.hsv import Mask
 from vehicles.readings import BgrImage, CameraReading, DepthReading, Reading
 
@@ -15,8 +16,6 @@ _LABEL_PX = 26
 _COLUMNS = 3
 _SQUARE_PX = 12
 _ZOOM = 6
-_FAR_M = 20.0
-"""Larger distances have the colour of this one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +96,7 @@ def _to_bgr(reading: Reading) -> BgrImage | None:
     if isinstance(reading, CameraReading):
         return reading.image_bgr
     if isinstance(reading, DepthReading):
-        near = np.clip(reading.depth_m / _FAR_M, 0.0, 1.0)
-        grey = np.rint(255.0 * (1.0 - near)).astype(np.uint8)
-        colored: BgrImage = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)
-        return colored
+        return color_depth(reading.depth_m)
     return None
 
 

@@ -90,6 +90,8 @@ class MessageThread:
             self._library.send_message(message.name, message.fields)
         except LibraryError as error:
             self._replies.send(NotSent(message.name, str(error)))
+        except Exception as error:  # noqa: BLE001 - the driver has to see the reason
+            self._replies.send(NotSent(message.name, f"{type(error).__name__}: {error}"))
 
 
 def execute(library: MavsdkLibrary, replies: ReplySender, order: Order) -> None:

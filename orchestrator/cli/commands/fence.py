@@ -57,7 +57,10 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
 
 
 def _change_fences(campaign: Place, document: str, who: str) -> bool:
-    """Ask a campaign to change fences, print its runs' replies; return whether all did."""
+    """Ask a campaign to change fences, print its runs' replies; return whether all did.
+
+    A run that ends before it answers needs no fence; but one run at least must have taken it.
+    """
     command_id = secrets.token_hex(8)
     try:
         answer = ask(campaign.socket, "geofence", who=who, geofence=document, id=command_id)
@@ -65,7 +68,7 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
             err(f"{campaign.name}: {answer.get('text', '')}")
             return False
         waiting = set(answer["flying"])
-        obeyed = True
+        obeyed, is_answered = True, False
         give_up_s = time.monotonic() + _ANSWERS_S
         while waiting and time.monotonic() < give_up_s:
             time.sleep(_POLL_S)
@@ -73,6 +76,7 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
             for reply in status["answers"]:
                 if reply["id"] == command_id and reply["run"] in waiting:
                     waiting.discard(reply["run"])
+                    is_answered = True
                     obeyed = obeyed and reply["ok"]
                     (out if reply["ok"] else err)(f"{reply['run']}: {reply['text']}")
             waiting &= set(status["flying"])
@@ -81,4 +85,9 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
         return False
     for run in sorted(waiting):
         err(f"{run}: no answer within {_ANSWERS_S:g} s")
-    return obeyed and not waiting
+    if not waiting and not is_answered:
+        err(
+            f"{campaign.name}: no vehicle took the fence: each run ended before it answered; send "
+            "the fence again when a run is in flight (`wil-campaign watch` shows them)"
+        )
+    return obeyed and is_answered and not waiting

@@ -82,10 +82,8 @@ def resume(folder: Path | None = None, *, who: str | None = None) -> int:
 
 def find_campaigns(folder: Path | None) -> Places | None:
     """Return the flights that a command is for; None, after a message, when there are none."""
-    try:
-        flying = places().beneath(folder)
-    except OSError as error:
-        err(error)
+    flying = list_flights(folder)
+    if flying is None:
         return None
     if not flying.campaigns and not flying.guards:
         err(
@@ -97,6 +95,19 @@ def find_campaigns(folder: Path | None) -> Places | None:
             err(f"{text}: this folder was not searched")
         return None
     return flying
+
+
+def list_flights(folder: Path | None) -> Places | None:
+    """Return the flights beneath a folder, possibly none; None, after a message, on an OSError."""
+    try:
+        return places().beneath(folder)
+    except OSError as error:
+        where = "" if error.filename is None else f"{error.filename}: "
+        err(
+            "the records of this machine's flights cannot be read: "
+            f"{where}{error.strerror or error}; check who may read this folder"
+        )
+        return None
 
 
 def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from orchestrator.cli.commands.operate import NONE_OBEYED, find_campaigns
+from orchestrator.cli.commands.operate import NONE_OBEYED, find_campaigns, list_flights
 from orchestrator.cli.standard_streams import out
-from orchestrator.operator.campaign_records import Place, Places, places
+from orchestrator.operator.campaign_records import Place, Places
 from orchestrator.operator.socket_client import NoAnswerError, ask
 
 _EVERY_S = 0.5
@@ -41,7 +41,9 @@ def watch(
                 out(line)
             last[place.socket] = line
         time.sleep(_EVERY_S)
-        flying = places().beneath(folder)
+        flying = list_flights(folder)
+        if flying is None:
+            return NONE_OBEYED
     return 0
 
 

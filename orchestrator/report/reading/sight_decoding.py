@@ -17,10 +17,9 @@ from orchestrator.recording.mcap.mcap_decode import camera_of, image_of
 from orchestrator.report.model import CameraView, Frame, Scan, Sight
 from orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
 from orchestrator.report.words import number_text
+from vehicles.perception.depth_colors import color_depth
 from vehicles.readings import BgrImage
 
-_FAR_M = 20.0
-"""Larger distances have the colour of this one."""
 _MOST_BEAMS = 360
 
 
@@ -96,7 +95,7 @@ def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Fra
     wil = document["wil"]
     if wil["type"] in {"camera", "depth"}:
         image = image_of(document)
-        bgr = _depth_image(image) if wil["type"] == "depth" else image
+        bgr = color_depth(image) if wil["type"] == "depth" else image
         frame = frame_of(
             bgr,
             source=str(wil["source"]),
@@ -143,13 +142,6 @@ def frame_of(
         raise ValueError("no image")
     text = base64.b64encode(coded.tobytes()).decode("ascii")
     return Frame(source, float(t_s), delivered_s, width, height, text)
-
-
-def _depth_image(depth_m: Any) -> BgrImage:
-    near = np.clip(np.nan_to_num(depth_m, nan=_FAR_M, posinf=_FAR_M) / _FAR_M, 0.0, 1.0)
-    grey = np.rint(255.0 * (1.0 - near)).astype(np.uint8)
-    colored: BgrImage = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS).astype(np.uint8)
-    return colored
 
 
 def _scan(document: Mapping[str, Any], delivered_s: float) -> Scan:

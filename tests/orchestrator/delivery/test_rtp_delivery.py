@@ -276,3 +276,13 @@ async def test_a_sink_that_fails_to_open_with_any_error_says_so() -> None:
     with pytest.raises(DeliveryError, match="stuck: RuntimeError: no driver"):
         async with ThreadedDelivery(sink=Broken()):
             pass
+
+
+async def test_a_sink_that_fails_to_close_is_reported() -> None:
+    class Unclosed(StuckSink):
+        def close(self) -> None:
+            raise OSError(5, "Input/output error")
+
+    async with ThreadedDelivery(sink=Unclosed()) as delivery:
+        pass
+    assert delivery.trouble == "stuck: cannot be closed: OSError: [Errno 5] Input/output error"

@@ -1,6 +1,8 @@
 """A program whose cluster has lost its head ends by exit code 3, and says so."""
 
+import io
 import socket
+import sys
 import threading
 import time
 
@@ -36,3 +38,14 @@ def test_a_program_that_is_over_is_not_ended() -> None:
         pass
     time.sleep(0.5)
     assert not codes
+
+
+def test_a_program_without_a_terminal_is_ended_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    class GoneTerminal(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    ended = threading.Event()
+    monkeypatch.setattr(sys, "stderr", GoneTerminal())
+    with watched_head("127.0.0.1:9", poll_s=0.02, silent_s=0.1, end=lambda _: ended.set()):
+        assert ended.wait(5)

@@ -3,8 +3,11 @@
 import asyncio
 import json
 import socket
+import sys
+import threading
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -102,3 +105,70 @@ async def test_a_feed_that_falls_silent_is_named_with_its_limit(port: int) -> No
         assert captures.silent(seen_s) == ""
         said = captures.silent(seen_s + 0.6)
     assert "has not seen 'drone' (real) for more than 0.5 s" in said
+
+
+class LostTracker:
+    """A tracker of a VRPN library that reports two poses, then raises once `lost` is set."""
+
+    lost = threading.Event()
+
+    def __init__(self, address: str) -> None:
+        self._count = 0
+
+    def register_change_handler(self, userdata: object, handler: Any, kind: str) -> None:
+        self._handler = handler
+
+    def mainloop(self) -> None:
+        self._count += 1
+        if self._count <= 2:
+            pose = {"position": (2.0, 1.0, 3.0), "quaternion": (0.0, 0.0, 0.0, 1.0)}
+            self._handler(None, {"sensor": 0, "time": 100.0 + self._count / 100, **pose})
+        if self.lost.is_set():
+            raise RuntimeError("connection reset")
+
+
+@pytest.fixture
+def vrpn(monkeypatch: pytest.MonkeyPatch) -> MotionCaptures:
+    receiver, module = ModuleType("receiver"), ModuleType("vrpn")
+    receiver.Tracker = LostTracker  # type: ignore[attr-defined]
+    module.receiver = receiver  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "vrpn", module)
+    monkeypatch.setattr(LostTracker, "lost", threading.Event())
+    setup = MocapSetup(kind="vrpn", host=HOST, port=3883, body="drone", stall_s=60.0)
+    return MotionCaptures({"real": setup})
+
+
+LOST = (
+    "VRPN tracker drone@127.0.0.1:3883: the VRPN library failed: RuntimeError: connection reset; "
+    "check the VRPN server and the network to it"
+)
+
+
+async def test_a_vrpn_library_that_fails_in_flight_is_named_with_its_error(
+    vrpn: MotionCaptures,
+) -> None:
+    async with AsyncExitStack() as stack:
+        await vrpn.open(stack)
+        await vrpn.ready()
+        vrpn.check()
+        assert vrpn.silent(asyncio.get_running_loop().time()) == ""
+        LostTracker.lost.set()
+        await until(lambda: vrpn.silent(asyncio.get_running_loop().time()) != "")
+        assert vrpn.silent(asyncio.get_running_loop().time()) == LOST
+        with pytest.raises(SourceError) as failure:
+            vrpn.check()
+    assert str(failure.value) == LOST
+    assert isinstance(failure.value.__cause__, RuntimeError)
+
+
+async def test_a_vrpn_library_that_fails_at_once_is_named_before_anything_flies(
+    vrpn: MotionCaptures, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    LostTracker.lost.set()
+    monkeypatch.setattr(LostTracker, "register_change_handler", lambda *_: None)
+    monkeypatch.setattr(LostTracker, "_handler", lambda *_: None, raising=False)
+    async with AsyncExitStack() as stack:
+        await vrpn.open(stack)
+        with pytest.raises(SourceError) as failure:
+            await vrpn.ready(20.0)
+    assert str(failure.value) == LOST

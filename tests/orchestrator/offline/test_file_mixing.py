@@ -1,6 +1,7 @@
 """`wil-campaign mix`: images, videos, worlds and recordings, what comes out, and bad input."""
 
 import json
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,9 @@ from orchestrator.recording.mcap_reader import RecordedReading, Recording
 from orchestrator.recording.video import VideoWriter
 from recipes.language.recipe_document import load_recipe
 from recipes.pipeline.pipeline import compile_recipe
-from tests.recipes.samples import beam, camera, plain
+from recipes.pipeline.stages import StageView
+from recipes.working import Masked
+from tests.recipes.samples import beam, camera, depth, plain
 from worlds.files.documents import parse
 
 WIDTH, HEIGHT = 160, 120
@@ -282,3 +285,14 @@ def test_a_contact_sheet_shows_what_a_mask_leaves_out() -> None:
         "merge: overlay",
         "edge, 6 times",
     ]
+
+
+def test_a_contact_sheet_shows_depth_that_was_not_measured_as_far() -> None:
+    depth_m = np.full((60, 80), 20.0, np.float32)
+    depth_m[:30] = np.nan
+    sheet = ContactSheet()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sheet(StageView("real", "real", Masked(depth(depth_m, "real"))))
+    image = sheet._tiles[0].image_bgr
+    assert (image == image[-1, -1]).all()

@@ -5,6 +5,7 @@ index, so it is imported only when a VRPN capture is opened.
 """
 
 import asyncio
+import contextlib
 import importlib
 import threading
 from collections.abc import Callable
@@ -29,7 +30,8 @@ class VrpnCapture:
 
     host: of the server, with `:PORT` if not 3883. tracker: its name there, and the body's name in
     `capture`. Trackers are taken to be z-up (ENU, FLU), as Vicon, OptiTrack and Qualisys serve
-    them.
+    them. fail: called in the loop with the error that ended the capture; nothing is delivered
+    afterwards.
     """
 
     def __init__(
@@ -39,12 +41,14 @@ class VrpnCapture:
         tracker: str,
         capture: MotionCapture,
         deliver: Callable[[PoseReading], None],
+        fail: Callable[[SourceError], None],
     ) -> None:
         self.name = f"VRPN tracker {tracker}@{host}"
         self._address = f"{tracker}@{host}"
         self._body = tracker
         self._capture = capture
         self._deliver = deliver
+        self._fail = fail
         self._stop = threading.Event()
         self._seq = -1
 
@@ -71,8 +75,19 @@ class VrpnCapture:
         await asyncio.to_thread(self._thread.join, 1.0)
 
     def _run(self) -> None:
-        while not self._stop.wait(_POLL_S):
-            self._tracker.mainloop()
+        try:
+            while not self._stop.wait(_POLL_S):
+                self._tracker.mainloop()
+        except Exception as cause:  # noqa: BLE001 - a thread's error must reach the reader
+            if self._stop.is_set():
+                return
+            error = SourceError(
+                f"{self.name}: the VRPN library failed: {type(cause).__name__}: {cause}; check the "
+                "VRPN server and the network to it"
+            )
+            error.__cause__ = cause
+            with contextlib.suppress(RuntimeError):  # the loop is closed: nobody reads
+                self._loop.call_soon_threadsafe(self._fail, error)
 
     def _on_change(self, _userdata: object, report: dict[str, Any]) -> None:
         self._loop.call_soon_threadsafe(self._take_report, report, self._loop.time())

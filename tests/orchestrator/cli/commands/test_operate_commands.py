@@ -11,7 +11,7 @@ from orchestrator.cli import main
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import Happening, Progress
 from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.campaign_records import Place, Places
+from orchestrator.operator.campaign_records import Place, Places, places
 from orchestrator.operator.operator_channels import open_operator_channels
 from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
@@ -97,6 +97,23 @@ async def test_a_fence_is_answered_by_the_runs(
     assert [json.loads(line)["ok"] for line in lines] == [True, True, True, False]
 
 
+async def test_a_fence_that_no_run_answers_before_it_ends_is_reported(
+    cli: Cli, controller: CampaignController, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    calling = asyncio.ensure_future(cli("fence", str(path)))
+    while not fleet.told:  # noqa: ASYNC110 - another thread sets no event
+        await asyncio.sleep(0.01)
+    controller.left("large/wil/1")
+    code, out, err = await calling
+    assert (code, out) == (3, "")
+    assert err == (
+        "gate: no vehicle took the fence: each run ended before it answered; send the fence again "
+        "when a run is in flight (`wil-campaign watch` shows them)\n"
+    )
+
+
 async def test_a_fence_is_for_one_campaign(
     cli: Cli,
     controller: CampaignController,
@@ -149,6 +166,26 @@ async def test_watch_shows_what_flies_until_it_is_over(
     assert lines.count("gate: 0 of 4 runs; large/wil/1: goal, PASS so far") == 1
     statuses = [json.loads(line) for line in lines if line.startswith("{")]
     assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"
+
+
+@pytest.mark.usefixtures("controller")
+async def test_watch_reports_records_that_it_cannot_read_any_longer(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readable = [places()]
+
+    def read_once() -> Places:
+        if readable:
+            return readable.pop()
+        raise PermissionError(13, "Permission denied", "/run/user/1/wil-campaign")
+
+    monkeypatch.setattr("orchestrator.cli.commands.operate.places", read_once)
+    code, _, err = await cli("watch")
+    assert code == 3
+    assert err == (
+        "the records of this machine's flights cannot be read: /run/user/1/wil-campaign: "
+        "Permission denied; check who may read this folder\n"
+    )
 
 
 async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_not(

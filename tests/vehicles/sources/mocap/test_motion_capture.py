@@ -266,7 +266,9 @@ async def test_without_a_vrpn_library_it_says_what_else_to_do(
 ) -> None:
     monkeypatch.setitem(sys.modules, "vrpn", None)
     with pytest.raises(SourceError, match=r"no VRPN client library.*UDP message"):
-        async with VrpnCapture(host="10.0.0.1", tracker="drone", capture=capture(), deliver=print):
+        async with VrpnCapture(
+            host="10.0.0.1", tracker="drone", capture=capture(), deliver=print, fail=print
+        ):
             pass
 
 
@@ -302,10 +304,16 @@ def fake_vrpn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 async def test_a_vrpn_tracker_is_received(fake_vrpn: list[str]) -> None:
     readings: list[PoseReading] = []
+    failures: list[SourceError] = []
     async with VrpnCapture(
-        host="10.0.0.1", tracker="drone", capture=capture(), deliver=readings.append
+        host="10.0.0.1",
+        tracker="drone",
+        capture=capture(),
+        deliver=readings.append,
+        fail=failures.append,
     ):
         await gathered(readings, 5)
+    assert not failures
     assert fake_vrpn == ["drone@10.0.0.1"]
     assert readings[0].pose.position_ned_m == (1.0, 2.0, -3.0)
     east = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.pi / 2)

@@ -1,0 +1,20 @@
+"""Depth images in colours, also where the sensor measured nothing."""
+
+import warnings
+
+import numpy as np
+
+from vehicles.perception.depth_colors import color_depth
+
+
+def test_near_and_far_differ_and_what_was_not_measured_is_far() -> None:
+    depth_m = np.array([[0.0, 5.0, 20.0, 90.0], [np.nan, np.inf, 20.0, 20.0]], np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        image = color_depth(depth_m)
+    assert image.shape == (2, 4, 3)
+    assert image.dtype == np.uint8
+    far = image[0, 2]
+    assert np.all(image[1] == far)
+    assert np.all(image[0, 3] == far)
+    assert len({tuple(pixel) for pixel in image[0, :3].tolist()}) == 3
