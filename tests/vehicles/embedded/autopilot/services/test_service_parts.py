@@ -1,16 +1,26 @@
-"""The parts of the embedded autopilots' services: fences, streams, commands, texts."""
+"""The parts of the embedded autopilots' services: fences, commands, texts, files."""
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon as ShapelyPolygon
 
+from vehicles.embedded.autopilot.flight.mission_items import Item
+from vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from vehicles.embedded.autopilot.services.command_registry import marked, on_command
-from vehicles.embedded.autopilot.services.fence_items import EmulatedFence
+from vehicles.embedded.autopilot.services.discovery import (
+    ModeEntry,
+    available_modes,
+    current_mode,
+)
+from vehicles.embedded.autopilot.services.fence_items import EmulatedFence, emulated_fence
 from vehicles.embedded.autopilot.services.outbox import Outbox
+from vehicles.embedded.autopilot.services.parameter_file import parameter_file
 from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from vehicles.mavlink.fence_areas import FenceCircle, FencePolygon
+from worlds.geodesy import LocalFrame
 
 coordinate = st.integers(-50, 50).map(float)
 
@@ -85,3 +95,44 @@ def test_long_texts_are_cut_into_chunks() -> None:
         box.turn(send_texts=True)
     assert [(m.id, m.chunk_seq) for m in px4.take()] == [(0, 0), (1, 0), (1, 1), (1, 2)]
     assert [(m.id, m.chunk_seq) for m in copter.take()] == [(0, 0), (1, 0), (1, 1), (1, 2)]
+
+
+def test_parameters_of_a_file_share_the_letters_of_the_name_before() -> None:
+    table = (
+        Parameter("WP_SPEED", mavlink.MAV_PARAM_TYPE_REAL32, 1.5),
+        Parameter("WP_RADIUS", mavlink.MAV_PARAM_TYPE_INT16, -2.0),
+        Parameter("FRAME", mavlink.MAV_PARAM_TYPE_INT8, 1.0),
+    )
+    assert parameter_file(Parameters(table, bytewise=False)) == (
+        bytes.fromhex("1b67 0300 0300")
+        + (b"\x01\x40FRAME" + b"\x01")
+        + (b"\x02\x80WP_RADIUS" + b"\xfe\xff")
+        + (b"\x04\x43SPEED" + bytes.fromhex("0000c03f"))
+    )
+
+
+def test_a_mode_is_found_by_its_index_and_all_by_0() -> None:
+    entries = (ModeEntry("Hold", 7, standard=2), ModeEntry("Ready", 9, 0, True, False))
+    assert [each.mode_index for each in available_modes(entries, 0)] == [1, 2]
+    (ready,) = available_modes(entries, 2)
+    assert (ready.number_modes, ready.custom_mode, ready.properties) == (2, 9, 3)
+    assert available_modes(entries, 3) == []
+    assert current_mode(entries, 7).standard_mode == 2
+    assert current_mode(entries, 8).standard_mode == 0
+
+
+def test_a_fence_of_items_is_in_local_metres() -> None:
+    frame = LocalFrame(47.0, 8.0, 500.0)
+    north, east, radius_m = 10.0, -20.0, 5.0
+    place = frame.to_geodetic((north, east, 0.0))
+    item = Item(
+        frame=mavlink.MAV_FRAME_GLOBAL,
+        command=mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+        params=(radius_m, 0.0, 0.0, 0.0),
+        x=round(place.latitude_deg * 1e7),
+        y=round(place.longitude_deg * 1e7),
+        z=0.0,
+    )
+    fence = emulated_fence([item], frame)
+    assert fence.breached(north + radius_m - 0.1, east)
+    assert not fence.breached(north + radius_m + 0.1, east)
