@@ -24,13 +24,15 @@ gc.disable()  # until all tests are collected
 
 ROOT = Path(__file__).parent
 FAST = (
+    "campaigns/values",
     "orchestrator/cli/test_arming_consent.py",
     "orchestrator/delivery/test_vehicle_camera.py",
     "orchestrator/cli/test_external_lines.py",
     "orchestrator/delivery",
     "orchestrator/model",
-    "orchestrator/report/test_report_page.py",
-    "orchestrator/report/test_report_reading.py",
+    "orchestrator/report/reading/test_report_reading.py",
+    "orchestrator/report/rendering/test_report_page.py",
+    "orchestrator/report/test_report_words.py",
     "orchestrator/state",
     "recipes",
     "safety/evaluation",

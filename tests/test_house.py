@@ -183,6 +183,33 @@ def test_folders_explain_themselves() -> None:
     assert ordered[len(ordered) * 9 // 10] <= MODULES_PER_FOLDER, counts
 
 
+def decides(source: str) -> bool:
+    """Return whether a module has code of its own, and not only imports and constants."""
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return any(isinstance(node, kinds) for node in ast.walk(ast.parse(source)))
+
+
+def without_mirror(folders: Iterable[Path], tests: Path) -> set[str]:
+    """Return the folders that have no test file in the same folder beneath `tests`."""
+    return {folder.as_posix() for folder in folders if not any((tests / folder).glob("test_*.py"))}
+
+
+def test_a_folder_without_a_mirror_is_found(tmp_path: Path) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "test_x.py").touch()
+    (tmp_path / "a" / "b" / "rigs.py").touch()
+    folders = [Path("a"), Path("a/b"), Path("c")]
+    assert without_mirror(folders, tmp_path) == {"a/b", "c"}
+    assert decides("class A:\n async def f(self): ...")
+    assert not decides("from a import b\n__all__ = ['b']")
+
+
+def test_every_folder_of_code_has_tests_in_the_folder_that_mirrors_it() -> None:
+    folders = {path.parent.relative_to(ROOT) for path in sources() if decides(path.read_text())}
+    found = without_mirror(folders, ROOT / "tests")
+    assert not found, f"move or add tests to these folders in tests/: {sorted(found)}"
+
+
 def test_the_places_that_tests_are_sorted_by_are_there() -> None:
     root = Path(__file__).parent
     assert [place for place in (*FAST, *WALL) if not (root / place).exists()] == []

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicles.embedded.autopilot.test_mission_flight import at, begin, mission, ready
-from tests.vehicles.embedded.autopilot.test_missions import item, upload
+from tests.vehicles.embedded.autopilot.flight.test_mission_flight import at, begin, mission, ready
+from tests.vehicles.embedded.autopilot.services.test_missions import item, upload
 
 Scenario = Callable[[Any], Any]
 PAUSE, ROI, NO_ROI = 193, 195, 197

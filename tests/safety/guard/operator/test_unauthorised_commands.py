@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.safety.guard.test_operator_socket import Controller, ask
+from tests.safety.guard.operator.test_operator_socket import Controller, ask
 from vehicles.autopilots.autopilot import Mode, Target, command_long
 from vehicles.autopilots.px4 import Px4
 from vehicles.mavlink.codec import Codec

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicles.embedded.autopilot.test_missions import BOTH, item, upload
+from tests.vehicles.embedded.autopilot.services.test_missions import BOTH, item, upload
 
 Scenario = Callable[[Any], Any]
 ARM, MODE, START = 400, 176, 300

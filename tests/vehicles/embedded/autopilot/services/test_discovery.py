@@ -6,7 +6,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicles.embedded.autopilot.test_missions import BOTH
+from tests.vehicles.embedded.autopilot.services.test_missions import BOTH
 from vehicles.embedded.autopilot.services import discovery
 from vehicles.mavlink.framing import FrameSplitter
 

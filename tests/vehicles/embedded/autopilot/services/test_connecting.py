@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.mavftp import MAVFTP
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from tests.vehicles.embedded.autopilot.test_missions import BOTH
+from tests.vehicles.embedded.autopilot.services.test_missions import BOTH
 
 HASH = b"_HASH_CHECK"
 

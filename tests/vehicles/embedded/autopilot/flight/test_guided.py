@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicles.embedded.autopilot.test_missions import BOTH
+from tests.vehicles.embedded.autopilot.services.test_missions import BOTH
 
 Scenario = Callable[[Any], Any]
 MODE, REPOSITION, YAW, SPEED = 176, 192, 115, 178

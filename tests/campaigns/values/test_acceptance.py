@@ -1,0 +1,31 @@
+"""Acceptance: shares of passes, and the standing of each requirement."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.values.acceptance import Requirement, Share, parse_share, standings
+
+
+@pytest.mark.parametrize("text", ["", "5", "5/", "0/5", "6/5", "-1/5", "a/b", "5/5/5"])
+def test_shares_that_cannot_be(text: str) -> None:
+    with pytest.raises(ValueError, match="must"):
+        parse_share(text)
+
+
+@given(st.integers(1, 50), st.integers(1, 50), st.integers(1, 200))
+def test_a_scaled_share_is_never_laxer(passes: int, more: int, runs: int) -> None:
+    share = Share(passes, passes + more)
+    scaled = share.scaled(runs)
+    assert scaled.runs == runs
+    assert 1 <= scaled.passes <= runs
+    assert scaled.passes / runs >= share.passes / share.runs - 1e-12
+
+
+def test_standings_count_passes_of_their_own_case_and_mode() -> None:
+    wanted = Requirement("a", "sim", Share(2, 3))
+    runs = [("a", "sim", True), ("a", "wil", True), ("a", "sim", False), ("b", "sim", True)]
+    (standing,) = standings([wanted], runs)
+    assert (standing.passed, standing.flown, standing.met) == (1, 2, False)
+    assert str(standing) == "a/sim: 1 passed, 2/3 required, 1 not flown"
+    assert standings([wanted], [*runs, ("a", "sim", True)])[0].met

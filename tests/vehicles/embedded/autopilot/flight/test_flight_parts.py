@@ -1,0 +1,73 @@
+"""The parts of the embedded autopilots' flight: parameters, setpoints, landing speeds."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from vehicles.embedded.autopilot.flight.guidance import LandProfile
+from vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
+from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from vehicles.embedded.physics.states import AT_REST
+
+finite = st.floats(-100.0, 100.0)
+
+
+@given(st.integers(-(2**31), 2**31 - 1))
+def test_bytewise_integers_survive_the_wire(number: int) -> None:
+    bits = struct.pack("<i", number)
+    # A signalling NaN is quietened by the processor: that is so on every autopilot's link too.
+    assume(not (bits[3] & 0x7F == 0x7F and 0x80 <= bits[2] < 0xC0))
+    table = Parameters((Parameter("A", mavlink.MAV_PARAM_TYPE_INT32, 0.0),), bytewise=True)
+    table.set("A", number)
+    assert table.from_wire(mavlink.MAV_PARAM_TYPE_INT32, table.to_wire("A")) == number
+
+
+@given(st.integers(-(2**24), 2**24))
+def test_cast_integers_survive_the_wire(number: int) -> None:
+    table = Parameters((Parameter("A", mavlink.MAV_PARAM_TYPE_INT32, 0.0),), bytewise=False)
+    table.set("A", number)
+    assert table.to_wire("A") == number
+    assert table.from_wire(mavlink.MAV_PARAM_TYPE_INT32, table.to_wire("A")) == number
+
+
+@given(yaw=st.floats(-3.0, 3.0), vector=st.tuples(finite, finite, finite))
+def test_body_setpoints_turn_with_the_heading(
+    yaw: float, vector: tuple[float, float, float]
+) -> None:
+    now = AT_REST._replace(position_ned_m=(1.0, 2.0, 3.0), euler_rad=(0.1, -0.2, yaw))
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, mavlink.MAV_FRAME_BODY_OFFSET_NED, 0b0000_1101_1111_1000, *vector, *(0.0,) * 8
+    )
+    wanted = local_setpoint(message, now)
+    assert wanted is not None
+    north, east, down = wanted.position_ned_m
+    assert north == pytest.approx(1.0 + vector[0] * math.cos(yaw) - vector[1] * math.sin(yaw))
+    assert east == pytest.approx(2.0 + vector[0] * math.sin(yaw) + vector[1] * math.cos(yaw))
+    assert down == pytest.approx(3.0 + vector[2])
+    assert wanted.yaw_rad is None
+
+
+def test_setpoints_of_nothing_are_none() -> None:
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b1111_1111_1111, *(0.0,) * 11
+    )
+    assert local_setpoint(message, AT_REST) is None
+    message.type_mask = 0b1111_1111_1000
+    message.x = message.y = message.z = math.nan
+    assert local_setpoint(message, AT_REST) is None
+
+
+@given(st.floats(-5.0, 40.0))
+def test_landing_speeds_lie_between_their_steps(height_m: float) -> None:
+    profile = LandProfile(((10.0, 1.5), (5.0, 0.7), (1.0, 0.7), (1.0, 0.3)))
+    assert 0.3 <= profile.speed(height_m) <= 1.5
+    if height_m < 1.0:
+        assert profile.speed(height_m) == 0.3
+    if height_m > 10.0:
+        assert profile.speed(height_m) == 1.5
+    if 1.0 < height_m < 5.0:
+        assert profile.speed(height_m) == pytest.approx(0.7)
