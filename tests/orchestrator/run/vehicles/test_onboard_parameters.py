@@ -1,6 +1,7 @@
 """Parameters of a campaign in a vehicle that runs: set, proven, set back, after a kill as well."""
 
 import asyncio
+import errno
 import signal
 import subprocess
 import sys
@@ -268,6 +269,51 @@ def test_a_vehicle_is_restored_although_another_one_cannot_be() -> None:
 
     run_virtual(run())
     assert restored == ["twin"]
+
+
+def test_a_log_that_cannot_be_written_is_noted_and_stops_no_other(tmp_path: Path) -> None:
+    """As when the file of a broken download cannot be deleted: the verdict stands."""
+    noted: list[tuple[str, str]] = []
+    fetched: list[str] = []
+
+    class Logs:
+        def __init__(self, name: str) -> None:
+            self._name = name
+
+        async def list(self) -> tuple[int, ...]:
+            return (1,)
+
+        async def fetch(self, _: int, folder: Path, *, name: str) -> Path:
+            if name == "real":
+                raise OSError(errno.EROFS, "Read-only file system", str(folder / "real-1.bin"))
+            await asyncio.sleep(1.0)
+            fetched.append(name)
+            return folder / f"{name}-1.bin"
+
+    def context(name: str) -> Any:
+        onboard = SimpleNamespace(logs=Logs(name))
+        return SimpleNamespace(name=name, driver=SimpleNamespace(onboard=onboard))
+
+    async def run() -> None:
+        record = SimpleNamespace(vehicle_logs=True)
+        setup: Any = SimpleNamespace(
+            campaign=SimpleNamespace(record=record), order=SimpleNamespace(folder=tmp_path)
+        )
+        anything: Any = SimpleNamespace()
+        await OnboardConfiguration(
+            setup=setup,
+            contexts=(context("real"), context("twin")),
+            run_state=anything,
+            record=anything,
+            note=lambda _, *, vehicle, text: noted.append((vehicle, text)),
+        ).fetch_logs()
+
+    run_virtual(run())
+    assert fetched == ["twin"]
+    assert noted == [
+        ("real", f"the log cannot be written to {tmp_path}: Read-only file system"),
+        ("twin", "twin-1.bin"),
+    ]
 
 
 def backups() -> int:
