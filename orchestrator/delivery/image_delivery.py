@@ -16,7 +16,8 @@ class DeliveryCounts:
     """The counts of an image delivery: offered, delivered, dropped, failed.
 
     offered: passed to `deliver`. delivered: sent. dropped: replaced by a newer one while the sink
-    was busy. failed: not sent because of an error; `trouble` is the last one.
+    was busy, or still waiting when the delivery was closed. failed: not sent because of an error,
+    or not in time at the end; `trouble` is the last one.
     """
 
     offered: int = 0

@@ -41,7 +41,7 @@ class ThreadedDelivery:
         self._depth = depth
         self._waiting: deque[CameraReading] = deque()
         self._change = threading.Condition()
-        self._closing = False
+        self._closing = self._closed = self._sending = False
         self._offered = self._delivered = self._dropped = self._failed = 0
         self._trouble = ""
 
@@ -60,6 +60,9 @@ class ThreadedDelivery:
         """Queue an image for the thread; the oldest waiting one is dropped if full."""
         with self._change:
             self._offered += 1
+            if self._closed:
+                self._dropped += 1
+                return
             if len(self._waiting) >= self._depth:
                 self._waiting.popleft()
                 self._dropped += 1
@@ -94,14 +97,30 @@ class ThreadedDelivery:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Send images that still wait, and end the thread."""
+        """Send images that still wait, and end the thread; it counts those not sent in time."""
         await self._close()
 
     async def _close(self) -> None:
         with self._change:
             self._closing = True
             self._change.notify()
-        await asyncio.to_thread(self._thread.join, _CLOSING_LIMIT_S)
+        try:
+            await asyncio.to_thread(self._thread.join, _CLOSING_LIMIT_S)
+        finally:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Count images that are not sent as lost; what the thread does later counts no more."""
+        with self._change:
+            self._closed = True
+            self._dropped += len(self._waiting)
+            self._waiting.clear()
+            if self._sending:
+                self._failed += 1
+                self._trouble = (
+                    f"{self.name}: an image was not sent within {_CLOSING_LIMIT_S:g} s of closing; "
+                    "check the receiver"
+                )
 
     def _run(self, opened: Callable[[DeliveryError | None], object]) -> None:
         try:
@@ -128,18 +147,23 @@ class ThreadedDelivery:
         with self._change:
             while not self._waiting and not self._closing:
                 self._change.wait()
+            self._sending = bool(self._waiting)
             return self._waiting.popleft() if self._waiting else None
 
     def _send(self, reading: CameraReading) -> None:
+        trouble: str | None = None
         try:
             self._sink.write(reading)
         except DeliveryError as error:
-            self._trouble = str(error)
+            trouble = str(error)
         except Exception as error:  # noqa: BLE001 - one bad image must not end the delivery
-            self._trouble = f"{self.name}: {type(error).__name__}: {error}"
-        else:
-            with self._change:
-                self._delivered += 1
-            return
+            trouble = f"{self.name}: {type(error).__name__}: {error}"
         with self._change:
-            self._failed += 1
+            self._sending = False
+            if self._closed:
+                return
+            if trouble is not None:
+                self._failed += 1
+                self._trouble = trouble
+            else:
+                self._delivered += 1

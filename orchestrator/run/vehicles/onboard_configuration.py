@@ -6,6 +6,7 @@ The onboard fence is the autopilot's own: the second line behind the guard's.
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.run.vehicles.arming_record import ArmingRecord
@@ -83,7 +84,10 @@ class OnboardConfiguration:
     async def fetch_logs(self) -> None:
         """Fetch each vehicle's newest log into the run's folder; failures are noted."""
         if self._setup.campaign.record.vehicle_logs:
-            await asyncio.gather(*map(self._fetch_log, self._contexts))
+            fetches = map(self._fetch_log, self._contexts)
+            for result in await asyncio.gather(*fetches, return_exceptions=True):
+                if result is not None:
+                    raise result
 
     async def _apply_parameters(
         self, context: VehicleContext, vehicle: FlownSetup, stack: AsyncExitStack
@@ -144,22 +148,32 @@ class OnboardConfiguration:
                 self._run_state.decide("ERROR", reason)
 
     async def _fetch_log(self, context: VehicleContext) -> None:
-        logs, folder = context.driver.onboard.logs, self._setup.order.folder
-        # A launched simulator writes its log here; over MAVLink it would take longer than the run.
-        written = flight_log(folder / f"{context.name}-sitl")
-        if written is not None:
-            self._note("log", vehicle=context.name, text=str(written.relative_to(folder)))
-            return
+        """Fetch a vehicle's newest log; note its file, or why it was not fetched."""
+        folder = self._setup.order.folder
         try:
-            async with asyncio.timeout(_LOG_S):
-                entries = await logs.list()
-                if not entries:
-                    self._note("log", vehicle=context.name, text="the vehicle has no log")
-                    return
-                file = await logs.fetch(entries[-1], folder, name=context.name)
+            text = await _fetch_newest_log(context, folder)
         except TimeoutError:
-            self._note("log", vehicle=context.name, text=f"not fetched within {_LOG_S:g} s")
+            text = f"not fetched within {_LOG_S:g} s"
         except VehicleError as error:
-            self._note("log", vehicle=context.name, text=str(error))
-        else:
-            self._note("log", vehicle=context.name, text=file.name)
+            text = str(error)
+        except OSError as error:
+            text = f"the log cannot be written to {folder}: {error.strerror or error}"
+        self._note("log", vehicle=context.name, text=text)
+
+
+async def _fetch_newest_log(context: VehicleContext, folder: Path) -> str:
+    """Fetch a vehicle's newest log; return its file's path in the folder, or that there is none.
+
+    Raises VehicleError, TimeoutError, OSError.
+    """
+    # A launched simulator writes its log here; over MAVLink it would take longer than the run.
+    written = flight_log(folder / f"{context.name}-sitl")
+    if written is not None:
+        return str(written.relative_to(folder))
+    logs = context.driver.onboard.logs
+    async with asyncio.timeout(_LOG_S):
+        entries = await logs.list()
+        if not entries:
+            return "the vehicle has no log"
+        file = await logs.fetch(entries[-1], folder, name=context.name)
+    return file.name

@@ -252,6 +252,27 @@ async def test_a_way_out_that_is_stuck_drops_and_never_holds_up() -> None:
     assert delivery.counts == DeliveryCounts(offered=50, delivered=3, dropped=47, failed=0)
 
 
+async def test_images_of_a_sink_that_is_stuck_until_the_end_count_as_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("orchestrator.delivery.threaded_delivery._CLOSING_LIMIT_S", 0.05)
+    sink = StuckSink()
+    async with ThreadedDelivery(sink=sink, depth=2) as delivery:
+        delivery.deliver(reading(0))
+        await asyncio.to_thread(sink.busy.wait, 5.0)
+        for k in (1, 2):
+            delivery.deliver(reading(k))
+    lost = DeliveryCounts(offered=3, delivered=0, dropped=2, failed=1)
+    assert delivery.counts == lost
+    assert "stuck: an image was not sent within 0.05 s of closing" in delivery.trouble
+    sink.go.set()
+    await asyncio.to_thread(delivery._thread.join, 5.0)
+    # The result is written by then: what happens later changes nothing, and nothing more is sent.
+    assert (delivery.counts, sink.seen) == (lost, [0])
+    delivery.deliver(reading(3))
+    assert delivery.counts == DeliveryCounts(offered=4, delivered=0, dropped=3, failed=1)
+
+
 async def test_a_picture_that_breaks_the_sink_does_not_end_it() -> None:
     class Picky(StuckSink):
         def write(self, reading: CameraReading) -> None:

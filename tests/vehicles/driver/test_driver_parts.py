@@ -1,6 +1,7 @@
 """Commands and parameters against a scripted peer: lost, refused, slow, of every type."""
 
 import asyncio
+import gc
 import struct
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -24,7 +25,7 @@ from vehicles.driver.session.commands import Commander
 from vehicles.driver.session.conditions import ConditionWaiter
 from vehicles.driver.session.repeater import Repeater
 from vehicles.driver.session.session import Session
-from vehicles.errors import CommandError, CommandTimeoutError, ParameterError
+from vehicles.errors import CommandError, CommandTimeoutError, ParameterError, VehicleError
 
 PEER = Target(1, 1)
 TAKEOFF = mavlink.MAV_CMD_NAV_TAKEOFF
@@ -75,6 +76,42 @@ def test_lost_acks_are_asked_for_again_with_confirmation(fake_pair: Callable[...
     took_s, peer = _run(fake_pair, script, prepare)
     assert [each.confirmation for each in peer.commands(TAKEOFF)] == [0, 1, 2]
     assert took_s == pytest.approx(1.01)
+
+
+def test_awaited_commands_of_a_closed_commander_fail(fake_pair: Callable[..., Any]) -> None:
+    """A CancelledError would end a task silently, although nobody cancelled it."""
+    reported: list[Any] = []
+
+    def prepare(peer: Any) -> None:
+        for number in (TAKEOFF, mavlink.MAV_CMD_DO_SET_MODE):
+            peer.replies[f"COMMAND_LONG:{number}"] = lambda peer, message: None
+
+    async def script(_: Any, session: Session) -> list[Any]:
+        asyncio.get_running_loop().set_exception_handler(lambda _, what: reported.append(what))
+        commander = _commander(session)
+        commander.begin(command_long(PEER, mavlink.MAV_CMD_DO_SET_MODE))
+        run = partial(commander.run, command_long(PEER, TAKEOFF, 0.0))
+
+        async def close_while_it_runs() -> None:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(run())
+                await asyncio.sleep(0.2)
+                commander.close()
+
+        with pytest.raises(ExceptionGroup) as errors:
+            await close_while_it_runs()
+        later = await asyncio.gather(run(), return_exceptions=True)
+        gc.collect()
+        return [*errors.value.exceptions, *later]
+
+    errors, peer = _run(fake_pair, script, prepare)
+    assert [type(error) for error in errors] == [VehicleError, VehicleError]
+    assert str(errors[0]) == (
+        "memory:a: the connection was closed; a command without an acknowledgement may have been "
+        "executed all the same"
+    )
+    assert len(peer.commands(TAKEOFF)) == 1
+    assert reported == []
 
 
 def test_a_list_that_is_accepted_before_its_items_is_an_error(

@@ -8,7 +8,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.driver.session.session import Session
-from vehicles.errors import CommandError, CommandTimeoutError
+from vehicles.errors import CommandError, CommandTimeoutError, VehicleError
 from vehicles.mavlink.names import command_name, result_name
 
 _PROGRESS_TIMEOUT_S = 10.0
@@ -106,9 +106,20 @@ class Commander:
                 pending.future.set_exception(error)
 
     def close(self) -> None:
-        """Give up pending commands."""
-        for pending in list(self._pending.values()):
-            pending.future.cancel()
+        """Raise VehicleError for all pending commands, and for later ones.
+
+        Cancelled futures would end the tasks that await them as if these had been cancelled.
+        """
+        futures = [pending.future for pending in self._pending.values()]
+        self.fail(
+            VehicleError(
+                f"{self._session.link.name}: the connection was closed; a command without an "
+                "acknowledgement may have been executed all the same"
+            )
+        )
+        for future in futures:
+            if not future.cancelled():
+                future.exception()  # read: a command that nobody awaits any more is no fault
 
     def _remove_pending(self, pending: _Pending) -> None:
         if pending.timer is not None:

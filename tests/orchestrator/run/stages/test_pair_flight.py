@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from orchestrator.model.clock import run_virtual
-from orchestrator.run.stages.pair_flight import _at_height
+from orchestrator.run.stages.pair_flight import _at_height, _await_disarmed
 from orchestrator.state.run_state import FlightError
 
 SYNC: Any = SimpleNamespace(takeoff_timeout_s=8.0, takeoff_tolerance_m=0.1)
@@ -52,3 +52,24 @@ def test_a_vehicle_is_at_its_height_when_it_has_stayed_there(height_m: Height, a
 def test_one_that_is_never_there_ends_the_takeoff(height_m: Height, where: str) -> None:
     with pytest.raises(FlightError, match=f"not at 1.5 m within 8 s .*its height is {where}"):
         seen_at_height_s(height_m)
+
+
+@pytest.mark.parametrize(
+    ("disarmed_s", "silent_s", "awaited_s"), [(5.0, 99.0, 5.0), (99.0, 1.0, 4.0), (99.0, 99.0, 8.0)]
+)
+def test_a_dropped_out_vehicle_is_awaited_until_it_is_disarmed_or_silent(
+    disarmed_s: float, silent_s: float, awaited_s: float
+) -> None:
+    class Driver:
+        @property
+        def state(self) -> Any:
+            now_s = asyncio.get_running_loop().time()
+            return SimpleNamespace(armed=now_s < disarmed_s, last_received_s=min(now_s, silent_s))
+
+    async def wait() -> float:
+        context: Any = SimpleNamespace(driver=Driver())
+        sync: Any = SimpleNamespace(landing_timeout_s=8.0)
+        await _await_disarmed([context], sync)
+        return asyncio.get_running_loop().time()
+
+    assert run_virtual(wait()) == pytest.approx(awaited_s, abs=0.05)

@@ -1,6 +1,7 @@
 """Parameters of a campaign in a vehicle that runs: set, proven, set back, after a kill as well."""
 
 import asyncio
+import errno
 import signal
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from orchestrator.state.vehicle_context import VehicleContext
 from safety.fence.geofence import Fence
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
+from vehicles.driver.onboard.fence_backup import back_up_fence
 from vehicles.embedded.physics.config import EmbeddedConfig
 from vehicles.embedded.profile import load_profile
 from vehicles.embedded.vehicle import EmbeddedVehicle
@@ -83,6 +85,9 @@ class Rig:
     async def prove(self, onboard: OnboardConfiguration) -> None:
         vehicles = {"real": self.setup}
         await prove_injection([self.context], vehicles, [OBSTACLES], unbooted=onboard.unbooted)
+
+    def notes_of(self, event: str) -> list[Mapping[str, Any]]:
+        return [more for noted, more in self.noted if noted == event]
 
     def has(self, name: str) -> float:
         return self.vehicle.autopilot.parameters[name]
@@ -201,6 +206,7 @@ def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
         assert rig.has("AVOID_MARGIN") == 2.0
         assert rig.noted[0][0] == "parameter"
         assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
+        assert rig.notes_of("fence_given_back") == []
         assert rig.has("GUID_TIMEOUT") == 4.0
         await onboard.restore()
         assert (rig.has("AVOID_MARGIN"), rig.has("GUID_TIMEOUT")) == (2.0, 3.0)
@@ -223,12 +229,21 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         await driver.ready(90.0)
         where = driver.place_of((0.0, 0.0, 0.0))
         circle = FenceCircle(Place(where.latitude_deg, where.longitude_deg), 40.0)
-        await driver.onboard.fences.upload((circle,))
+        fences = driver.onboard.fences
+        await fences.upload((FenceCircle(circle.centre, 20.0),))
+        of_killed_run = await fences.items()
+        await fences.upload((circle,))
+        own = await fences.items()
+        await fences.restore(of_killed_run)
+        folder = parameter_backup_folder()
+        back_up_fence(folder, driver.parameters.vehicle, own=own, ours=of_killed_run).close()
         ceiling = "GF_MAX_VER_DIST" if autopilot == "px4" else "FENCE_ALT_MAX"
         before = rig.has(ceiling)
         onboard = rig.onboard(PreflightPart(failsafe="set"), {"real": first})
         await onboard.apply(rig.context)
         assert rig.has(ceiling) == 10.0
+        assert rig.notes_of("fence_given_back") == [{"vehicle": "real"}]
+        assert rig.notes_of("fence") == [{"vehicle": "real", "areas": 1, "ceiling_m": 10.0}]
         await onboard.fences.offer({"real": second})
         if settled:
             await onboard.fences.confirm()
@@ -268,6 +283,51 @@ def test_a_vehicle_is_restored_although_another_one_cannot_be() -> None:
 
     run_virtual(run())
     assert restored == ["twin"]
+
+
+def test_a_log_that_cannot_be_written_is_noted_and_stops_no_other(tmp_path: Path) -> None:
+    """As when the file of a broken download cannot be deleted: the verdict stands."""
+    noted: list[tuple[str, str]] = []
+    fetched: list[str] = []
+
+    class Logs:
+        def __init__(self, name: str) -> None:
+            self._name = name
+
+        async def list(self) -> tuple[int, ...]:
+            return (1,)
+
+        async def fetch(self, _: int, folder: Path, *, name: str) -> Path:
+            if name == "real":
+                raise OSError(errno.EROFS, "Read-only file system", str(folder / "real-1.bin"))
+            await asyncio.sleep(1.0)
+            fetched.append(name)
+            return folder / f"{name}-1.bin"
+
+    def context(name: str) -> Any:
+        onboard = SimpleNamespace(logs=Logs(name))
+        return SimpleNamespace(name=name, driver=SimpleNamespace(onboard=onboard))
+
+    async def run() -> None:
+        record = SimpleNamespace(vehicle_logs=True)
+        setup: Any = SimpleNamespace(
+            campaign=SimpleNamespace(record=record), order=SimpleNamespace(folder=tmp_path)
+        )
+        anything: Any = SimpleNamespace()
+        await OnboardConfiguration(
+            setup=setup,
+            contexts=(context("real"), context("twin")),
+            run_state=anything,
+            record=anything,
+            note=lambda _, *, vehicle, text: noted.append((vehicle, text)),
+        ).fetch_logs()
+
+    run_virtual(run())
+    assert fetched == ["twin"]
+    assert noted == [
+        ("real", f"the log cannot be written to {tmp_path}: Read-only file system"),
+        ("twin", "twin-1.bin"),
+    ]
 
 
 def backups() -> int:

@@ -2,6 +2,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from safety.fence.geofence import Fence
 from safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
 from safety.guard.core.operator_command import OperatorCommand
 from safety.model.samples import PoseSample
@@ -98,6 +99,19 @@ def test_who_lands_is_not_held_to_the_floor(pair: Any) -> None:
     assert pair.core.latched == "fence", "its sides hold"
 
 
+def test_who_lands_is_held_to_the_sides_of_a_changed_fence(pair: Any) -> None:
+    smaller = Fence.box(north_m=(-2, 2), east_m=(-3, 3), up_m=(-1, 6))
+    pair.apply(pair.core.change_fences({"real": smaller}, "anna", pair.t_s))
+    assert pair.kinds() == ["geofence"]
+    to_orchestrator(pair, "real", mode_command(Mode.LAND))
+    pair.vehicles["real"].mode = Mode.LAND
+    pair.fly(1.0)
+    assert pair.core.latched is None
+    sideways = PoseSample(pair.t_s, "real", Pose((3, 0, -2)), (0, 0, 0))
+    pair.apply(pair.core.position(sideways))
+    assert pair.core.latched == "fence"
+
+
 def test_who_stands_is_not_held_to_the_floor(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0})
     sink(pair)
@@ -128,6 +142,8 @@ def test_a_position_that_is_not_finite_moves_nothing(pair: Any) -> None:
         pair.apply(pair.core.position(sample))
     assert pair.core.latched is None
     assert pair.kinds() == ["pose"]
+    pair.apply(pair.core.position(PoseSample(pair.t_s, "real", Pose((9, 0, -2)), (0, 0, 0))))
+    assert pair.core.latched == "fence", "the fence still applies to the positions after it"
 
 
 def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None:
