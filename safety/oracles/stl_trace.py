@@ -9,6 +9,8 @@ from safety.stl.steps import Values
 
 FIRST_WITHIN_S = 0.5
 """A first value this soon after the window opened counts from its opening on."""
+_LATE_S = 1e-6
+"""So much after the last row a sample counts that is older than it."""
 
 
 class Trace:
@@ -27,11 +29,18 @@ class Trace:
         self._latest[name] = math.nan if value is None else value
 
     def add_row(self, t_s: float) -> None:
-        """Add a row of known values to the trace; a late sample counts as now."""
-        if self.times_s and t_s <= self.times_s[-1]:
+        """Add a row of the latest values to the trace.
+
+        A sample that is older than the last row has a row of its own just after it: states carry
+        the time of arrival, and poses that a link delays arrive after them. One of the same time
+        replaces the row.
+        """
+        if self.times_s and t_s == self.times_s[-1]:
             for name, row in self._rows.items():
                 row[-1] = self._latest[name]
             return
+        if self.times_s and t_s < self.times_s[-1]:
+            t_s = self.times_s[-1] + _LATE_S
         self.times_s.append(t_s)
         for name, row in self._rows.items():
             row.append(self._latest[name])
