@@ -143,20 +143,30 @@ class OperatorSocket:
     ) -> None:
         while True:
             try:
-                async with asyncio.timeout(_IDLE_S):
+                async with asyncio.timeout(_WATCH_S if task in self._watchers else _IDLE_S):
                     line = await reader.readline()
+            except TimeoutError:
+                if task not in self._watchers:
+                    raise
+                await self._send_status(writer)
+                continue
             except ValueError:
                 self._refuse("a line is too long")
                 writer.write(answer(ok=False, text=f"longer than {LONGEST_LINE_BYTES} bytes"))
                 return
-            if not line:
+            if not line and (task not in self._watchers or writer.is_closing()):
                 return
+            if not line:
+                # It has closed its sending end, and may still read.
+                await asyncio.sleep(_WATCH_S)
+                await self._send_status(writer)
+                continue
             if task in self._clients:
                 self._clients.move_to_end(task)
             asked = self._take(line, writer)
             await _let_read(writer)
             if asked == "watch":
-                await self._watch(task, writer)
+                self._become_watcher(task, writer)
 
     def _refuse(self, text: str) -> None:
         if not self._refusals.is_exceeded(asyncio.get_running_loop().time()):
@@ -182,17 +192,18 @@ class OperatorSocket:
         writer.write(answer(ok=True, text=text, command=name, **self._status()))
         return asked
 
-    async def _watch(self, task: _Client, writer: asyncio.StreamWriter) -> None:
+    def _become_watcher(self, task: _Client, writer: asyncio.StreamWriter) -> None:
         self._clients.pop(task, None)
         self._watchers.add(task)
         # With small buffers a client that does not read shows within seconds.
         end: socket.socket = writer.get_extra_info("socket")
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WATCHER_BUFFER_BYTES)
         writer.transport.set_write_buffer_limits(high=0)
-        while not writer.is_closing():
-            await asyncio.sleep(_WATCH_S)
-            writer.write(answer(ok=True, text="", command="watch", **self._status()))
-            await _let_read(writer)
+
+    async def _send_status(self, writer: asyncio.StreamWriter) -> None:
+        """Send a watcher the status, and wait until it has read it. Raises TimeoutError."""
+        writer.write(answer(ok=True, text="", command="watch", **self._status()))
+        await _let_read(writer)
 
 
 async def _let_read(writer: asyncio.StreamWriter) -> None:
