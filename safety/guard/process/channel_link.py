@@ -12,7 +12,6 @@ from vehicles.links.link import Receiver, TimesReceiver
 from vehicles.mavlink.framing import FrameSplitter
 from vehicles.processes.codec import Message
 
-
 _LONGEST_BYTES = LONGEST_PACKET_BYTES // 2
 """Of one message: a TCP link that stalled hands over up to 256 KiB at once."""
 
