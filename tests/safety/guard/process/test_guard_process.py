@@ -263,6 +263,19 @@ async def test_a_guard_that_cannot_begin_says_why(folder: Path) -> None:
             pass
 
 
+async def test_a_guard_whose_start_is_cancelled_ends_at_once(folder: Path) -> None:
+    """Else it keeps the ports of its links for two minutes, and the next run cannot open them."""
+    guard = RemoteGuard(guard_config=guard_config(folder))
+    starting = asyncio.create_task(guard.__aenter__())
+    await until(lambda: (folder / "guard.stderr").exists())
+    await asyncio.sleep(0.01)
+    pid = guard.pid
+    starting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    assert gone(pid)
+
+
 async def test_a_program_that_cannot_start(folder: Path) -> None:
     async with RemoteGuard(guard_config=guard_config(folder)) as guard:
         with pytest.raises(LinkError, match="could not be started"):
