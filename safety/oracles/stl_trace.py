@@ -1,4 +1,4 @@
-"""The values of a formula's signals over its window."""
+"""Records the values of a formula's signals over its window."""
 
 import math
 from array import array
@@ -8,9 +8,9 @@ import numpy as np
 from safety.stl.steps import Values
 
 FIRST_WITHIN_S = 0.5
-"""A first value this soon after the window opened counts from its opening on."""
+"""A first value that comes this soon after the window opened counts from its opening on."""
 _LATE_S = 1e-6
-"""So much after the last row a sample counts that is older than it."""
+"""How long after the last row a sample counts that is older than that row."""
 
 
 class Trace:
@@ -25,15 +25,15 @@ class Trace:
         self._latest = dict.fromkeys(names, math.nan)
 
     def note(self, name: str, value: float | None) -> None:
-        """Note a signal's value, None while unknown; it counts from the trace's next row on."""
+        """Set a signal's value, None while unknown; it is in the trace from the next row on."""
         self._latest[name] = math.nan if value is None else value
 
     def add_row(self, t_s: float) -> None:
         """Add a row of the latest values to the trace.
 
-        A sample that is older than the last row has a row of its own just after it: states carry
-        the time of arrival, and poses that a link delays arrive after them. One of the same time
-        replaces the row.
+        A sample that is older than the last row gets its own row just after that: states have the
+        time of their arrival, so that poses which a link delays come after them. A sample of the
+        same time replaces the row.
         """
         if self.times_s and t_s == self.times_s[-1]:
             for name, row in self._rows.items():
