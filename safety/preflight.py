@@ -1,6 +1,6 @@
-"""Preflight: what has to hold before a vehicle arms; pure.
+"""Preflight: the checks before a vehicle arms; pure.
 
-Each check gives an item for the record: ok, refused, or overridden, with the name of the person.
+Each check gives an item for the result: ok, refused, or overridden with the name of a person.
 """
 
 import math
@@ -30,12 +30,12 @@ Check = Literal[
     "operator",
 ]
 _FIX_WITH_HEIGHT = 3
-"""GPS_FIX_TYPE_3D_FIX; what is better has greater numbers."""
+"""GPS_FIX_TYPE_3D_FIX; better fixes have greater numbers."""
 _GPS_M = 5.0
-"""By how much the distance of two vehicles may be off: each receiver is to 2.5 m, outdoors."""
+"""The largest error of the distance of two vehicles: 2.5 m for each receiver, outdoors."""
 _NO_RECEIVER = "it has no GPS receiver; set preflight.gps: null where it flies without one"
 _LEAST_TRUTH = 0.5
-"""Of the rate at which a simulator's ground truth was requested, what has to come."""
+"""The least accepted part of the requested rate of a simulator's ground truth."""
 Outcome = Literal["ok", "refused", "overridden"]
 
 
@@ -43,8 +43,8 @@ Outcome = Literal["ok", "refused", "overridden"]
 class Item:
     """A preflight check's item for one vehicle; vehicle: empty when it concerns all.
 
-    actual, limit: what was found and what is wanted, in unit; None where it is no number. text: in
-    words; empty when all is well. by: who takes the responsibility for what is overridden.
+    actual, limit: the measured and the required value, in unit; None where it is no number. text:
+    the reason; empty when it is ok. by: the person who is responsible for an override.
     """
 
     check: Check
@@ -57,9 +57,9 @@ class Item:
     by: str = ""
 
     def __str__(self) -> str:
-        who = f"{self.vehicle} " if self.vehicle else ""
+        subject = f"{self.vehicle} " if self.vehicle else ""
         by = f" (overridden by {self.by})" if self.by else ""
-        return f"{who}{self.check}: {self.text or self.outcome}{by}"
+        return f"{subject}{self.check}: {self.text or self.outcome}{by}"
 
 
 def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item, ...]:
@@ -73,7 +73,7 @@ def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item
 
 
 def refused(items: Iterable[Item]) -> str:
-    """Return in words which preflight items speak against arming; empty when none."""
+    """Return the refused preflight items as one text; empty when there is none."""
     return "; ".join(str(item) for item in items if item.outcome == "refused")
 
 
@@ -102,13 +102,13 @@ def at_most(
 
 
 def without_faults(check: Check, vehicle: str, faults: Iterable[str]) -> Item:
-    """Return the preflight item of faults in words; none passes."""
+    """Return the preflight item of a list of faults; ok if it is empty."""
     text = "; ".join(faults)
     return Item(check, vehicle, "refused" if text else "ok", text=text)
 
 
 def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: float) -> Item:
-    """Return the preflight item that a vehicle stands inside its fence."""
+    """Return the preflight item that a vehicle is inside its fence."""
     if position_ned_m is None:
         return Item("home", vehicle, "refused", None, keep_m, "m", "its position is not known")
     margin_m = fence.margin_m(position_ned_m)
@@ -116,15 +116,15 @@ def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: f
         return Item("home", vehicle, "ok", margin_m, keep_m, "m")
     side = fence.boundary(position_ned_m)
     where = (
-        f"it stands {-margin_m:.2f} m outside of the fence's {side}"
+        f"it is {-margin_m:.2f} m outside of the fence's {side}"
         if margin_m < 0.0
-        else f"it stands {margin_m:.2f} m from the fence's {side}, nearer than {keep_m:g} m"
+        else f"it is {margin_m:.2f} m from the fence's {side}, nearer than {keep_m:g} m"
     )
     return Item("home", vehicle, "refused", margin_m, keep_m, "m", where)
 
 
 def separation_item(vehicle: str, other: str, apart_m: float, needed_m: float) -> Item:
-    """Return the preflight item of how far apart two fences keep their vehicles, from above."""
+    """Return the preflight item of the horizontal distance between two vehicles' fences."""
     if apart_m >= needed_m:
         return Item("separation", vehicle, "ok", apart_m, needed_m, "m")
     message = f"its fence and that of {other} are {apart_m:.2f} m apart, so that they can touch"
@@ -132,7 +132,7 @@ def separation_item(vehicle: str, other: str, apart_m: float, needed_m: float) -
 
 
 def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_m: float) -> Item:
-    """Return the preflight item of two vehicles that stand as far apart as the campaign says.
+    """Return the preflight item that two vehicles are as far apart as the campaign says.
 
     measured_m: by latitude and longitude of both; None where one does not know its own.
     """
@@ -141,9 +141,9 @@ def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_
             f"its distance from {other} is not known: one of them has no latitude and longitude"
         )
         return Item("distance", vehicle, "refused", None, stated_m, "m", message)
-    if abs(measured_m - stated_m) > _GPS_M:
+    if not abs(measured_m - stated_m) <= _GPS_M:  # NaN is refused as well.
         message = (
-            f"it stands {measured_m:.1f} m from {other} by both receivers, and {stated_m:.1f} m by "
+            f"it is {measured_m:.1f} m from {other} by both receivers, and {stated_m:.1f} m by "
             "the campaign"
         )
         return Item("distance", vehicle, "refused", measured_m, stated_m, "m", message)
@@ -159,7 +159,7 @@ def gps_items(
 ) -> tuple[Item, ...]:
     """Return the preflight items of a GPS fix: kind, satellites, accuracy.
 
-    fix: GPS_FIX_TYPE, satellites, and HDOP; None where nothing was said of it.
+    fix: GPS_FIX_TYPE, satellites, and HDOP; None where the vehicle reports none.
     """
     if fix is None:
         return (Item("gps", vehicle, "refused", text="it reports nothing of its GPS receiver"),)
@@ -169,11 +169,11 @@ def gps_items(
         return (
             Item("gps", vehicle, "refused", float(kind), float(_FIX_WITH_HEIGHT), text=message),
         )
-    # Whole numbers would not be read back from a result as they were written.
+    # As floats, because integers would not be read back from a result as they were written.
     seen = None if satellites is None else float(satellites)
     least = float(min_satellites)
     return (
-        at_least("gps", vehicle, seen, least, unit="", what="satellites visible"),
+        at_least("gps", vehicle, seen, least, unit="", what="the number of visible satellites"),
         at_most("gps", vehicle, hdop, max_hdop, unit="", what="HDOP"),
     )
 
@@ -181,9 +181,9 @@ def gps_items(
 def ground_truth_item(
     vehicle: str, rate_hz: float | None, *, wanted_hz: float, message: str, refused: str
 ) -> Item:
-    """Return the preflight item of a simulator's ground truth: it comes, usable and often.
+    """Return the preflight item of a simulator's ground truth: usable, and often enough.
 
-    message: in which it comes. refused: why its last one was not usable; empty where it was.
+    message: its MAVLink message. refused: why the last one was not usable; empty if it was.
     """
     least_hz = _LEAST_TRUTH * wanted_hz
     if rate_hz is None:
@@ -195,9 +195,9 @@ def ground_truth_item(
 
 
 def unsigned_commands_item() -> Item:
-    """Return that unsigned commands by MQTT are obeyed, as the campaign allows."""
+    """Return the preflight item of unsigned MQTT commands, which the campaign allows."""
     text = (
-        "commands by MQTT are not signed: every client that may publish at the broker commands "
+        "commands by MQTT are not signed: every client that may publish at the broker can command "
         "the flight"
     )
     return Item("operator", "", "overridden", text=text, by="operator.mqtt.commands: unsigned")

@@ -1,1 +1,1 @@
-"""Evaluation: the judge of a run feeds its oracles; its log can be judged again."""
+"""Evaluation: the judge feeds the oracles of a run; its log can be judged again."""

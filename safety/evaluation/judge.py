@@ -1,4 +1,4 @@
-"""The judge of a run: feeds every oracle what it watches, collects flags and results."""
+"""The judge of a run: feeds each oracle its samples, collects flags and results."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,10 +40,10 @@ class OracleUse:
 
 
 COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
-"""A contact fails a run, whatever its campaign says of the oracle `collision`."""
+"""A contact fails a run, whatever parameters its campaign gives to the oracle `collision`."""
 _LANDED_ALWAYS = "landed_always"
 ALWAYS_JUDGED = (COLLISION_ALWAYS.name, _LANDED_ALWAYS)
-"""Oracles that a campaign has without asking for them."""
+"""Oracles that a campaign has without naming them."""
 
 
 def build_oracles(
@@ -54,11 +54,11 @@ def build_oracles(
 ) -> tuple[Oracle, ...]:
     """Return the oracles of one run's judge; `contexts`: one per vehicle that flies in it.
 
-    An oracle that names no vehicle judges the subject, and in mode wil the twin beside it, not
-    required. One that names a vehicle which does not fly in this mode is left out. That a real
-    vehicle is on the ground and disarmed at the end is judged always, and, with collision_always,
-    that the subject touches nothing: a use of `collision` that judges less, or is only reported,
-    stands beside that. What it names as `ground` is ground there too. Raises OracleError.
+    An oracle that names no vehicle judges the subject, and in mode wil also the twin, not required.
+    One that names a vehicle which does not fly in this mode is left out. Two are added: that a real
+    vehicle is on the ground and disarmed at the end; and, with collision_always, that the subject
+    touches nothing, unless the campaign itself uses a `collision` that judges as much. Objects that
+    any use names as `ground` are ground there too. Raises OracleError.
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
@@ -105,7 +105,7 @@ def _judges_every_contact(use: OracleUse, subject: str) -> bool:
 
 
 def unjudged(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str, ...]:
-    """Return in words what of the contacts that are judged always a campaign leaves out."""
+    """Return the contacts that a campaign excludes from being judged always, as texts."""
     if not collision_always:
         return (COLLISION_ALWAYS.name,)
     return tuple(f"contact with {name} at takeoff and landing" for name in _ground(uses))
@@ -131,9 +131,9 @@ def _require_unique(oracles: Iterable[Oracle]) -> None:
 class Judge:
     """The judge of a run: feeds samples, in time order, to all oracles that watch their vehicle.
 
-    All of them are evidence too: a signal that does not show what happened is decisive, and
-    INVALID. A pose that is not finite reaches no oracle. A vehicle without any oracle may be fed:
-    its samples are let go.
+    All samples are evidence too: a required signal that does not show what happened is decisive,
+    and INVALID. A pose that is not finite reaches no oracle. Samples of a vehicle without oracles
+    are ignored.
     """
 
     def __init__(self, oracles: Iterable[Oracle], evidence: Evidence | None = None) -> None:
@@ -164,7 +164,7 @@ class Judge:
 
     @property
     def timeouts(self) -> frozenset[str]:
-        """Return the sources of the judge's events that only say that the time is up."""
+        """Return the sources of the judge's events that only report that the time is up."""
         limits = (one for one in self.oracles if isinstance(one, TimeLimit))
         return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
 
@@ -184,7 +184,7 @@ class Judge:
     def received(self, sample: LinkSample) -> tuple[Flag, ...]:
         """Feed to the judge that a vehicle's link delivered something; return new flags."""
         self._evidence.received(sample)
-        return self._feed_oracles(self._heards.get(sample.vehicle, ()), sample)
+        return self._feed_oracles(self._links.get(sample.vehicle, ()), sample)
 
     def reference(self, sample: ReferenceSample) -> None:
         """Feed another source's position of a vehicle to the judge."""
@@ -234,10 +234,10 @@ class Judge:
         return flags
 
     def drop_out(self, sample: DropOutSample) -> None:
-        """Take that a vehicle left the flight: its reported oracles and its evidence end.
+        """Handle a vehicle that left the flight: what is not required of it ends.
 
-        What it does from then on, such as the guard's landing, is not what the run is about. What
-        is required of it is judged to the end, and so are oracles of other vehicles that watch it.
+        What it does from then on, such as the guard's landing, is no part of the test. Required
+        oracles and those of other vehicles that watch it are judged to the end.
         """
         for oracle in self.oracles:
             source = source_of(oracle.name, oracle.vehicle)
@@ -263,10 +263,10 @@ class Judge:
         return oracle.result(t_s) if ended is None else ended
 
     def _result_at_drop_out(self, oracle: Oracle, t_s: float) -> OracleResult:
-        """Return what an oracle saw of a vehicle that leaves the flight now.
+        """Return the result of an oracle whose vehicle leaves the flight now.
 
-        A failure that no flag settled is of what was not done yet: it is unknown whether it would
-        have been.
+        A failure without a decisive flag is INVALID: the vehicle had not done something yet, and
+        whether it would have is unknown.
         """
         result = oracle.result(t_s)
         name, vehicle = oracle.name, oracle.vehicle
@@ -280,10 +280,10 @@ class Judge:
         return replace(result, detail=f"{result.detail}; {until}" if result.detail else until)
 
     def _connect(self, oracles: Sequence[Oracle]) -> None:
-        """Feed these oracles, and no others, from now on."""
+        """Feed only these oracles from now on."""
         self._poses = _table(oracles, "on_pose")
         self._states = _table(oracles, "on_state")
-        self._heards = _table(oracles, "on_received")
+        self._links = _table(oracles, "on_received")
         self._fences = _table(oracles, "on_fence")
         self._stages = tuple(oracles)
         self._ticks = [one.on_tick for one in oracles if _overrides(one, "on_tick")]

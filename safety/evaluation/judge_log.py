@@ -1,21 +1,21 @@
-"""The log of a judge: every sample that it took, in bytes that read back exactly.
+"""The log of a judge: every sample that it got, in a form that reads back exactly.
 
-Judging from a log gives, to the last bit, what judging the flight gave: oracles are pure, and
-numbers are written as they are. MessagePack arrays, one after the other (JSON would cost a run
+Judging a log gives the results of judging the flight, to the last bit: oracles are pure, and
+numbers are not rounded. MessagePack arrays, one after the other (JSON would cost a run
 without cameras three percent of its speed):
 
-    ["wil/judged/2"]                                      the first
+    ["wil/judged/2"]                                      the first row
     ["pose", t_s, vehicle, [n, e, d], [w, x, y, z], [vn, ve, vd]]
     ["state", t_s, vehicle, armed, mode, mode_name, landed, fault, battery_fraction, battery_v,
      estimator_fault]; only t_s and vehicle when nothing else has changed
     ["heard", t_s, vehicle]
-    ["reference", t_s, vehicle, source, [n, e, d], [vn, ve, vd]]
+    ["reference", t_s, vehicle, source, [n, e, d], [vn, ve, vd], [w, x, y, z] or nil]
     ["ground speed", t_s, vehicle, source, speed_m_s, accuracy_m_s or nil]
-    ["report", t_s, vehicle, signal]                      a sample whose value travels elsewhere
+    ["report", t_s, vehicle, signal]                      a sample whose value is carried elsewhere
     ["doubt", t_s, vehicle, signal, source, reason]
     ["stage", t_s, stage, vehicle or nil]
-    ["event", t_s, name]                                  of the world, for what moves from then on
-    ["actor", t_s, name, [n, e, d], [w, x, y, z], [vn, ve, vd]]   of an object that a vehicle flies
+    ["event", t_s, name]                                  of the world: objects move from then on
+    ["actor", t_s, name, [n, e, d], [w, x, y, z], [vn, ve, vd]]   of an object that an actor flies
     ["tick", t_s]
     ["dropped out", t_s, vehicle]                         the flight continues without it
     ["fence", t_s, vehicle, fence]                        as `safety.fence.fence_values` writes it
@@ -53,7 +53,7 @@ _LARGEST = 1 << 20
 
 
 class JudgeLogError(ValueError):
-    """A judge log that is damaged, or no judge log; says where and why."""
+    """A file is no judge log, or is damaged; the message says where and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class WorldEvent:
 
 @dataclass(frozen=True, slots=True)
 class ActorPose:
-    """The judge log's entry of where an object of the world is that a vehicle flies (NED)."""
+    """The judge log's entry of the pose of a world object that an actor flies (NED)."""
 
     t_s: float
     name: str
@@ -109,7 +109,7 @@ _NAMES: dict[type[LoggedSample], str] = {
     Tick: "tick",
     WorldEvent: "event",
 }
-"""Those whose fields travel as they are."""
+"""The row names of samples whose fields are written unchanged."""
 
 
 class JudgeLogPacker:
@@ -146,7 +146,7 @@ class JudgeLogPacker:
 
     def _state(self, sample: StateSample) -> tuple[Any, ...]:
         head = ("state", sample.t_s, sample.vehicle)
-        says = (
+        fields = (
             sample.armed,
             sample.mode.value,
             sample.mode_name,
@@ -156,16 +156,16 @@ class JudgeLogPacker:
             sample.battery_v,
             sample.estimator_fault,
         )
-        if says == self._last_states.get(sample.vehicle):
+        if fields == self._last_states.get(sample.vehicle):
             return head
-        self._last_states[sample.vehicle] = says
-        return head + says
+        self._last_states[sample.vehicle] = fields
+        return head + fields
 
 
 def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
     """Yield the samples of a judge log; a truncated last one is left out.
 
-    Raises JudgeLogError for what is no judge log, and for what is no sample.
+    Raises JudgeLogError for a file that is no judge log, and for a row that is no sample.
     """
     states: dict[str, StateSample] = {}
     rows = msgpack.Unpacker(stream, max_buffer_size=_LARGEST)
@@ -247,7 +247,7 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
 
 @dataclass(frozen=True, slots=True)
 class ReplayedJudgement:
-    """How far a judge log goes. end_s: the run's end, None for a truncated log."""
+    """How much of a run a judge log has. end_s: the run's end, None for a truncated log."""
 
     end_s: float | None
     stages: frozenset[Stage]
@@ -256,7 +256,7 @@ class ReplayedJudgement:
 def judge_from_log(
     log: Iterable[LoggedSample], judge: Judge, events: RunHistory
 ) -> ReplayedJudgement:
-    """Feed a judge log to a judge; return how far it goes.
+    """Feed a judge log to a judge; return how much of the run it has.
 
     events: the history of the world, with which the judge's oracles were built.
     """

@@ -1,4 +1,4 @@
-"""Two sources that know where a vehicle is: whether they agree within what they state; pure."""
+"""Checks whether two position sources of a vehicle agree within their stated accuracy; pure."""
 
 import math
 from collections import deque
@@ -9,15 +9,15 @@ from safety.model.samples import PoseSample, ReferenceSample
 from worlds.frames import Vec3, add, norm, scale, subtract
 
 SIGMAS = 5.0
-"""By how many standard deviations two honest sources do not differ: once in two million samples."""
+"""The limit in standard deviations: two correct sources exceed it once in two million samples."""
 SPANS_S = (0.2, 1.0)
-"""Over which times displacements are compared: steps show in the short one, drifts in the long."""
+"""Over which times displacements are compared: the short one shows steps, the long one drifts."""
 MOST_APART_M = 0.5
-"""By how much, on an axis, a judged place may differ from that of a better source at most, whatever
-it states: more would hide a touch that the better source shows."""
+"""By how much, on an axis, a judged position may differ from that of a better source, whatever
+accuracy it states: more would hide a contact that the better source shows."""
 _STAMPS_S = 0.1
-"""By how much the times of two sources may be mapped apart: half of what a poor radio takes there
-and back. What moves evenly is displaced alike at both; what is braked is not."""
+"""By how much the mapped times of two sources may differ: half of the round trip of a poor radio.
+At constant velocity that changes no displacement; while braking it does."""
 _KEPT_S = 3.0
 _MOST_GAP_S = 0.3
 """Over a longer silence of the other source its velocity is not integrated."""
@@ -27,8 +27,8 @@ _MOST_GAP_S = 0.3
 class Accuracy:
     """The accuracy of a position source, one standard deviation on each axis.
 
-    position_m: of where it says that the vehicle is; velocity_m_s: of its velocity, and of how its
-    place moves, None where the velocity is made of its positions. attitude_rad: of its attitude.
+    position_m: of its position; velocity_m_s: of its velocity, and of the change of its position,
+    None where the velocity is derived from positions. attitude_rad: of its attitude.
     """
 
     position_m: float
@@ -45,7 +45,7 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """A disagreement of two position sources. at_s: since when; text: how, for people."""
+    """A disagreement of two position sources. at_s: since when; text: how they differ."""
 
     at_s: float
     text: str
@@ -54,13 +54,13 @@ class Disagreement:
 class Agreement:
     """Checks the judged positions for agreement with another source, at the other's times.
 
-    Places are compared, and what both moved within each of SPANS_S. Each difference is held to
-    SIGMAS times what both state; that of places to MOST_APART_M where the other is the better one.
-    Which of the two is wrong is unknown.
+    Positions are compared, and the displacements of both within each of SPANS_S. Each difference
+    is limited to SIGMAS times what both state; that of positions to MOST_APART_M where the other
+    source is the better one. Which of the two is wrong is unknown.
 
-    A source with a velocity of its own says twice how far the vehicle moved, and excludes the
-    judged source only where both do: the velocity of PX4 1.18 was 0.9 m/s beside the change of
-    its positions in a flight of the real firmware, and its positions step when it is corrected.
+    A source with its own velocity gives two displacements, and disagrees with the judged source
+    only if both do: the velocity of PX4 1.18 differed by 0.9 m/s from the change of its positions
+    in a flight of the real firmware, and its positions step when the estimate is corrected.
     """
 
     def __init__(self, *, judged: Accuracy, other: Accuracy, source: str) -> None:
@@ -109,7 +109,7 @@ class Agreement:
         apart_m = subtract(judged_m, reference.position_ned_m)
         limit_m, t_s = self._place_limit_m(reference), reference.t_s
         if _on_an_axis(apart_m) > limit_m:
-            message = f"it is {norm(apart_m):.2f} m from where {self._source} has the vehicle"
+            message = f"it is {norm(apart_m):.2f} m from the position by {self._source}"
             message += f" at {t_s:.2f} s; the limit is {limit_m:.2f} m on each axis"
             yield Disagreement(t_s, message)
         now = self._remember(reference, judged_m)
@@ -130,7 +130,7 @@ class Agreement:
         """Keep a comparison with the integral of the other's velocity; return it."""
         pairs, t_s = self._pairs, reference.t_s
         if pairs and t_s - pairs[-1].t_s > _MOST_GAP_S:
-            pairs.clear()  # What it did in between, the other does not say.
+            pairs.clear()  # The movement in between is unknown.
         integral_m: Vec3 = (0.0, 0.0, 0.0)
         if pairs:
             # By the trapezoidal rule.
@@ -191,11 +191,11 @@ class _Compared:
 
 
 class OwnVelocity:
-    """Checks how the positions of one source move against the velocity that it states itself.
+    """Checks the positions of one source against its own velocity.
 
-    What a vehicle at rest or in flight does within a fifth of a second, its velocity shows: a
-    place that steps by more than MOST_APART_M beside it was corrected, relayed wrongly, or is of
-    another vehicle. A second source is not needed.
+    Within a fifth of a second the velocity accounts for any movement: a position that steps by more
+    than MOST_APART_M besides it was corrected, relayed wrongly, or belongs to another vehicle. No
+    second source is needed.
     """
 
     def __init__(self) -> None:
@@ -206,7 +206,7 @@ class OwnVelocity:
         self._steps.clear()
 
     def pose(self, sample: PoseSample) -> Disagreement | None:
-        """Add a pose of the source; return a step beside its velocity, or None."""
+        """Add a pose of the source; return a step that its velocity does not explain, or None."""
         steps, t_s = self._steps, sample.t_s
         if steps and t_s <= steps[-1][0].t_s:
             return None
@@ -231,11 +231,11 @@ class OwnVelocity:
 
 
 class StandingStill:
-    """Checks that a vehicle does not move by another source while its places on a grid repeat.
+    """Checks that a vehicle does not move by another source while its rounded positions repeat.
 
-    A vehicle that hovers may be found in one place of a grid for seconds. One whose estimate is
-    MOST_APART_M away from where it was then is flown back by it: the longest of SPANS_S later it is
-    no longer there, even where the estimate has only stepped.
+    A hovering vehicle may have the same rounded position for seconds. If its estimate is
+    MOST_APART_M away from where it was, the vehicle is flown back by it: the longest of SPANS_S
+    later it is no longer there, even if only the estimate has stepped.
     """
 
     def __init__(self) -> None:
@@ -245,7 +245,7 @@ class StandingStill:
         self._away_s: dict[str, float] = {}
 
     def restart(self) -> None:
-        """Forget where the vehicle stood."""
+        """Reset the check: forget the repeated position."""
         self._place, self._until_s = None, -math.inf
         self._forget()
 
@@ -258,7 +258,7 @@ class StandingStill:
         self._until_s = max(self._until_s, sample.t_s)
 
     def reference(self, sample: ReferenceSample) -> Disagreement | None:
-        """Add a position of another source; return that it moved while the judged did not."""
+        """Add a position of another source; return its movement while the judged ones repeat."""
         place = self._place
         if place is None or sample.t_s < place.t_s:
             return None

@@ -9,23 +9,23 @@ from safety.model.samples import StageSample
 from safety.oracles.oracle_terms import Stages
 
 _PATIENCE_S = 0.5
-"""How long samples may be late before their absence counts: what is delayed carries its own time,
-and closes the gap when it arrives."""
+"""How late samples may be before their absence counts: a delayed sample has its own time, and
+closes the gap when it arrives."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault in a signal's coverage: a gap that proves nothing. at_s: since when; reason: text."""
+    """A fault in a signal's coverage: it proves nothing. at_s: since when; reason: the text."""
 
     at_s: float
     reason: str
 
 
 class Coverage:
-    """The coverage of a signal over time; `fault` is the first thing that makes it INVALID.
+    """The coverage of a signal over time; `fault` is the first reason why it is INVALID.
 
-    A gap begins with the window, or with the sample before it, and ends with the next sample, or
-    with the window. Samples may arrive late: the times are those that they are for.
+    A gap begins with the window or with a sample, and ends with the next sample or with the window.
+    Samples may arrive late: their own times count.
 
     A gap counts from the moment at which it exceeds the limit. One in which the vehicle's whole
     link was silent counts from its end: that silence is judged by `link` and by the guard first.
@@ -47,13 +47,13 @@ class Coverage:
         self._of_link: str | None = None
 
     def received(self, t_s: float) -> None:
-        """Note when anything last arrived over the vehicle's link, to explain coverage gaps."""
+        """Record that something arrived over the vehicle's link, to explain coverage gaps."""
         if self._last_sample_s is not None:
             self._silence_s = max(self._silence_s, t_s - self._last_sample_s)
         self._last_sample_s = t_s
 
     def stage(self, sample: StageSample) -> None:
-        """Note a stage: it opens or closes the window that the signal has to cover."""
+        """Take a stage: it opens or closes the window that the signal has to cover."""
         self.stages.reach(sample)
         end_s = self.stages.end_s
         if sample.stage == "end" and end_s is not None and self._newest_s < end_s:
@@ -62,7 +62,7 @@ class Coverage:
             self.find(sample.t_s, self._of_link)
 
     def take(self, t_s: float) -> None:
-        """Note a sample: the signal covers this moment."""
+        """Take a sample: the signal covers this moment."""
         if not t_s > self._newest_s:
             return
         self._arrived = True
@@ -80,7 +80,7 @@ class Coverage:
             self._last_s = t_s
 
     def tick(self, t_s: float) -> None:
-        """Note passed time: a signal that has ended is found without another sample."""
+        """Take that time has passed: the end of a signal is detected without another sample."""
         if self._of_link is not None:
             self.find(t_s, self._of_link)
         if self._arrived or self._quiet_since_s is None:
@@ -93,15 +93,15 @@ class Coverage:
         if silent_s <= self.terms.limit_s + _PATIENCE_S:
             return
         if self._is_link_silent(t_s - silent_s, t_s):
-            return  # It may have ended for good, which the guard decides.
+            return  # The vehicle may be lost, which the guard decides.
         self.find(since_s + self.terms.limit_s, f"no sample since {since_s:.2f} s")
 
     def find(self, at_s: float, what: str) -> None:
-        """Note a fault that makes the signal INVALID; only the first one counts."""
+        """Record a fault that makes the signal INVALID; only the first one counts."""
         if self.fault is None:
             terms = self.terms
-            who = f"{terms.signal} of {terms.vehicle} from {terms.source}"
-            self.fault = Fault(at_s, f"{who}: {what}")
+            name = f"{terms.signal} of {terms.vehicle} from {terms.source}"
+            self.fault = Fault(at_s, f"{name}: {what}")
 
     def result(self) -> EvidenceResult | None:
         """Return the evidence of the signal's coverage; None when its window never opened."""
@@ -156,6 +156,6 @@ class Coverage:
             return False
         if self._last_sample_s is None:
             return True
-        # What ends a silence may be taken just before the sample that came with it, or just after.
+        # The arrival that ends a silence may be taken just before or just after its sample.
         silence_s = max(self._silence_s, until_s - self._last_sample_s)
         return silence_s >= (until_s - since_s) / 2.0

@@ -1,4 +1,4 @@
-"""The evidence of a run: all its signals, what is wrong with them, and what that decides."""
+"""The evidence of a run: all its signals, their faults, and the decisive events of these."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -23,7 +23,7 @@ from safety.model.verdict import DecisiveEvent
 
 POSE, VELOCITY, ATTITUDE = "pose", "velocity", "attitude"
 SOURCE = "evidence/"
-"""With what the source of every decisive event begins that evidence is the cause of."""
+"""The prefix of the source of every decisive event of evidence."""
 
 _Key = tuple[str, str]
 """A signal and its vehicle."""
@@ -65,7 +65,7 @@ class Evidence:
         return False
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Add another source's pose of a vehicle to the evidence, unless it is no number."""
+        """Add another source's pose of a vehicle to the evidence, if it is finite."""
         if not is_finite_reference(sample):
             return
         for key, known in self._flown.get(sample.vehicle, ()):
@@ -116,7 +116,7 @@ class Evidence:
             self._settle(key, signal)
 
     def drop_out(self, sample: DropOutSample) -> None:
-        """End the evidence of a vehicle that left the flight, but for what a verdict rests on."""
+        """End the evidence of a vehicle that left the flight, except for required signals."""
         vehicle = sample.vehicle
         for key, signal in self._judged():
             if signal.terms.vehicle == vehicle and not signal.terms.required:
@@ -136,8 +136,8 @@ class Evidence:
             known.find(sample.t_s, sample.reason)
             self._settle(key, known)
         elif key not in self._doubts:
-            who = f"{sample.signal} of {sample.vehicle} from {sample.source}"
-            fault = Fault(sample.t_s, f"{who}: {sample.reason}")
+            name = f"{sample.signal} of {sample.vehicle} from {sample.source}"
+            fault = Fault(sample.t_s, f"{name}: {sample.reason}")
             self._doubts[key] = (sample, fault)
             self._decide(key, fault)
 
@@ -154,9 +154,10 @@ class Evidence:
         kind = _FLOWN.get(terms.signal)
         if kind is None:
             return Coverage(terms)
-        made = kind(terms)
-        self._flown.setdefault(terms.vehicle, []).append(((terms.signal, terms.vehicle), made))
-        return made
+        coverage = kind(terms)
+        key = (terms.signal, terms.vehicle)
+        self._flown.setdefault(terms.vehicle, []).append((key, coverage))
+        return coverage
 
     def _settle(self, key: _Key, signal: Coverage) -> None:
         if signal.fault is not None and signal.terms.required and key not in self._decided:

@@ -1,4 +1,4 @@
-"""What signals of a pose have in common: whether they are of a vehicle in the air, and repeat."""
+"""The base for signals of a pose: in the air they must not repeat to the last bit."""
 
 from abc import abstractmethod
 
@@ -8,17 +8,17 @@ from safety.model.samples import PoseSample, ReferenceSample, StageSample, State
 from worlds.frames import norm
 
 _GRID_M = 0.022
-"""Two steps of the grid that a simulator's ground truth comes on: what moves less may repeat."""
+"""Two steps of the grid of a simulator's ground truth: a smaller movement may repeat."""
 _STANDS_S = 3.0
-"""So long after it has come down, at most, autopilots report that a vehicle has landed."""
+"""The longest time after touchdown until an autopilot reports that the vehicle has landed."""
 
 
 class FlownCoverage(Coverage):
-    """Coverage of a signal of poses; what repeats to the last bit in the air is no new sample.
+    """Coverage of a signal of poses; a value that repeats to the last bit in the air is a fault.
 
-    No vehicle in the air is measured twice alike to the last bit: noise alone moves the lowest
-    digits of an estimate and of motion capture. A source that has ended behind a relay, a tracker
-    that fills in its last pose, and an estimator that has stopped look like this.
+    Two measurements of a vehicle in the air never agree to the last bit: noise changes the lowest
+    digits of an estimate and of motion capture. Values repeat where a source behind a relay has
+    ended, a tracker repeats its last pose, or an estimator has stopped.
     """
 
     def __init__(self, terms: SignalTerms, *, what: str) -> None:
@@ -35,29 +35,29 @@ class FlownCoverage(Coverage):
 
     @abstractmethod
     def pose(self, sample: PoseSample) -> None:
-        """Note a pose of the judged source."""
+        """Take a pose of the judged source."""
 
     @abstractmethod
     def reference(self, sample: ReferenceSample) -> None:
-        """Note another source's pose of the vehicle."""
+        """Take another source's pose of the vehicle."""
 
     def stage(self, sample: StageSample) -> None:
-        """Note a stage for the coverage of poses."""
+        """Take a stage for the coverage of poses."""
         was_up = self.in_the_air
         super().stage(sample)
         self._restart_if_lifted(was_up=was_up)
 
     def state(self, sample: StateSample) -> None:
-        """Note whether the vehicle reports to be on the ground, for the coverage of poses."""
+        """Take whether the vehicle reports to be on the ground, for the coverage of poses."""
         was_up, self._landed = self.in_the_air, sample.landed
         self._restart_if_lifted(was_up=was_up)
 
     def unrounded(self, value: tuple[float, ...], sample: PoseSample) -> tuple[float, ...]:
-        """Return a value that no flying vehicle repeats: with its attitude where it is rounded."""
+        """Return a value that no flying vehicle repeats: with the attitude if it is rounded."""
         return (*value, *sample.pose.q_wxyz) if self.terms.on_grid else value
 
     def hold_against_last(self, value: tuple[float, ...], sample: PoseSample) -> None:
-        """Find a value that stays the same, to the last bit, for longer than a gap may last."""
+        """Find a fault if a value stays the same, to the last bit, for longer than allowed."""
         t_s = sample.t_s
         before, self._value = self._value, value
         if value != before or self._still_since_s is None or not self.in_the_air:
@@ -71,9 +71,9 @@ class FlownCoverage(Coverage):
     def _most_still_s(self, sample: PoseSample) -> float:
         """Return for how long a value may stay the same.
 
-        A simulated vehicle that has come down stands to the last bit before its autopilot says so,
-        and before it leaves the ground too. What it says of its velocity tells standing from a
-        source that has stopped: at that it may not move by more than the source resolves.
+        A simulated vehicle on the ground does not move at all before its autopilot reports landed,
+        nor before it takes off. Its velocity distinguishes that from a source that has stopped: at
+        that velocity it may not move by more than the source resolves.
         """
         limit_s = self.terms.limit_s
         if not (self.terms.on_grid and self.stages.near_ground):

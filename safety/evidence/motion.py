@@ -1,4 +1,4 @@
-"""Velocity and attitude as evidence, where an oracle judges them; pure."""
+"""Velocity and attitude as evidence, if an oracle judges them; pure."""
 
 import math
 from collections import deque
@@ -13,21 +13,21 @@ from worlds.frames import Quat, Vec3, add, norm, rotate, scale, subtract
 _SPAN_S = 1.0
 _KEPT_S = 3.0
 _MOST_GAP_S = 0.5
-"""Over a longer gap a velocity is not integrated."""
+"""A velocity is not integrated over a longer gap."""
 _STAMPS_S = 0.1
-"""By how much the times of two sources may be mapped apart."""
+"""By how much the mapped times of two sources may differ."""
 _STATED_M_S = 0.1
-"""Accuracy of a velocity whose source does not say it, one standard deviation on each axis."""
+"""Accuracy of a velocity whose source states none, one standard deviation on each axis."""
 _SPEED_LATE_S = 0.6
 """By how much another source's speed may be late: a receiver's filter, its rate, and a radio."""
 _DOWN: Vec3 = (0.0, 0.0, 1.0)
 
 
 class VelocityCoverage(FlownCoverage):
-    """Coverage of the velocity: it has to move the vehicle where its positions, and others, do.
+    """Coverage of the velocity: its integral has to agree with the positions.
 
-    Its integral over a second is held against the displacement by the same source's positions, and
-    by each other source's: on no axis more than SIGMAS of what both state.
+    The integral over a second is compared with the displacement by the same source's positions, and
+    by those of each other source: on no axis may it differ by more than SIGMAS of what both state.
     """
 
     def __init__(self, terms: SignalTerms) -> None:
@@ -45,7 +45,7 @@ class VelocityCoverage(FlownCoverage):
         return tuple(self._sources)
 
     def pose(self, sample: PoseSample) -> None:
-        """Note a pose of the judged source."""
+        """Take a pose of the judged source."""
         if self._way and sample.t_s <= self._way[-1].t_s:
             return
         self.take(sample.t_s)
@@ -58,11 +58,11 @@ class VelocityCoverage(FlownCoverage):
             self._compare_speed(self._speeds.popleft())
 
     def ground_speed(self, sample: GroundSpeedSample) -> None:
-        """Note another source's horizontal speed of the vehicle."""
+        """Take another source's horizontal speed of the vehicle."""
         self._speeds.append(sample)
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Note another source's position of the vehicle."""
+        """Take another source's position of the vehicle."""
         self._waiting.append(sample)
 
     def _integrate(self, sample: PoseSample) -> None:
@@ -84,28 +84,30 @@ class VelocityCoverage(FlownCoverage):
         before = next((one for one in reversed(self._way) if one.t_s <= now.t_s - _SPAN_S), None)
         if before is not None:
             moved_m = subtract(now.place_m, before.place_m)
-            self._hold(before, now, moved_m, self._accuracy, "its own positions")
+            self._compare_integral(before, now, moved_m, self._accuracy, "its own positions")
 
     def _compare_with(self, reference: ReferenceSample) -> None:
         other = self.terms.references.get(reference.source)
         now = self._at(reference.t_s)
         if other is None or now is None:
             return
-        kept = self._samples.setdefault(reference.source, deque())
-        kept.append((reference, now.integral_m))
-        while kept[0][0].t_s < reference.t_s - _SPAN_S - _MOST_GAP_S:
-            kept.popleft()
-        found = next((one for one in reversed(kept) if one[0].t_s <= reference.t_s - _SPAN_S), None)
+        recent = self._samples.setdefault(reference.source, deque())
+        recent.append((reference, now.integral_m))
+        while recent[0][0].t_s < reference.t_s - _SPAN_S - _MOST_GAP_S:
+            recent.popleft()
+        found = next(
+            (one for one in reversed(recent) if one[0].t_s <= reference.t_s - _SPAN_S), None
+        )
         if found is None:
             return
         self._sources[reference.source] = None
         past, integral_m = found
         before = _Integrated(past.t_s, past.position_ned_m, past.velocity_ned_m_s, integral_m)
         moved_m = subtract(reference.position_ned_m, past.position_ned_m)
-        self._hold(before, now, moved_m, other, reference.source)
+        self._compare_integral(before, now, moved_m, other, reference.source)
 
     def _compare_speed(self, other: GroundSpeedSample) -> None:
-        """Hold the velocity to a speed that arrived then, and is of some moment before."""
+        """Compare the velocity with a speed that arrived then and was measured before."""
         begin_s, end_s = other.t_s - _SPEED_LATE_S, other.t_s + _STAMPS_S
         if not self._way or self._way[0].t_s > begin_s:
             return
@@ -126,7 +128,7 @@ class VelocityCoverage(FlownCoverage):
         )
         self.find(other.t_s, message)
 
-    def _hold(
+    def _compare_integral(
         self,
         before: "_Integrated",
         now: "_Integrated",
@@ -134,7 +136,7 @@ class VelocityCoverage(FlownCoverage):
         other: Accuracy,
         source: str,
     ) -> None:
-        """Hold the velocity's integral to a displacement within the same time."""
+        """Compare the velocity's integral with a displacement within the same time."""
         span_s = now.t_s - before.t_s
         stated_m_s = self._accuracy.velocity_m_s or _STATED_M_S
         exact_m = math.hypot(stated_m_s * span_s, other.displacement_m(span_s))
@@ -164,7 +166,7 @@ class VelocityCoverage(FlownCoverage):
 
 @dataclass(frozen=True, slots=True)
 class _Integrated:
-    """A judged velocity with its integral so far, and the judged place."""
+    """A judged velocity with its integral so far, and the judged position."""
 
     t_s: float
     place_m: Vec3
@@ -173,10 +175,10 @@ class _Integrated:
 
 
 class AttitudeCoverage(FlownCoverage):
-    """Coverage of the attitude: it changes in the air, and other sources lean alike.
+    """Coverage of the attitude: it changes in the air, and agrees with other sources.
 
-    The vehicle's vertical axis by each other source may be no further from the judged one than
-    SIGMAS of what both state; headings are not compared, a compass may be turned in a hall.
+    The angle between the vehicle's vertical axes by the judged and by each other source is limited
+    to SIGMAS of what both state. Headings are not compared: indoors a compass may be wrong.
     """
 
     def __init__(self, terms: SignalTerms) -> None:
@@ -192,7 +194,7 @@ class AttitudeCoverage(FlownCoverage):
         return tuple(self._sources)
 
     def pose(self, sample: PoseSample) -> None:
-        """Note a pose of the judged source."""
+        """Take a pose of the judged source."""
         if self._judged and sample.t_s <= self._judged[-1][0]:
             return
         self.take(sample.t_s)
@@ -206,7 +208,7 @@ class AttitudeCoverage(FlownCoverage):
                 self.find(found.at_s, found.text)
 
     def reference(self, sample: ReferenceSample) -> None:
-        """Note another source's attitude of the vehicle."""
+        """Take another source's attitude of the vehicle."""
         self._waiting.append(sample)
 
     def _differs(self, reference: ReferenceSample) -> Disagreement | None:

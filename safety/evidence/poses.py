@@ -1,4 +1,4 @@
-"""Positions of one vehicle as evidence: they arrive, are numbers and move with it; pure."""
+"""Positions of one vehicle as evidence: they arrive, are finite and agree with others; pure."""
 
 import math
 
@@ -11,7 +11,7 @@ NOT_A_NUMBER = "it is not a number"
 
 
 class PoseCoverage(FlownCoverage):
-    """Coverage of positions: they are numbers, move with the vehicle, and agree with others."""
+    """Coverage of positions: they are finite, change in the air, and agree with other sources."""
 
     def __init__(self, terms: SignalTerms) -> None:
         super().__init__(terms, what="position")
@@ -26,11 +26,11 @@ class PoseCoverage(FlownCoverage):
 
     @property
     def compared_with(self) -> tuple[str, ...]:
-        """Return the other sources that gave this vehicle's position beside the poses."""
+        """Return the other sources with which this vehicle's positions were compared."""
         return tuple(name for name, one in self._agreements.items() if one.count)
 
     def stage(self, sample: StageSample) -> None:
-        """Note a stage for the coverage of poses."""
+        """Take a stage for the coverage of poses."""
         was_open = self.stages.open
         super().stage(sample)
         if self.stages.open and not was_open:
@@ -42,7 +42,7 @@ class PoseCoverage(FlownCoverage):
                 self._still.restart()
 
     def pose(self, sample: PoseSample) -> None:
-        """Note a pose of the judged source."""
+        """Take a pose of the judged source."""
         if not is_finite(sample):
             self.find(sample.t_s, f"{NOT_A_NUMBER} at {sample.t_s:.2f} s")
             return
@@ -76,6 +76,6 @@ def is_finite_reference(sample: ReferenceSample) -> bool:
 
 def is_finite(sample: PoseSample) -> bool:
     """Return whether all numbers of a pose are finite."""
-    # One sum: infinities and NaN survive it, and a pose comes a thousand times a second.
+    # One sum, because infinities and NaN survive it and a thousand poses come in a second.
     total = sum(sample.pose.position_ned_m) + sum(sample.pose.q_wxyz)
     return math.isfinite(total + sum(sample.velocity_ned_m_s) + sample.t_s)

@@ -1,4 +1,4 @@
-"""What is expected of a signal: from where it comes, how often, and for how long."""
+"""The expectations of a signal: its source, its longest gap, its window."""
 
 import math
 from collections.abc import Mapping
@@ -8,26 +8,25 @@ from safety.evidence.agreement import Accuracy
 from safety.oracles.oracle_terms import FLIGHT, Window
 
 MOST_GAP_S = 0.5
-"""The longest gap that is accepted of a position while the vehicle is armed, unless declared."""
+"""The longest accepted gap between positions in flight, unless the campaign declares another."""
 GAP_PERIODS = 3.0
-"""Two samples may be lost in a row; a third means that the source is not what it says."""
+"""Two samples in a row may be lost; with a third the source has not its stated rate."""
 STAMP_S = 0.002
-"""Stamps are whole milliseconds (time_boot_ms), at either end of a gap."""
+"""Rounding of a gap: the stamps at both ends are whole milliseconds (time_boot_ms)."""
 
 SILENCE_S = 1.5
-"""After how long without a byte a driver takes a vehicle for silent; its reports are no quicker."""
+"""After how long without a byte a driver reports a vehicle as silent; reports may be as slow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalTerms:
     """The evidence terms of one signal of one vehicle: rates, gaps, whether required.
 
-    signal, source: as results name them ("pose", "mocap"). limit_s: the longest gap that is
-    accepted. required: whether a required oracle rests on it: else its INVALID is only reported.
-    over_link: it arrives over the vehicle's link, and is silent when that is. on_grid: its places
-    and velocities are rounded, so that a hovering vehicle's may repeat; its attitudes are not.
-    accuracy: of a pose, references: other sources of the same, by their names; with both they are
-    compared.
+    signal, source: as results name them ("pose", "mocap"). limit_s: the longest accepted gap.
+    required: whether a required oracle depends on it; else its INVALID is only reported. over_link:
+    it arrives over the vehicle's link, and is silent when the link is. on_grid: its positions and
+    velocities are rounded, so that those of a hovering vehicle may repeat; attitudes are not.
+    accuracy: of the pose; references: accuracies of other sources by name, to compare with.
     """
 
     signal: str
@@ -45,8 +44,8 @@ class SignalTerms:
 def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:
     """Return the evidence terms' longest accepted gap between positions of a source.
 
-    judged_every_s: the least time between two that are judged: a source that is quicker is
-    thinned to its first sample after that time.
+    judged_every_s: the least time between two judged samples: of a faster source only the first
+    sample after that time is judged.
     """
     period_s = 1.0 / rate_hz
     judged_s = period_s * max(1.0, math.ceil(judged_every_s / period_s))

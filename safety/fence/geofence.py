@@ -17,7 +17,10 @@ from worlds.frames import Vec3, lerp
 __all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon"]
 
 _SHORTEST_STEP_M = 0.01
-"""How finely the way ahead is looked at close to a boundary."""
+"""The shortest step along a path that is checked close to a boundary."""
+_MOST_STEPS = 50_000
+"""Of a path that is checked: only a velocity that no vehicle has leads farther. That is a breach: a
+fence without sides would be searched for minutes."""
 _ROUNDING_M = 1e-6
 
 
@@ -169,8 +172,8 @@ class Fence:
     def _first_point_outside(self, start: Vec3, end: Vec3, keep_m: float) -> Vec3 | None:
         """Return the first point of a straight path that is not `keep_m` inside; None without."""
         length_m = math.dist(start, end)
-        gone_m = 0.0
-        while True:
+        point, gone_m = start, 0.0
+        for _ in range(_MOST_STEPS):
             part = min(1.0, gone_m / length_m) if length_m > 0.0 else 1.0
             point = lerp(start, end, part)
             margin_m = self.margin_m(point) - keep_m
@@ -179,6 +182,7 @@ class Fence:
             if part == 1.0:
                 return None
             gone_m += max(margin_m, _SHORTEST_STEP_M)
+        return point
 
     def _require_some_place(self) -> None:
         """Refuse a geofence that bounds nothing, or that leaves no place."""

@@ -1,4 +1,4 @@
-"""What a guard is, in this process or in one of its own."""
+"""The interface of a guard, in this process or in its own."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, Self
@@ -14,7 +14,7 @@ from vehicles.poses.anchor import Anchor
 class Guard(Protocol):
     """The guard between orchestrator and vehicles (protocol); an async context manager.
 
-    What it decides comes as events. Leaving ends it: land before that.
+    Its decisions are reported as events. Leaving the context ends it: land before that.
     """
 
     @property
@@ -35,22 +35,22 @@ class Guard(Protocol):
         """Register a listener for every event of the guard, called from the event loop."""
 
     def position(self, sample: PoseSample) -> None:
-        """Give the guard a vehicle's position, from the fastest source there is."""
+        """Give the guard a vehicle's position, from the fastest available source."""
 
     def anchor(self, name: str, anchor: Anchor) -> None:
-        """Give the guard a vehicle's local frame in the world."""
+        """Give the guard the place of a vehicle's local frame in the world."""
 
     def start_outage(self, name: str, duration_s: float) -> None:
         """Start a link outage between the guard and a vehicle for a while."""
 
     def alive(self) -> None:
-        """Give the guard the orchestrator's sign of life; the first one starts the watch on it."""
+        """Give the guard the orchestrator's sign of life; the first one starts its timeout."""
 
     def command(self, command: OperatorCommand) -> None:
         """Have the guard execute an operator's abort, hold or resume; an event reports it."""
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the guard say in an event whether vehicles could take new fences."""
+        """Have the guard report in an event whether new fences would be accepted."""
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Have the guard change vehicles' fences, all or none; an event says which."""

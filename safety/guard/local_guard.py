@@ -1,6 +1,6 @@
-"""The guard in process: wires links, ticks and records round the pure core.
+"""The guard in this process: connects links, ticks and records to the pure core.
 
-It works on any event loop, so that virtual and wall time fly through the same guard.
+It works on any event loop: runs in virtual time and in wall time use the same guard.
 """
 
 import asyncio
@@ -34,12 +34,12 @@ TICK_HZ = 20.0
 _LOGGED = (ToOrchestrator, ToVehicle)
 
 Record = Callable[[str, float, bytes], None]
-"""Takes a vehicle's name, the run clock's time and one whole frame, of either direction."""
+"""Records a frame: the vehicle's name, the time on the run clock, one whole frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class GuardLinks:
-    """The local guard's ends of one vehicle's links. impaired: the link that can have outages."""
+    """The local guard's links for one vehicle. impaired: the link that can have outages."""
 
     vehicle: Link
     orchestrator: Link
@@ -50,10 +50,10 @@ class GuardLinks:
 class LocalGuard:
     """The guard inside this process: holds the vehicle links; an async context manager.
 
-    Frames of one decision leave before anything is recorded or reported. `record` gets every frame
-    that came from a vehicle or went to one; when it raises OSError the flight continues unrecorded,
-    and an event says so. early_s: a tick may come so much before its time, with a vehicle's frame:
-    a process then wakes once for both. ticked: called after each tick.
+    The frames of a decision are sent before anything is recorded or reported. `record` gets every
+    frame from and to a vehicle; if it raises OSError the flight continues unrecorded, and an event
+    reports it. early_s: by how much a tick may come early, together with a vehicle's frame: the
+    process then wakes once for both. ticked: called after each tick.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class LocalGuard:
         self._timer: asyncio.TimerHandle | None = None
         self._next_count = 0
         self._earliest_s = math.inf
-        """When a frame may bring the next tick along."""
+        """From when on a frame triggers the next tick."""
         self._down = asyncio.Event()
         self._rest = asyncio.Event()
         self._start_s = 0.0
@@ -124,7 +124,7 @@ class LocalGuard:
         self._listeners.append(listener)
 
     def position(self, sample: PoseSample) -> None:
-        """Give the local guard a vehicle's position, from the fastest source there is."""
+        """Give the local guard a vehicle's position, from the fastest available source."""
         self._apply(self.core.position(sample), sample.t_s)
 
     def place(self, name: str, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> None:
@@ -132,7 +132,7 @@ class LocalGuard:
         self._apply(self.core.place(name, position_ned_m, velocity_ned_m_s, t_s), t_s)
 
     def anchor(self, name: str, anchor: Anchor) -> None:
-        """Give the local guard a vehicle's local frame in the world."""
+        """Give the local guard the place of a vehicle's local frame in the world."""
         self.core.anchor(name, anchor)
 
     def start_outage(self, name: str, duration_s: float) -> None:
@@ -143,7 +143,7 @@ class LocalGuard:
         impaired.start_outage(duration_s)
 
     def alive(self) -> None:
-        """Give the local guard the orchestrator's sign of life; the first starts the watch."""
+        """Give the local guard the orchestrator's sign of life; the first starts its timeout."""
         now_s = self._now_s()
         self._apply(self.core.orchestrator_alive(now_s), now_s)
 
@@ -153,7 +153,7 @@ class LocalGuard:
         self._apply(self.core.command(command, now_s), now_s)
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the local guard say in an event whether vehicles could take new fences."""
+        """Have the local guard report in an event whether new fences would be accepted."""
         now_s = self._now_s()
         self._apply(self.core.propose_fences(fences, who, now_s), now_s)
 
@@ -173,12 +173,12 @@ class LocalGuard:
         self._apply(self.core.orchestrator_ended(now_s), now_s)
 
     def vehicle_gone(self, name: str, text: str) -> None:
-        """Tell the local guard that a vehicle's process ended or hangs, in words."""
+        """Tell the local guard that a vehicle's process ended or hangs. text: the reason."""
         now_s = self._now_s()
         self._apply(self.core.vehicle_gone(name, text, now_s), now_s)
 
     def clocks_apart(self, name: str, text: str) -> None:
-        """Tell the local guard that a vehicle's time diverged from the run clock."""
+        """Tell the local guard that a vehicle's time diverged from the run clock. text: how."""
         now_s = self._now_s()
         self._apply(self.core.clocks_apart(name, text, now_s), now_s)
 
@@ -197,9 +197,9 @@ class LocalGuard:
         return receive
 
     def _vehicle_receiver(self, name: str, ends: GuardLinks) -> Receiver:
-        """Return what takes a vehicle's bytes: passes frames on, and judges them in the same turn.
+        """Return the receiver of a vehicle's bytes: it forwards frames, then judges them.
 
-        Nothing that is found in them keeps them back, so they need not wait for it.
+        No result of judging holds a vehicle's frame back, so that forwarding comes first.
         """
         core, record = self.core, self._record_frames
         orchestrator, gcs = ends.orchestrator, ends.gcs if name in self._with_gcs else None
@@ -209,10 +209,10 @@ class LocalGuard:
             if not frames:
                 return
             raw = [frame.raw for frame in frames]
-            passed = raw[0] if len(raw) == 1 else b"".join(raw)
-            orchestrator.write(passed)
+            forwarded = raw[0] if len(raw) == 1 else b"".join(raw)
+            orchestrator.write(forwarded)
             if gcs is not None:
-                gcs.write(passed)
+                gcs.write(forwarded)
             outputs = core.judge_vehicle(name, frames, t_s)
             if outputs:
                 self._write_all(outputs)
@@ -226,7 +226,7 @@ class LocalGuard:
 
     def _schedule(self, count: int) -> None:
         loop = asyncio.get_running_loop()
-        # After a stall of the loop the ticks that were missed are not caught up with.
+        # Ticks that were missed while the loop stalled are skipped.
         count = max(count, int((loop.time() - self._start_s) * TICK_HZ + 1e-6) + 1)
         at_s = self._start_s + count / TICK_HZ
         self._next_count = count
@@ -266,7 +266,7 @@ class LocalGuard:
                     ends.gcs.write(data)
 
     def _note_all(self, outputs: Outputs, t_s: float, trouble: list[GuardEvent]) -> None:
-        """Record the frames of a decision; then report its events, and trouble with the record."""
+        """Record the frames of a decision; then report its events and failures to record."""
         events: list[GuardEvent] = []
         for output in outputs:
             if isinstance(output, GuardEvent):
@@ -280,9 +280,9 @@ class LocalGuard:
                     listener(event)
 
     def _record_frames(self, name: str, t_s: float, frames: Sequence[bytes]) -> list[GuardEvent]:
-        """Record frames; return the event that says why they are recorded no more, as a rule none.
+        """Record frames; return an event with the reason if recording ends now.
 
-        An exception of ours is reported, and the flight continues.
+        A programming error in `record` is reported, and the flight continues.
         """
         record = self._record
         if record is None:

@@ -1,4 +1,4 @@
-"""What an oracle says: fields exactly as results carry them."""
+"""Results of oracles and of evidence; the fields are those of result files."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +11,7 @@ Limit = float | tuple[float | None, float | None] | None
 class OracleResult:
     """One oracle's result of one run.
 
-    verdict: INVALID where what it needs to judge is missing; detail says what.
+    verdict: INVALID where a signal that it needs is missing; detail names it.
     actual: the worst value in its window, at_s when (run clock). limit: a number or (low, high).
     margin: signed distance to the nearest limit, positive is good; None for pure events.
     No value is ever NaN or infinite. detail: a sentence for people ("touched gate.left").
@@ -34,11 +34,11 @@ class EvidenceResult:
     """The evidence result of one signal over the time in which it was judged.
 
     signal, vehicle, source: "pose" of "real" from "mocap". required: whether a required oracle
-    rests on it. first_s, last_s: stamps of its samples within the window, None without any; count:
-    how many. largest_gap_s, gap_at_s: the longest time without a sample, and when that began.
-    limit_s: the longest gap that is accepted. verdict: INVALID where the signal cannot show what
-    happened; reason: why, and when. compared_with: the other sources that agreed with it, or did
-    not. Times are on the run clock.
+    depends on it. first_s, last_s, count: times of its first and last sample within the window
+    (None without any), and how many there are. largest_gap_s, gap_at_s: the longest time without a
+    sample, and when that began. limit_s: the longest accepted gap. verdict: INVALID where the
+    signal cannot show what happened; reason: why, and when. compared_with: the other sources with
+    which it was compared. Times are on the run clock.
     """
 
     signal: str

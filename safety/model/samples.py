@@ -1,6 +1,6 @@
-"""What judging and guarding are fed: frozen samples, each with its run-clock time.
+"""The samples that judge and guard get: immutable, each with its time on the run clock.
 
-Positions are NED metres in the world's local frame, whatever source they came from.
+Positions are NED metres in the world's local frame, whatever their source.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from vehicles.autopilots.autopilot import Mode
 from worlds.frames import Pose, Quat, Vec3
 
 Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
-"""Of a run: takeoff commanded, both at height, goal given (t0), autonomy done, landing commanded,
-on the ground and disarmed, nothing more will come."""
+"""Stages of a run: takeoff commanded, all at height, goal given (t0), autonomy done, landing
+commanded, on the ground and disarmed, end of all samples."""
 
 
 class PoseSample(NamedTuple):
     """A sample of a vehicle's pose in the world, from the source that its campaign chose.
 
-    A named tuple: there are a hundred a second, and a frozen dataclass takes twice as long to make.
+    A named tuple: a hundred are made in a second, and a frozen dataclass takes twice as long.
     """
 
     t_s: float
@@ -73,7 +73,7 @@ class ReferenceSample(NamedTuple):
 class GroundSpeedSample(NamedTuple):
     """A sample of a vehicle's horizontal speed by another source than the judged one.
 
-    t_s: when it arrived. accuracy_m_s: one standard deviation; None where the source says none.
+    t_s: when it arrived. accuracy_m_s: one standard deviation; None where the source states none.
     """
 
     t_s: float
@@ -84,9 +84,9 @@ class GroundSpeedSample(NamedTuple):
 
 
 class ReportSample(NamedTuple):
-    """A sample of a signal whose value travels elsewhere: a status, a mixed frame.
+    """A sample of a signal whose value is carried elsewhere: a status, a mixed frame.
 
-    t_s: the moment that it is for.
+    t_s: the time for which it is valid.
     """
 
     t_s: float
@@ -96,7 +96,7 @@ class ReportSample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DoubtSample:
-    """A sample that says that a signal is not credible from t_s on; reason: for people.
+    """A sample that marks a signal as not credible from t_s on; reason: for people.
 
     source: where the signal comes from ("mocap", "recipe").
     """
@@ -119,7 +119,7 @@ class StageSample:
 
 @dataclass(frozen=True, slots=True)
 class DropOutSample:
-    """A sample of a vehicle that left the flight, which went on without it."""
+    """A sample of a vehicle that left the flight, which continued without it."""
 
     t_s: float
     vehicle: str

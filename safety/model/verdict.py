@@ -1,4 +1,4 @@
-"""The verdict of a run, from what happened to it and from what its oracles say."""
+"""Decides the verdict of a run from its decisive events and the results of its oracles."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -11,21 +11,21 @@ GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
 
 _LOSS_S = 4.0
-"""A guard takes a vehicle for lost 3 s after its last heartbeat, which comes once a second."""
+"""A guard reports a vehicle as lost 3 s after its last heartbeat, which comes once a second."""
 
 DecisiveKind = Literal["ERROR", "INVALID", "FAIL", "ABORTED"]
 
 _ORDER: dict[DecisiveKind, int] = {"ERROR": 0, "INVALID": 1, "FAIL": 2, "ABORTED": 3}
-"""Which of several decisive events of one instant names the verdict."""
+"""Which of several decisive events of the same time decides the verdict."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecisiveEvent:
-    """An event that alone decides the run's verdict, if nothing did before.
+    """An event that alone decides the run's verdict, if none did before.
 
     source: where it comes from: "collision/real" for an oracle's flag (its result is then not
-    reported again).
-    note: the last of the judged vehicle's autonomy then. trace: a traceback, where there is one.
+    reported again). note: the last note of the judged vehicle's autonomy at that time. trace: a
+    traceback, where there is one.
     """
 
     t_s: float
@@ -38,9 +38,9 @@ class DecisiveEvent:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The decision: the verdict, its reason in a sentence (empty for PASS), and what came later.
+    """The decision: the verdict, its reason in a sentence (empty for PASS), and later events.
 
-    source, note, trace: of the event that made the verdict; empty for PASS, and where it has none.
+    source, note, trace: of the event that decided; empty for PASS, and where it has none.
     """
 
     verdict: Verdict
@@ -68,9 +68,9 @@ def decide(
 
     A required oracle's FAIL or INVALID is an event at its `at_s`, at `end_s` when it has none, and
     no event when its flag already is one. `completed`: the flight went from takeoff to the end of
-    its landing; one that did not is an ERROR, if nothing else says why. timeouts: the sources that
-    say only that time is up. What was not reached by then is the cause, and comes before them: an
-    oracle that failed, and that only the end could fail.
+    its landing; if not, it is an ERROR unless an event gives another reason. timeouts: the sources
+    of events that only report that the time is up. The cause of those is what was not reached by
+    then: an oracle whose failure is known at the end only comes before them.
     """
     known = list(events)
     reported = {event.source for event in known if event.source}
@@ -80,7 +80,7 @@ def decide(
         known.append(DecisiveEvent(end_s, "ERROR", "the flight was not completed"))
     if not known:
         return Decision("PASS", "")
-    # What only the end shows of an oracle is later than what happened at that instant.
+    # A failure that is known at the end only is later than events of the same time.
     at_end = {source_of(one.name, one.vehicle) for one in failed if one.at_s is None} - reported
     losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
     ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
@@ -91,7 +91,7 @@ def decide(
 
 
 def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:
-    """Return the first oracle that waited until the verdict in vain; None without."""
+    """Return the source of the first oracle that failed at the end only; None without one."""
     waited = (one for one in failed if one.verdict == "FAIL" and one.at_s is None)
     sources = (source_of(one.name, one.vehicle) for one in waited)
     return next((source for source in sources if source not in timeouts), None)
@@ -102,9 +102,9 @@ def _rank(
 ) -> tuple[float, bool, int]:
     """Return the rank of a decisive event for the verdict: time, end, kind.
 
-    losses: when each lost vehicle was taken for lost, by the source of that event.
+    losses: when each lost vehicle was reported as lost, by the source of that event.
     """
-    # A time that is not a number must not make the order depend on where it stood.
+    # NaN must not make the order depend on the previous order.
     at_s = math.inf if math.isnan(event.t_s) else event.t_s
     if event.source.startswith("evidence/"):
         lost_s = losses.get(f"guard.lost/{event.source.rpartition('/')[2]}", -math.inf)
@@ -127,7 +127,7 @@ def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
 
 
 def _limit(result: OracleResult) -> str:
-    """Return the limit of an oracle's result in words, for the verdict's reason."""
+    """Return the limit of an oracle's result as text for the verdict's reason."""
     if not isinstance(result.limit, tuple):
         return "no limit" if result.limit is None else f"{result.limit:g}"
     low, high = ("open" if x is None else f"{x:g}" for x in result.limit)

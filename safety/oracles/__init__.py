@@ -1,4 +1,4 @@
-"""Oracles: what a campaign may have judged; importing this fills the registry."""
+"""Oracles: the checks that a campaign may name; importing this package fills the registry."""
 
 from safety.oracles import (
     area,

@@ -1,4 +1,4 @@
-"""Where the vehicle may be: the geofence, an area of the campaign's own, and the height."""
+"""Oracles of where the vehicle may be: geofence, an area of the campaign, altitude."""
 
 from typing import Annotated, Self
 
@@ -39,7 +39,7 @@ class AreaParameters(Windowed):
     @model_validator(mode="after")
     def _without_file(self) -> Self:
         if self.keep.file is not None:
-            raise KeyFaultError(("keep", "file"), "an area is drawn here, not in another file")
+            raise KeyFaultError(("keep", "file"), "an area cannot refer to a file; write it here")
         return self
 
 
@@ -47,7 +47,7 @@ class Geofence(LimitOracle):
     """The oracle of the fence's area; its floor holds from at_height to the landing only.
 
     actual: the smallest signed distance to the boundary, positive inside; limit 0. The oracle
-    judges where the vehicle was; whether it could still have stopped is the guard's business.
+    judges where the vehicle was; whether it could still have stopped is judged by the guard.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Geofence(LimitOracle):
         return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Judge a pose; each time the fence's area is left is a flag."""
+        """Judge a pose; each time the vehicle leaves the fence's area is a flag."""
         fence = self._low_fence if self.stages.near_ground else self._fence
         if not self.stages.open or fence is None:
             return NO_FLAGS
@@ -82,7 +82,7 @@ class Geofence(LimitOracle):
 
 
 class Altitude(LimitOracle):
-    """The oracle of the altitude area; the lower limit from at_height to the landing only."""
+    """The oracle of the altitude; the lower limit from at_height to the landing only."""
 
     def __init__(
         self, terms: Terms, *, min_m: float | None = None, max_m: float | None = None
@@ -92,7 +92,7 @@ class Altitude(LimitOracle):
         self._max_m = max_m
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Judge a pose; each time the altitude area is left is a flag."""
+        """Judge a pose; each time the altitude leaves its limits is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         low_m = None if self.stages.near_ground else self._min_m
@@ -126,6 +126,6 @@ def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Or
 
 @oracle("altitude", "stays between min_m and max_m over the world's origin", AltitudeParameters)
 def altitude(terms: Terms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
-    """Return the oracle of the altitude area."""
+    """Return the oracle of the altitude."""
     del context
     return Altitude(terms, min_m=parameters.min_m, max_m=parameters.max_m)

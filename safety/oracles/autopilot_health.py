@@ -1,4 +1,4 @@
-"""What the vehicle says of its health: its estimator, its battery, the modes it flies in."""
+"""Oracles of the reported health: the estimator, the battery, the flight modes."""
 
 from typing import Annotated, Literal, Self
 
@@ -73,7 +73,7 @@ class Estimator(Oracle):
         self._flagged = False
 
     def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage: an estimator fault at the end of the window counts up to there."""
+        """Take a stage: an estimator fault that lasts beyond the window counts until its end."""
         was_open = self.stages.open
         self.stages.reach(sample)
         if was_open and not self.stages.open:
@@ -124,7 +124,7 @@ class Estimator(Oracle):
 
     def _too_long(self, lasted_s: float, fault: str) -> bool:
         """Return whether an estimator fault has lasted longer than the limit."""
-        # Without a limit the fault itself is too much, however short.
+        # With a limit of 0 any fault is too long, however short.
         return bool(fault) and (lasted_s > self._max_s or self._max_s == 0.0)
 
 
@@ -167,7 +167,7 @@ class Battery(LimitOracle):
         )
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the least charge or voltage; INVALID where it was reported, and then no more."""
+        """Return the least charge or voltage; INVALID if it became unknown in the window."""
         found = super().result(t_s)
         if self._lost_s is None or found.verdict != "PASS":
             return found
@@ -191,7 +191,7 @@ class Modes(Oracle):
         self._first_bad: tuple[float, str] | None = None
 
     def on_state(self, sample: StateSample) -> Flags:
-        """Take a state; each mode that is not allowed is a flag, and one change too many."""
+        """Take a state; a mode that is not allowed, and each change too many, is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         mode = sample.mode.value

@@ -1,4 +1,4 @@
-"""Contact with, and clearance to, what stands in the judged world."""
+"""Contact with, and clearance to, the objects of the judged world."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,7 +22,7 @@ from safety.oracles.oracle import (
 )
 
 CLEAR_AGAIN_M = 0.02
-"""A contact is over when the clearance exceeds this: noise of a pose must not count twice."""
+"""A contact is over when the clearance exceeds this, so that noise does not count it twice."""
 
 
 class ContactParameters(Windowed):
@@ -114,7 +114,7 @@ class Clearance(Oracle):
         if not self.stages.open:
             return NO_FLAGS
         self._seen = True
-        # What is neither nearer than ever nor near an episode costs nothing to leave out.
+        # Only objects nearer than ever, or near the limit, are of interest.
         known_m = math.inf if self._worst is None else self._worst.clearance_m
         self._limits.below_m = max(known_m, self._min_m + CLEAR_AGAIN_M)
         swept = self._probe.sweep(

@@ -1,4 +1,4 @@
-"""The distance to one thing, moving or not, kept between limits."""
+"""The distance to one object, moving or not, between limits."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -22,7 +22,7 @@ from worlds.files.documents import closest
 
 
 class DistanceParameters(Band):
-    """object: whose distance; min_m, max_m: from the body to its nearest point."""
+    """object: its name; min_m, max_m: limits of the distance from the body to its nearest point."""
 
     object: Annotated[str, Field(description="the name of the object in the world")]
     min_m: Annotated[float | None, Field(ge=0, description="never nearer than this")] = None
@@ -51,7 +51,7 @@ class Distance(LimitOracle):
         self._last: PoseSample | None = None
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Judge a pose; each time the distance limits are left is a flag."""
+        """Judge a pose; each time the distance leaves its limits is a flag."""
         last, self._last = self._last or sample, sample
         if not self.stages.open:
             return NO_FLAGS
@@ -89,7 +89,7 @@ def distance(terms: Terms, parameters: DistanceParameters, context: OracleContex
     if thing not in context.things or context.probe_of is None:
         known = ", ".join(context.things) or "none"
         raise OracleError(
-            f"oracle {terms.name!r}: no object {thing!r} stands in the judged world in mode "
+            f"oracle {terms.name!r}: the judged world has no object {thing!r} in mode "
             f"{context.mode} (there are: {known})",
             key="object",
             suggestion=closest(thing, context.things),

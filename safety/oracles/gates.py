@@ -1,4 +1,4 @@
-"""Openings of a scene's objects as gates that oracles judge, moving or not."""
+"""Gates: the openings of a scene's objects, moving or not, for oracles."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from worlds.scene.parts import Crossing, Opening
 from worlds.scene.scene import Scene, SceneObject
 
 _CLOSE_M = 1e-6
-"""So close to the plane the depth is computed as a crossing is: the two must agree on the side."""
+"""Closer to the plane, depth is computed as a crossing is: both must agree on the side."""
 
 
 class SceneGate:
@@ -42,7 +42,7 @@ class SceneGate:
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
     ) -> Crossing | None:
-        """Return where the way between two points crosses the gate's plane."""
+        """Return where the path between two points crosses the gate's plane."""
         local_0 = self._thing.pose_at(t_0, events).to_local(p_0)
         local_1 = self._thing.pose_at(t_1, events).to_local(p_1)
         return self._opening.crossing(local_0, local_1)

@@ -20,7 +20,7 @@ from worlds.frames import Vec3, norm, subtract
 
 
 class ReachedPositionParameters(Windowed):
-    """tolerance_m: how near to the goal's position counts as reached, in metres."""
+    """tolerance_m: the distance from the goal's position that counts as reached, in metres."""
 
     tolerance_m: float = Field(gt=0, description="how near counts as reached")
 
@@ -51,7 +51,7 @@ _AT: dict[LastStage, str] = {
 class ReachedPosition(Oracle):
     """The oracle of the goal's position: within a tolerance between goal and landing.
 
-    actual: the smallest distance there was; limit: the tolerance.
+    actual: the smallest distance; limit: the tolerance.
     """
 
     def __init__(self, terms: Terms, *, target_ned_m: Vec3, tolerance_m: float) -> None:
@@ -87,8 +87,8 @@ class ReachedPosition(Oracle):
             limit=self._tolerance_m,
             unit="m",
             margin=margin_m,
-            # That it will not get there is known at the end, not when it was the nearest: what cut
-            # the flight off came before.
+            # A failure is known at the end only, not when the vehicle was nearest: an event that
+            # ended the flight came before it.
             at_s=at_s if passed else None,
         )
 
@@ -132,7 +132,7 @@ class TimeLimit(Oracle):
             actual=took_s,
             limit=self._limit_s,
             unit="s",
-            # Time that was left does not excuse that it was never done.
+            # Where the stage was never reached, remaining time is no positive margin.
             margin=margin_s if end_s is not None or margin_s < 0.0 else None,
             at_s=start_s + took_s,
             detail="" if end_s is not None else f"never {_AT[window.last]}",
@@ -140,8 +140,8 @@ class TimeLimit(Oracle):
 
     @property
     def _reached_s(self) -> float | None:
-        """Return when the awaited stage (by default the goal's done) was reached; None."""
-        # A later stage closes the window, but only the stage itself is what was waited for.
+        """Return when the awaited stage (by default the goal's done) was reached; None before."""
+        # A later stage closes the window as well, but does not count as reaching this one.
         return self.stages.at(self.terms.window.last)
 
 

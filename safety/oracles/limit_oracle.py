@@ -1,4 +1,4 @@
-"""Oracles that keep a value between limits: the worst of it, and each time the limits are left."""
+"""The base of oracles that judge a value against limits, and their parameters."""
 
 from collections.abc import Callable
 from typing import Self
@@ -11,7 +11,7 @@ from worlds.files.documents import KeyFaultError
 
 
 class LimitOracle(Oracle):
-    """The base of oracles with limits: remembers the least margin; a negative one is a flag."""
+    """The base of oracles with limits: keeps the least margin; flags when it becomes negative."""
 
     def __init__(
         self, terms: Terms, *, unit: str, limit: Limit, nothing: str = "no pose seen"
@@ -54,7 +54,7 @@ def margin_of(value: float, low: float | None, high: float | None) -> float:
 
 
 def limit_of(low: float | None, high: float | None) -> Limit:
-    """Return the limits as results show them: the one there is, or both."""
+    """Return the limits as results show them: the upper limit alone, or (low, high)."""
     if low is None:
         return high
     return (low, high)
@@ -63,7 +63,7 @@ def limit_of(low: float | None, high: float | None) -> Limit:
 class Band(Windowed):
     """Parameters of an oracle with a lower and an upper limit, at least one given.
 
-    A subclass has fields min_<unit> and max_<unit>, which begin with these words.
+    A subclass has the fields min_<unit> and max_<unit>.
     """
 
     @property

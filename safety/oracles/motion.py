@@ -1,4 +1,4 @@
-"""How the vehicle moves: its speed and its attitude."""
+"""Oracles of the vehicle's motion: speed and attitude."""
 
 from collections.abc import Callable
 from typing import Annotated, Literal, Self
@@ -61,7 +61,7 @@ class Speed(LimitOracle):
         self._speed_m_s = _SPEEDS[axis]
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Judge a pose's speed; each time the limits are left is a flag."""
+        """Judge a pose's speed; each time it leaves the limits is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         low_m_s = None if self.stages.near_ground else self._min_m_s
@@ -88,7 +88,7 @@ class Attitude(LimitOracle):
         self._least_deg: float | None = None
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Judge a pose's attitude; each time a limit is exceeded is a flag."""
+        """Judge a pose's attitude; each time it exceeds a limit is a flag."""
         if not self.stages.open:
             return NO_FLAGS
         angles = [(limit - abs(of(sample)), what, limit) for what, of, limit in self._limits]
@@ -117,10 +117,10 @@ def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> 
 def attitude(terms: Terms, parameters: AttitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the motion's attitude."""
     del context
-    given = (
+    angles = (
         ("tilt", signals.tilt_deg, parameters.max_tilt_deg),
         ("roll", signals.roll_deg, parameters.max_roll_deg),
         ("pitch", signals.pitch_deg, parameters.max_pitch_deg),
     )
-    limits = tuple((what, of, limit) for what, of, limit in given if limit is not None)
+    limits = tuple((what, of, limit) for what, of, limit in angles if limit is not None)
     return Attitude(terms, limits=limits)

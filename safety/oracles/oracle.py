@@ -1,7 +1,7 @@
 """The oracle interface and the registry.
 
 Oracles are pure and online: samples in the order of their times in, flags out, and at the end one
-result. They read no clock, so that judging a recording gives what judging the flight gave.
+result. They read no clock, so that judging a recording gives the results of judging the flight.
 """
 
 import math
@@ -43,10 +43,10 @@ NO_FLAGS: Flags = ()
 
 
 class OracleError(Exception):
-    """An oracle that cannot be built for this run; says which and why.
+    """An oracle cannot be built for this run; the message names it and the reason.
 
-    key: which of its parameters is at fault; empty for none of them. offset: where in that
-    parameter's text. suggestion: what was probably meant.
+    key: the parameter at fault; empty for none. offset: where in the text of that parameter.
+    suggestion: what was probably meant.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class OracleError(Exception):
 
 
 class Oracle(ABC):
-    """The base of oracles of one vehicle (`watches`: whose samples it takes, mostly its own).
+    """The base of oracles, each of one vehicle (`watches`: the vehicles whose samples it gets).
 
-    reports: what it takes of a vehicle's state; its silence is the oracle's blindness. motion: what
-    it takes of a pose beside the position. is_costly: its result takes longer the longer the run,
-    too long to be asked for in flight.
+    reports: the reports of a vehicle that it needs: without them it cannot judge. motion: what it
+    needs of a pose besides the position. is_costly: computing its result takes longer the longer
+    the run is, too long to be done in flight.
     """
 
     reports: frozenset[ReportName] = frozenset()
@@ -108,7 +108,7 @@ class Oracle(ABC):
         return NO_FLAGS
 
     def on_tick(self, t_s: float) -> Flags:
-        """Tell the oracle that time has passed, for those that judge silence."""
+        """Tell the oracle that time has passed, for oracles that judge silence."""
         del t_s
         return NO_FLAGS
 
@@ -131,10 +131,10 @@ class Oracle(ABC):
         at_s: float | None = None,
         detail: str = "",
     ) -> OracleResult:
-        """Return this oracle's result; a number that is not finite turns it into INVALID."""
+        """Return this oracle's result; INVALID if one of its numbers is not finite."""
         numbers = [x for x in (actual, margin, at_s) if x is not None]
         if not all(map(math.isfinite, numbers)):
-            bad = f"saw a value that is not finite ({actual})"
+            bad = f"it got a value that is not finite ({actual})"
             return self.invalid(bad)
         return OracleResult(
             name=self.name,
@@ -150,7 +150,7 @@ class Oracle(ABC):
         )
 
     def invalid(self, detail: str, *, at_s: float | None = None) -> OracleResult:
-        """Return that the oracle has nothing to judge by. detail: which signal is missing, when."""
+        """Return the result INVALID. detail: which signal is missing, and when."""
         return replace(self.verdict(passed=False, at_s=at_s, detail=detail), verdict="INVALID")
 
 
@@ -162,9 +162,9 @@ Factory = Callable[[Terms, Any, OracleContext], Oracle]
 class OracleSpec:
     """A registered kind of oracle that campaigns may name.
 
-    pair_only: it compares two vehicles and is left out where only one flies; a function of its
-    parameters where these decide. at_the_end: only the
-    end shows whether it fails. window, fail_fast: what it does where the campaign does not say.
+    pair_only: it compares two vehicles and is left out where only one flies; a function of the
+    parameters if these decide. at_the_end: whether it fails is known at the end only. window,
+    fail_fast: the defaults where the campaign gives none.
     """
 
     name: str
@@ -177,7 +177,7 @@ class OracleSpec:
     fail_fast: bool = False
 
     def needs_pair(self, parameters: Parameters) -> bool:
-        """Return whether the oracle judges nothing where one vehicle flies alone."""
+        """Return whether the oracle needs two vehicles."""
         return self.pair_only(parameters) if callable(self.pair_only) else self.pair_only
 
     def build(

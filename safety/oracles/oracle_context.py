@@ -1,4 +1,4 @@
-"""The context that an oracle gets of its run: the world in which it judges, the goal, the fence."""
+"""The context that an oracle gets of its run: the judged world, the goal, the fence."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -53,9 +53,9 @@ class Probe(Protocol):
         *,
         below_m: Mapping[tuple[str, bool], float] | None = None,
     ) -> tuple[Separation, ...]:
-        """Return the least clearance to each near object on the way between two poses.
+        """Return the least clearance to each near object on the path between two poses.
 
-        below_m: by name and whether it is a floor; only what is less is reported.
+        below_m: by object name and whether it is a floor; only smaller clearances are reported.
         """
 
 
@@ -72,20 +72,20 @@ class Gate(Protocol):
     def crossing(
         self, p_0: Vec3, t_0: float, p_1: Vec3, t_1: float, events: Mapping[str, float]
     ) -> Crossing | None:
-        """Return where the way from one point to the next crosses the gate's plane."""
+        """Return where the path from one point to the next crosses the gate's plane."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OracleContext:
     """The context of an oracle: the run and the one vehicle it judges.
 
-    vehicle: whom this oracle judges. body_half_m: of the box round it, forward, right and down
-    from its centre; zeros for a point. probe: clearance to the world in which that vehicle is
-    judged (Wv in sim and wil, W in real). things: the names of what stands there; probe_of: a
-    probe of one of them alone, that reports it however far it is. gates: all openings of that
-    world by name; route: those of the goal, in order. target_ned_m: a position goal. fence: that
-    vehicle's own. frame: where on Earth the world is. events: times of the world's events, a
-    mapping that the run fills in as they happen.
+    vehicle: the judged vehicle. body_half_m: half the sizes of its bounding box, forward, right
+    and down from its centre; zeros for a point. probe: clearance to the world in which it is
+    judged (Wv in sim and wil, W in real). things: the names of the objects in that world;
+    probe_of: returns a probe of one of them alone, without a limit of distance. gates: all
+    openings of that world by name; route: those of the goal, in order. target_ned_m: a position
+    goal. fence: that of this vehicle. frame: where on Earth the world is. events: times of the
+    world's events; the run adds them as they happen.
     """
 
     mode: RunMode

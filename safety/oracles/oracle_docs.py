@@ -1,4 +1,4 @@
-"""What oracles are and take, in words: for `wil-campaign list oracles` and the documentation."""
+"""Describes oracles and their parameters for `wil-campaign list oracles` and the documentation."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class ParameterDoc:
 
 @dataclass(frozen=True, slots=True)
 class OracleDoc:
-    """An oracle's documentation: what it demands, when it judges, its parameters."""
+    """An oracle's documentation: what it checks, when it judges, its parameters."""
 
     name: str
     summary: str
@@ -47,7 +47,7 @@ class OracleDoc:
 
 
 def describe_oracles(spec: OracleSpec) -> OracleDoc:
-    """Return an oracle's documentation; common ones are in `common_parameters`."""
+    """Return an oracle's documentation, without the `common_parameters`."""
     windowed = issubclass(spec.parameters, Windowed)
     window = f"from {spec.window.first} to {spec.window.last}" if windowed else "at the end"
     common = {*Parameters.model_fields, *Windowed.model_fields}

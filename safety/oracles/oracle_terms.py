@@ -1,4 +1,4 @@
-"""On which terms an oracle judges: whom, whether it counts, from which stage to which, how soon."""
+"""The terms of an oracle: the judged vehicle, whether it is required, its window, fail-fast."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self, get_args
@@ -9,7 +9,7 @@ from safety.model.samples import Stage, StageSample
 from worlds.files.documents import KeyFaultError
 
 STAGES: tuple[Stage, ...] = get_args(Stage)
-"""In the order in which a run reaches them."""
+"""The stages in the order in which a run reaches them."""
 
 FirstStage = Literal["takeoff", "at_height", "goal", "done", "land"]
 LastStage = Literal["at_height", "goal", "done", "land", "landed", "end"]
@@ -19,7 +19,7 @@ LastStage = Literal["at_height", "goal", "done", "land", "landed", "end"]
 class Window:
     """The stages between which an oracle judges: from reaching `first` to reaching `last`.
 
-    A run that skips `last` (it was cut short) closes the window with any later stage.
+    If a run is cut short and skips `last`, any later stage closes the window.
     """
 
     first: FirstStage
@@ -35,7 +35,7 @@ ON_GOAL = Window("goal", "land")
 class Terms:
     """The terms of one oracle in one run: name, vehicle, window, whether required.
 
-    fail_fast: its decisive flag ends the flight, which lands at once; else the flight continues.
+    fail_fast: on its decisive flag all vehicles land at once; else the flight continues.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Terms:
 class Parameters(BaseModel):
     """The parameters that a campaign may give to every oracle.
 
-    vehicle: whom it judges; None means the subject of the run (real in wil and real, twin in sim).
+    vehicle: the judged vehicle; None is the subject of the run (real in wil and real, twin in sim).
     required: whether its FAIL fails the run, or is only reported.
     """
 
@@ -66,8 +66,8 @@ class Parameters(BaseModel):
 class Windowed(Parameters):
     """The parameters of an oracle that judges a window of the flight.
 
-    from, to: the stages that open and close its window; None: those of its kind. fail_fast: land
-    at once when it fails; None: as its kind does.
+    from, to: the stages that open and close its window; None: the default of its kind. fail_fast:
+    land at once when it fails; None: the default of its kind.
     """
 
     from_: Annotated[
@@ -98,7 +98,7 @@ class Windowed(Parameters):
 class Stages:
     """The stages reached so far, and whether an oracle's window is open.
 
-    `open` is a plain attribute: it is asked for each pose.
+    `open` is a plain attribute because it is read for each pose.
     """
 
     def __init__(self, window: Window = FLIGHT) -> None:
@@ -108,10 +108,10 @@ class Stages:
         self.open = False
         """Whether the window is open now."""
         self.near_ground = True
-        """Whether the vehicle is meant to be on or near the ground now."""
+        """Whether the vehicle may be near the ground now: before at_height, and from land on."""
 
     def reach(self, sample: StageSample) -> None:
-        """Note a reached stage; only its first time counts."""
+        """Record a reached stage; only its first time counts."""
         self._at_s.setdefault(sample.stage, sample.t_s)
         closed = not self._closing.isdisjoint(self._at_s)
         self.open = self._window.first in self._at_s and not closed

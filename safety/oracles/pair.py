@@ -1,4 +1,4 @@
-"""How far real and twin are from each other."""
+"""The oracle of the distance between real and twin."""
 
 from typing import Annotated
 
@@ -20,7 +20,7 @@ from worlds.frames import Vec3, add, norm, scale, subtract
 
 
 class TwinDivergenceParameters(Windowed):
-    """max_m: the largest distance of the pair, metres; None only reports it."""
+    """max_m: the largest allowed distance, metres; None only measures it."""
 
     required: Annotated[
         bool, Field(description="whether its FAIL fails the run; by default it is reported")
@@ -33,7 +33,7 @@ class TwinDivergenceParameters(Windowed):
 class TwinDivergence(Oracle):
     """The oracle of the pair's distance, from takeoff to landing command by default.
 
-    The two are sampled at different times: the older pose is carried on by its velocity.
+    The two are sampled at different times: the older pose is extrapolated by its velocity.
     """
 
     def __init__(self, terms: Terms, *, max_m: float | None = None) -> None:
@@ -54,7 +54,9 @@ class TwinDivergence(Oracle):
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
         if other is None or not self.stages.open:
             return NO_FLAGS
-        distance_m = norm(subtract(sample.pose.position_ned_m, carried(other, sample.t_s)))
+        distance_m = norm(
+            subtract(sample.pose.position_ned_m, extrapolated_ned_m(other, sample.t_s))
+        )
         if self._worst is None or distance_m > self._worst[0]:
             self._worst = (distance_m, sample.t_s)
         if self._flagged or self._max_m is None or distance_m <= self._max_m:
@@ -66,7 +68,7 @@ class TwinDivergence(Oracle):
         """Return the largest distance of the pair."""
         del t_s
         if self._worst is None:
-            return self.invalid("there are no poses of both at one time")
+            return self.invalid("there are no poses of both vehicles at one time")
         distance_m, at_s = self._worst
         margin_m = None if self._max_m is None else self._max_m - distance_m
         return self.verdict(
@@ -79,7 +81,7 @@ class TwinDivergence(Oracle):
         )
 
 
-def carried(sample: PoseSample, t_s: float) -> Vec3:
+def extrapolated_ned_m(sample: PoseSample, t_s: float) -> Vec3:
     """Return a vehicle's position extrapolated to a time, to compare the pair."""
     ahead_m = scale(sample.velocity_ned_m_s, t_s - sample.t_s)
     return add(sample.pose.position_ned_m, ahead_m)

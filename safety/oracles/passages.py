@@ -1,4 +1,4 @@
-"""When a body has gone through the plane of a gate as a whole, and where; pure."""
+"""Detects when and where a body has passed the plane of a gate as a whole; pure."""
 
 import itertools
 from collections.abc import Mapping
@@ -14,10 +14,11 @@ Side = Literal[1, -1]
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """A passage: a body that went from one side of a gate's plane to the other, all of it.
+    """A passage: the whole body went from one side of a gate's plane to the other.
 
-    direction: +1 along the gate's forward axis. offset_m: of the centre from the opening's centre
-    when it crossed the plane, at_s. reach_m: the largest offset of any point of the body.
+    direction: +1 along the gate's forward axis. offset_m: distance of the body's centre from the
+    opening's centre when it crossed the plane, at_s. reach_m: the largest offset of any point of
+    the body.
     """
 
     direction: Side
@@ -30,7 +31,7 @@ class Passage:
 class Dip:
     """A dip into a gate: the centre crossed the plane and came back before the body was through.
 
-    depth_m: how far the centre was behind the plane; at_s: when it was back.
+    depth_m: how far the centre was beyond the plane; at_s: when the body was back.
     """
 
     depth_m: float
@@ -56,9 +57,9 @@ class Body:
 class PassageDetector:
     """Detects passages of one body through one gate, pose by pose.
 
-    `side` is the one on which the body was last by at least its radius; at first, that of its
-    centre. What it crosses in between counts only once it is out on the other side: a nose that
-    goes in and comes back is no passage, in no direction.
+    `side` is the side on which the body last was, at least its radius away; at first, the
+    side of its centre. A crossing counts only once the body is clear on the other side: a nose that
+    goes in and comes back is no passage in either direction.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class PassageDetector:
         return Dip(deepest_m, t_s) if now == before and deepest_m > 0.0 else None
 
     def _measure(self, last: PoseSample, sample: PoseSample) -> None:
-        """Note where centre and corners cross the gate's plane between two poses."""
+        """Record where centre and corners cross the gate's plane between two poses."""
         gate, events = self._gate, self._events
         t_0, t_1 = last.t_s, sample.t_s
         from_m, to_m = last.pose.position_ned_m, sample.pose.position_ned_m

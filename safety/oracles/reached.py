@@ -24,12 +24,12 @@ from safety.oracles.passages import Body, Dip, Passage, PassageDetector
 from worlds.frames import Vec3
 
 Direction = Literal["away", "along", "against", "either"]
-"""away: from the side on which the vehicle was before; along: the x axis of the gate's object."""
+"""away: from the side where the vehicle was before; along: the x axis of the gate's object."""
 _POINT: Vec3 = (0.0, 0.0, 0.0)
 
 
 class ReachedParameters(Windowed):
-    """gates: to be reached in order (None: the goal's); direction: which way counts."""
+    """gates: to be passed in this order (None: the goal's); direction: which one counts."""
 
     gates: Annotated[
         tuple[str, ...] | None, Field(description="their names in order; by default the goal's")
@@ -53,9 +53,9 @@ class _Through:
 class Reached(Oracle):
     """The oracle `reached`: the whole body flies through the opening of each gate, in order.
 
-    A gate is passed once the body is out on the far side by its radius, every point of it having
-    crossed the plane inside of the opening. Passing beside a gate, from the wrong side, out of
-    order, or in and out again is none. actual: the offset of the centre with the smallest margin;
+    A gate is passed once the body is beyond its plane by its radius, and every point of it crossed
+    the plane inside the opening. A passage beside a gate, from the wrong side or out of order, and
+    a dip in and out again do not count. actual: the offset of the centre with the smallest margin;
     limit: half of that gate's inner size, less what the body reaches beyond its centre.
     """
 
@@ -82,7 +82,7 @@ class Reached(Oracle):
         self._wrong: dict[str, str] = {}
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Judge whether the way since the last pose leads through the next gate to be reached."""
+        """Judge whether the path since the last pose leads through the next gate."""
         last, self._last = self._last or sample, sample
         if self._done or not self.stages.open:
             return NO_FLAGS
@@ -139,7 +139,7 @@ class Reached(Oracle):
                 return direction != self._home
 
     def _pass(self, name: str, passage: Passage) -> Flags:
-        """Handle a passage of the body through the plane of a gate to be reached."""
+        """Handle a passage of the body through the plane of a gate of the route."""
         gate = dict(self._route)[name]
         inside = passage.reach_m < gate.limit_m
         if name != self._next:
@@ -167,7 +167,7 @@ class Reached(Oracle):
         return self.flag(passage.at_s, f"{self.vehicle} passed beside {name}", decisive=False)
 
     def _note(self, gate: str, text: str) -> None:
-        """Note a wrong direction or order, once; forgotten when its gate is reached after all."""
+        """Note an unsuccessful passage once; it is removed when its gate is reached after all."""
         self._wrong.setdefault(text, gate)
 
     def _missing_text(self) -> str:
@@ -175,7 +175,7 @@ class Reached(Oracle):
             return "no pose seen"
         done, total = len(self._through), len(self._route)
         text = f"never flew through {self._next} ({done} of {total} gates)"
-        return "; ".join([text, *list(self._wrong)[:_MOST_TURNS], *self._unfinished_texts()])
+        return "; ".join([text, *list(self._wrong)[:_MOST_NOTES], *self._unfinished_texts()])
 
     def _unfinished_texts(self) -> Iterator[str]:
         detector = self._detectors.get(self._next)
@@ -185,8 +185,8 @@ class Reached(Oracle):
             yield f"{ended}: through is {far_m:.2f} m, the radius of its body"
 
 
-_MOST_TURNS = 3
-"""So many wrong turns are named in a reason."""
+_MOST_NOTES = 3
+"""How many unsuccessful passages a reason names."""
 
 
 @oracle(

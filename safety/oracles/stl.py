@@ -1,4 +1,4 @@
-"""An STL formula over the signals of a run, its robustness as the margin."""
+"""The oracle of an STL formula over the signals of a run; its margin is the robustness."""
 
 from typing import Annotated, ClassVar
 
@@ -16,12 +16,12 @@ from safety.oracles.oracle import (
     Windowed,
     oracle,
 )
-from safety.oracles.oracle_terms import ON_GOAL
+from safety.oracles.oracle_terms import ON_GOAL, Stages
 from safety.oracles.stl_signals import (
     TWIN_DISTANCE_NAME,
     FenceMargin,
+    PairDistance,
     Signal,
-    Together,
     motion_of,
     reports_of,
     signals_of,
@@ -58,7 +58,7 @@ class Stl(Oracle):
 
     def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
         super().__init__(terms)
-        self._formula, self._signals = _read_formula(terms, text, context, self)
+        self._formula, self._signals = _read_formula(terms, text, context, self.stages)
         self._kinds = {name: signal.kind for name, signal in self._signals.items()}
         names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
         self._used = {name: self._signals[name] for name in names}
@@ -67,9 +67,9 @@ class Stl(Oracle):
         self._trace = Trace(names)
         mixed = has_several_units(self._formula, self._kinds)
         self._monitor = StlMonitor(self._formula, mixed=mixed)
-        self._together = Together()
+        self._pair_distance = PairDistance()
         self._last_sample_s: float | None = None
-        self._look_s = 0.0
+        self._next_check_s = 0.0
         self._flagged = False
 
     @property
@@ -79,15 +79,15 @@ class Stl(Oracle):
         return ("real", "twin") if both else (self.vehicle,)
 
     def on_pose(self, sample: PoseSample) -> Flags:
-        """Record a pose of either vehicle for the formula; own ones make a row."""
-        together_m = self._together.take(sample)
+        """Record a pose of either vehicle for the formula; one of the judged vehicle adds a row."""
+        pair_distance_m = self._pair_distance.take(sample)
         if sample.vehicle != self.vehicle:
             return NO_FLAGS
         for name, signal in self._used.items():
             if signal.of_pose is not None:
                 self._trace.note(name, signal.of_pose(sample))
             elif signal.of_both:
-                self._trace.note(name, together_m)
+                self._trace.note(name, pair_distance_m)
         self._add_row(sample.t_s)
         return NO_FLAGS
 
@@ -123,11 +123,11 @@ class Stl(Oracle):
         return NO_FLAGS
 
     def on_tick(self, t_s: float) -> Flags:
-        """Check, where it fails fast, whether the STL formula can still hold."""
-        due = self.terms.fail_fast and not self._flagged and t_s >= self._look_s
+        """Check whether the STL formula can still hold, if it is to fail fast."""
+        due = self.terms.fail_fast and not self._flagged and t_s >= self._next_check_s
         if not due or not self.stages.open or not self._trace.times_s:
             return NO_FLAGS
-        self._look_s = t_s + _CHECK_EVERY_S
+        self._next_check_s = t_s + _CHECK_EVERY_S
         times_s, values = self._trace.times_s, self._trace.values()
         best = self._monitor.at_best(times_s, values, t_s)
         if isinstance(best, Unevaluable) or best.value >= 0.0:
@@ -147,7 +147,7 @@ class Stl(Oracle):
             return self.verdict(passed=found.holds)
         times_s, values = self._trace.times_s, self._trace.values()
         part = part_of(found.decided_by, found.index, values, self._kinds)
-        # A failure has the time at which it became one: before and after it others may decide.
+        # A failure has the time from which on it was certain, not that of the deciding sample.
         at_s = times_s[found.index] if found.holds else self._monitor.lost_s(times_s, values)
         return self.verdict(
             passed=found.holds,
@@ -160,14 +160,14 @@ class Stl(Oracle):
         )
 
     def evaluated(self, t_s: float) -> Robustness | Unevaluable:
-        """Return the STL robustness as of t_s, or why there is none."""
+        """Return the STL robustness as of t_s, or why it cannot be evaluated."""
         if not self._trace.times_s:
             return Unevaluable("the formula", None, "was not evaluated: its window never began")
         end_s = self.stages.end_s if self.stages.end_s is not None else t_s
         begin_s = self._trace.times_s[0]
         for atom, needed_s in first_needed_s(self._formula):
             if begin_s + needed_s > end_s:
-                # Its last value would decide, at a time that was not observed.
+                # Its last value would decide for a time that was not observed.
                 reason = f"is needed from {needed_s:g} s of its window on, and that ended"
                 return Unevaluable(written(atom), end_s, reason)
         return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
@@ -185,10 +185,10 @@ class Stl(Oracle):
 
 
 def _read_formula(
-    terms: Terms, text: str, context: OracleContext, judge: Oracle
+    terms: Terms, text: str, context: OracleContext, stages: Stages
 ) -> tuple[Formula, dict[str, Signal]]:
     """Return the STL formula and its signals. Raises OracleError."""
-    signals = signals_of(context, judge.stages)
+    signals = signals_of(context, stages)
     try:
         formula = parse_stl(text)
         require_sound(formula, {name: signal.kind for name, signal in signals.items()})

@@ -1,4 +1,4 @@
-"""The signals that STL formulas may name, and where the values of each come from."""
+"""The signals that STL formulas may name, and how samples give their values."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -11,13 +11,13 @@ from safety.model.samples import PoseSample, StateSample
 from safety.oracles.autopilot_health import ModeName
 from safety.oracles.contact import Limits
 from safety.oracles.oracle import MotionName, OracleContext, Probe, Stages
-from safety.oracles.pair import carried
+from safety.oracles.pair import extrapolated_ned_m
 from safety.stl.units import SignalKind
 from vehicles.driver.vehicle_state import ReportName
 from worlds.frames import norm, subtract
 
 _FARTHEST_M = 1e5
-"""The clearance where nothing is."""
+"""The clearance where no object is near."""
 
 OfPose = Callable[[PoseSample], float]
 OfState = Callable[[StateSample], float | None]
@@ -31,7 +31,7 @@ class Signal:
     of_pose: OfPose | None = None
     of_state: OfState | None = None
     of_both: bool = False
-    """Whether the other vehicle's poses are needed too: `Together` tells it."""
+    """Whether the other vehicle's poses are needed too: `PairDistance` computes it."""
     of_silence: bool = False
     """Whether it is the time since something was last received from the vehicle."""
 
@@ -124,12 +124,12 @@ def reports_of(names: Iterable[str]) -> frozenset[ReportName]:
 
 
 def motion_of(names: Iterable[str]) -> frozenset[MotionName]:
-    """Return what of a pose the STL signals need beside the position."""
+    """Return what the STL signals need of a pose besides the position."""
     return frozenset(_MOTION[name] for name in names if name in _MOTION)
 
 
 def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
-    """Return the STL signals of one vehicle in one run. stages: those of the oracle."""
+    """Return the STL signals of one vehicle in one run. stages: of the oracle."""
     found = {name: Signal(kind, of_pose=of) for name, (kind, of) in _OF_POSE.items()}
     found |= {name: Signal(kind, of_state=of) for name, (kind, of) in _OF_STATE.items()}
     found["silence_s"] = Signal(SILENCE, of_silence=True)
@@ -157,7 +157,7 @@ def distance_name(thing: str) -> str:
 
 
 class FenceMargin:
-    """The STL signal of the distance to the present fence."""
+    """The STL signal of the distance to the fence that applies now."""
 
     def __init__(self, fence: Fence) -> None:
         self.fence = fence
@@ -206,7 +206,7 @@ class _Nearest:
         return max(0.0, limits.below_m)
 
 
-class Together:
+class PairDistance:
     """The STL signal of the distance between real and twin, the older pose extrapolated."""
 
     def __init__(self) -> None:
@@ -218,4 +218,4 @@ class Together:
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
         if other is None:
             return None
-        return norm(subtract(sample.pose.position_ned_m, carried(other, sample.t_s)))
+        return norm(subtract(sample.pose.position_ned_m, extrapolated_ned_m(other, sample.t_s)))

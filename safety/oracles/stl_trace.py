@@ -1,4 +1,4 @@
-"""The values of a formula's signals over its window."""
+"""Records the values of a formula's signals over its window."""
 
 import math
 from array import array
@@ -8,7 +8,9 @@ import numpy as np
 from safety.stl.steps import Values
 
 FIRST_WITHIN_S = 0.5
-"""A first value this soon after the window opened counts from its opening on."""
+"""A first value that comes this soon after the window opened counts from its opening on."""
+_LATE_S = 1e-6
+"""How long after the last row a sample counts that is older than that row."""
 
 
 class Trace:
@@ -23,15 +25,22 @@ class Trace:
         self._latest = dict.fromkeys(names, math.nan)
 
     def note(self, name: str, value: float | None) -> None:
-        """Note a signal's value, None while unknown; it counts from the trace's next row on."""
+        """Set a signal's value, None while unknown; it is in the trace from the next row on."""
         self._latest[name] = math.nan if value is None else value
 
     def add_row(self, t_s: float) -> None:
-        """Add a row of known values to the trace; a late sample counts as now."""
-        if self.times_s and t_s <= self.times_s[-1]:
+        """Add a row of the latest values to the trace.
+
+        A sample that is older than the last row gets its own row just after that: states have the
+        time of their arrival, so that poses which a link delays come after them. A sample of the
+        same time replaces the row.
+        """
+        if self.times_s and t_s == self.times_s[-1]:
             for name, row in self._rows.items():
                 row[-1] = self._latest[name]
             return
+        if self.times_s and t_s < self.times_s[-1]:
+            t_s = self.times_s[-1] + _LATE_S
         self.times_s.append(t_s)
         for name, row in self._rows.items():
             row.append(self._latest[name])

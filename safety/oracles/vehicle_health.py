@@ -1,4 +1,4 @@
-"""What the vehicle says of itself: faults, silence, and how it ended."""
+"""Oracles of a vehicle's own reports: faults, silence of its link, landed at the end."""
 
 from pydantic import Field
 
@@ -48,7 +48,7 @@ class VehicleFault(Oracle):
         return self.flag(sample.t_s, f"{self.vehicle}: {fault}")
 
     def result(self, t_s: float) -> OracleResult:
-        """Return FAIL with the vehicle's faults in words, at the first one's time."""
+        """Return FAIL with the texts of the vehicle's faults, at the time of the first."""
         del t_s
         if not self._seen:
             return self.invalid("no state seen")
@@ -61,8 +61,8 @@ class VehicleFault(Oracle):
 class LinkOracle(Oracle):
     """The oracle of the vehicle's link: no gap above the limit, from takeoff to landing.
 
-    A gap is flagged when it ends: one that does not is the loss of the vehicle, an ERROR that the
-    guard tells.
+    A gap is flagged when it ends. One that does not end is the loss of the vehicle, which the guard
+    reports as an ERROR.
     """
 
     def __init__(self, terms: Terms, *, max_gap_s: float) -> None:
@@ -82,7 +82,7 @@ class LinkOracle(Oracle):
         return NO_FLAGS
 
     def on_received(self, sample: LinkSample) -> Flags:
-        """Take a sign of life of the vehicle; one after too long a gap is flagged."""
+        """Take a sign of life of the vehicle; one that follows too long a gap is flagged."""
         if not self.stages.open or self._since_s is None:
             return NO_FLAGS
         since_s, self._since_s, self._has_samples = self._since_s, sample.t_s, True
@@ -132,7 +132,7 @@ class LandedOracle(Oracle):
         return NO_FLAGS
 
     def result(self, t_s: float) -> OracleResult:
-        """Return PASS only for a vehicle that reported to be landed and disarmed."""
+        """Return PASS only for a vehicle that last reported landed and disarmed."""
         del t_s
         last = self._last
         if last is None:

@@ -64,12 +64,12 @@ SOUND: dict[str, dict[str, float]] = {
         (
             home_item("real", FENCE, (0, 0, 0), 0.6),
             "refused",
-            "it stands 0.50 m from the fence's floor, nearer than 0.6 m",
+            "it is 0.50 m from the fence's floor, nearer than 0.6 m",
         ),
         (
             home_item("real", FENCE, (-1.5, 0, -1), 0.0),
             "refused",
-            "it stands 0.50 m outside of the fence's side",
+            "it is 0.50 m outside of the fence's side",
         ),
         (home_item("real", FENCE, None, 0.0), "refused", "its position is not known"),
         (pair_item((0, 0, 0), (0.3, 0.4, 0), 0.5), "ok", ""),
@@ -81,9 +81,10 @@ SOUND: dict[str, dict[str, float]] = {
         (
             distance_item("ghost", "real", 2.5, stated_m=30.0),
             "refused",
-            "it stands 2.5 m from real by both receivers, and 30.0 m by the campaign",
+            "it is 2.5 m from real by both receivers, and 30.0 m by the campaign",
         ),
         (distance_item("ghost", "real", None, stated_m=30.0), "refused", "is not known"),
+        (distance_item("ghost", "real", math.nan, stated_m=30.0), "refused", "it is nan m"),
     ],
 )
 def test_checks(item: Item, outcome: str, text: str) -> None:

@@ -19,6 +19,8 @@ _CARROT_S = 1.0
 _LONGEST_STEP_S = 0.5
 """Setpoints that are further apart are not steps of one motion: the vehicle's own is compared."""
 _STEP_M = 0.02
+_MOST_STEPS = 50_000
+"""Of a way to a position that is checked: one that takes more is cut there."""
 _HALVINGS = 8
 _TOLERANCE_M = 1e-3
 _TOLERANCE_M_S = 1e-3
@@ -239,7 +241,9 @@ def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> float:
     margin_m = fence.margin_m(place)
     needed_m = min(keep_m, margin_m)
     gone_m = 0.0
-    while gone_m < length_m:
+    for _ in range(_MOST_STEPS):
+        if gone_m >= length_m:
+            return length_m
         step_m = max(margin_m - keep_m, _STEP_M)
         ahead_m = min(gone_m + step_m, length_m)
         margin_m = fence.margin_m(add(place, scale(way, ahead_m / length_m)))
@@ -247,4 +251,4 @@ def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> float:
             return gone_m
         needed_m = max(needed_m, min(keep_m, margin_m))
         gone_m = ahead_m
-    return length_m
+    return gone_m

@@ -1,9 +1,10 @@
-"""What an operator's socket hears and answers: one JSON object a line; pure.
+"""The lines of the operator's socket: requests parsed, answers written; pure.
 
-Asked: {"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
-or {"command": "abort", "node": "desk", "who": "anna"}, which a campaign takes, or with "bench"
-or {"command": "geofence", "geofence": "the text of a file", "id": "a1", "who": "anna"}
-Answered: {"ok": true, "command": "abort", "text": "...", ...}
+Each line is one JSON object. Requests:
+{"command": "abort" | "hold" | "resume" | "status" | "watch", "who": "anna", "token": "..."}
+{"command": "abort", "node": "desk", "who": "anna"}, or "bench": for campaigns only
+{"command": "geofence", "geofence": "the text of a file", "id": "a1", "who": "anna"}
+Answer: {"ok": true, "command": "abort", "text": "...", ...}
 """
 
 import hmac
@@ -22,57 +23,59 @@ _KEYS = frozenset({"command", "who", "token", "geofence", "id", "node", "bench"}
 
 
 class RefusedLineError(ValueError):
-    """A refused line of the operator's socket; says why."""
+    """A line of the operator's socket is refused; the message is the reason."""
 
 
 def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
     """Return the command or query in an operator's line. Raises RefusedLineError.
 
-    token: what it has to bring; with an empty one none is asked for.
+    token: the token that the line must hold; empty if none is required.
     """
     if len(line) > LONGEST_LINE_BYTES:
-        raise RefusedLineError(f"longer than {LONGEST_LINE_BYTES} bytes")
+        raise RefusedLineError(f"the line is longer than {LONGEST_LINE_BYTES} bytes")
     try:
-        asked: Any = json.loads(line.decode("utf-8"))
+        request: Any = json.loads(line.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise RefusedLineError("not UTF-8") from error
+        raise RefusedLineError("the line is not UTF-8") from error
     except (ValueError, RecursionError) as error:
-        raise RefusedLineError("not JSON") from error
-    if not isinstance(asked, dict):
-        raise RefusedLineError("not a JSON object")
-    # ascii(): half a surrogate pair is a text to JSON, and no record can hold it.
-    if extra := sorted(ascii(key)[1:-1] for key in set(asked) - _KEYS):
+        raise RefusedLineError("the line is not JSON") from error
+    if not isinstance(request, dict):
+        raise RefusedLineError("the line is not a JSON object")
+    # ascii(): JSON allows half of a surrogate pair, which no log can hold.
+    if extra := sorted(ascii(key)[1:-1] for key in set(request) - _KEYS):
         raise RefusedLineError(f"unknown keys: {', '.join(extra)[:_LONGEST_WHO]}")
-    if token and not same_token(asked.get("token"), token):
-        raise RefusedLineError("wrong token" if "token" in asked else "a token is needed")
-    command = asked.get("command")
+    if token and not same_token(request.get("token"), token):
+        raise RefusedLineError(
+            "the token is wrong" if "token" in request else "a token is required"
+        )
+    command = request.get("command")
     if not isinstance(command, str) or command not in _WORDS:
-        raise RefusedLineError(f"command is one of {', '.join(_WORDS)}")
-    who = checked_who(asked.get("who", "operator"))
+        raise RefusedLineError(f"command must be one of {', '.join(_WORDS)}")
+    who = checked_who(request.get("who", "operator"))
     if command in _QUERIES:
         return cast("Query", command)
-    return _command(cast("OperatorKind", command), who, asked)
+    return _command(cast("OperatorKind", command), who, request)
 
 
-def _command(kind: OperatorKind, who: str, asked: Mapping[str, Any]) -> OperatorCommand:
+def _command(kind: OperatorKind, who: str, request: Mapping[str, Any]) -> OperatorCommand:
     """Return the operator command of a parsed line. Raises RefusedLineError."""
     if kind != "geofence":
-        node, bench = asked.get("node", ""), asked.get("bench", "")
+        node, bench = request.get("node", ""), request.get("bench", "")
         if not isinstance(node, str) or not isinstance(bench, str):
-            raise RefusedLineError("node and bench are names")
+            raise RefusedLineError("node and bench must be texts")
         if kind != "abort" and (node or bench):
-            raise RefusedLineError(f"{kind}: node and bench are for abort alone")
+            raise RefusedLineError(f"{kind}: node and bench are allowed with abort only")
         return OperatorCommand(kind, who, node=node, bench=bench)
-    document, command_id = asked.get("geofence"), asked.get("id")
+    document, command_id = request.get("geofence"), request.get("id")
     if not isinstance(document, str) or not isinstance(command_id, str):
-        raise RefusedLineError("geofence is the text of a file, and id anything not used before")
+        raise RefusedLineError("geofence must be the text of a file, and id a text not used before")
     return OperatorCommand("geofence", who, document=document, command_id=command_id)
 
 
 def checked_who(who: Any) -> str:
-    """Return an operator's name that is fit for the record. Raises RefusedLineError."""
+    """Return an operator's name if the log can hold it. Raises RefusedLineError."""
     if not isinstance(who, str) or not 1 <= len(who) <= _LONGEST_WHO or not who.isprintable():
-        raise RefusedLineError(f"who is a name of 1 to {_LONGEST_WHO} printable characters")
+        raise RefusedLineError(f"who must be a name of 1 to {_LONGEST_WHO} printable characters")
     return who
 
 
@@ -85,5 +88,5 @@ def same_token(given: Any, token: str) -> bool:
 
 def answer(*, ok: bool, text: str, command: str = "", **details: Any) -> bytes:
     """Return the reply line to an operator."""
-    answered = {"ok": ok, "command": command, "text": text, **details}
-    return json.dumps(answered, ensure_ascii=False).encode() + b"\n"
+    document = {"ok": ok, "command": command, "text": text, **details}
+    return json.dumps(document, ensure_ascii=False).encode() + b"\n"

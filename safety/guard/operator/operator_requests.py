@@ -1,4 +1,4 @@
-"""What the operator's socket may ask of a guard, and how it answers."""
+"""Executes the requests of the operator's socket on a guard, and returns its status."""
 
 import asyncio
 from collections.abc import Callable
@@ -10,20 +10,21 @@ from safety.guard.operator.operator_lines import RefusedLineError
 
 
 class OperatorOrders:
-    """Executes requests of the operator's socket. run: its name in messages.
+    """Executes requests of the operator's socket. run: the run's name in messages.
 
-    refused: called with what was not done and why. lost: whether the orchestrator is gone.
+    refused: called with each refused request and the reason. lost: returns whether the orchestrator
+    is gone.
     """
 
     def __init__(
         self,
         *,
-        shell: LocalGuard,
+        guard: LocalGuard,
         run: str,
         refused: Callable[[str], None],
         lost: Callable[[], bool],
     ) -> None:
-        self._shell = shell
+        self._guard = guard
         self._run = run
         self._refused = refused
         self._is_orchestrator_lost = lost
@@ -31,18 +32,18 @@ class OperatorOrders:
     def obey(self, command: OperatorCommand) -> str:
         """Execute an operator's request. Raises RefusedLineError."""
         try:
-            return self._do(command)
+            return self._execute(command)
         except RefusedLineError as error:
             self._refused(f"{command.who}: {error}")
             raise
 
-    def _do(self, command: OperatorCommand) -> str:
-        core = self._shell.core
+    def _execute(self, command: OperatorCommand) -> str:
+        core = self._guard.core
         if command.kind == "abort":
-            self._shell.command(command)
+            self._guard.command(command)
             return "all vehicles are being landed"
         if command.kind == "geofence":
-            raise RefusedLineError("geofence: send it to the campaign, not to the guard")
+            raise RefusedLineError("geofence: send this command to the campaign, not to the guard")
         if core.latched is not None:
             raise RefusedLineError(
                 f"{command.kind}: all vehicles are landing already ({core.latched})"
@@ -50,16 +51,16 @@ class OperatorOrders:
         if command.kind == "hold":
             if core.paused:
                 raise RefusedLineError("hold: all vehicles hold already")
-            self._shell.command(command)
-            return "all hold"
+            self._guard.command(command)
+            return "all vehicles hold"
         if not core.paused:
             raise RefusedLineError("resume: no vehicle holds")
-        self._shell.command(command)
+        self._guard.command(command)
         return "all vehicles resume"
 
     def status(self) -> dict[str, Any]:
         """Return the status of all vehicles for the operator's request."""
-        core = self._shell.core
+        core = self._guard.core
         return {
             "run": self._run,
             "t_s": round(asyncio.get_running_loop().time(), 3),

@@ -1,7 +1,7 @@
-"""The operator's Unix socket: for its owner only, and for as long as its process lives.
+"""The operator's Unix socket: for its owner only, open as long as its process lives.
 
-Nothing keeps a command out: a client that has sent no command yet gives way to later ones, watchers
-are counted apart, and a client that does not read its answers is dropped.
+Other clients cannot keep a command out: a new client replaces the one that was silent longest,
+watchers are counted separately, and a client that does not read its answers is dropped.
 """
 
 import asyncio
@@ -26,10 +26,10 @@ from safety.guard.operator.rate_limit import RateLimit
 from vehicles.processes.linux import UnsupportedSystemError, peer_uid
 
 POINTER = "operator.json"
-"""The file in a results folder that says where the socket is: its own path may be too long."""
+"""The file in a results folder with the socket's path; the folder's own may be too long for one."""
 MOST_WATCHERS = 16
 MOST_CLIENTS = 256
-"""Connections that are no watchers: the one that was silent longest yields to a new one."""
+"""Connections that are not watchers; a new one replaces the one that was silent longest."""
 _BACKLOG = 64
 """Connections accepted in one turn of the loop: fewer than MOST_CLIENTS, so that each is read."""
 _WATCH_S = 0.5
@@ -40,7 +40,7 @@ _READ_S = 1.0
 _MOST_REFUSALS_A_SECOND = 10
 
 Obey = Callable[[OperatorCommand], str]
-"""Does what abort, hold or resume says and returns what was done, for the answer."""
+"""Executes an abort, hold or resume; returns the text of the answer."""
 
 _Client = asyncio.Task[None]
 
@@ -48,8 +48,8 @@ _Client = asyncio.Task[None]
 class OperatorSocket:
     """The operator's socket, listening at `path`; an async context manager.
 
-    obey: called with abort, hold and resume; may raise RefusedLineError. status: what `status` and
-    `watch` get them. refused: called with the reason of what was no command at all. pointer:
+    obey: called with each command; may raise RefusedLineError. status: returns the status for
+    `status` and `watch`. refused: called with the reason of each line that is no command. pointer:
     the file that gets the path of the socket. Raises OSError when the socket cannot be opened.
     """
 
@@ -108,7 +108,7 @@ class OperatorSocket:
         if task is None:
             return
         try:
-            if not _is_ours(writer):
+            if not _is_same_user(writer):
                 self._refuse("connection refused: it belongs to another user")
                 return
             self._admit(task, writer)
@@ -116,7 +116,7 @@ class OperatorSocket:
         except ConnectionError:
             return
         except TimeoutError:
-            # Who leaves answers unread would keep the connection open for as long.
+            # A plain close waits until the client has read, which it does not.
             writer.transport.abort()
         except asyncio.CancelledError:
             # Python 3.11 reports a connection's cancelled task as an unhandled exception.
@@ -128,9 +128,9 @@ class OperatorSocket:
             self._watchers.discard(task)
 
     def _admit(self, task: _Client, writer: asyncio.StreamWriter) -> None:
-        """Give a connection a place; where there is none, that of the one silent longest.
+        """Add a connection; if there are too many, close the one that was silent longest.
 
-        What that one has sent already is obeyed still.
+        Commands that it has already sent are still executed.
         """
         self._clients[task] = writer
         if len(self._clients) > MOST_CLIENTS:
@@ -143,76 +143,91 @@ class OperatorSocket:
     ) -> None:
         while True:
             try:
-                async with asyncio.timeout(_IDLE_S):
+                async with asyncio.timeout(_WATCH_S if task in self._watchers else _IDLE_S):
                     line = await reader.readline()
+            except TimeoutError:
+                if task not in self._watchers:
+                    raise
+                await self._send_status(writer)
+                continue
             except ValueError:
                 self._refuse("a line is too long")
-                writer.write(answer(ok=False, text=f"longer than {LONGEST_LINE_BYTES} bytes"))
+                writer.write(
+                    answer(ok=False, text=f"the line is longer than {LONGEST_LINE_BYTES} bytes")
+                )
+                return
+            if not line and (task not in self._watchers or writer.is_closing()):
                 return
             if not line:
-                return
+                # It has closed its sending end, and may still read.
+                await asyncio.sleep(_WATCH_S)
+                await self._send_status(writer)
+                continue
             if task in self._clients:
                 self._clients.move_to_end(task)
-            asked = self._take(line, writer)
+            request = self._handle_line(line, writer)
             await _let_read(writer)
-            if asked == "watch":
-                await self._watch(task, writer)
+            if request == "watch":
+                self._become_watcher(task, writer)
 
     def _refuse(self, text: str) -> None:
         if not self._refusals.is_exceeded(asyncio.get_running_loop().time()):
-            self._report_refusal(text)  # Who floods does not fill the disk.
+            self._report_refusal(text)  # Limited, so that a flood does not fill the disk.
 
-    def _take(self, line: bytes, writer: asyncio.StreamWriter) -> OperatorCommand | Query | None:
+    def _handle_line(
+        self, line: bytes, writer: asyncio.StreamWriter
+    ) -> OperatorCommand | Query | None:
         try:
-            asked = parse_line(line, token=self._token)
+            request = parse_line(line, token=self._token)
         except RefusedLineError as error:
             self._refuse(str(error))
             writer.write(answer(ok=False, text=str(error)))
             return None
-        name = asked.kind if isinstance(asked, OperatorCommand) else asked
+        name = request.kind if isinstance(request, OperatorCommand) else request
         if name == "watch" and len(self._watchers) >= MOST_WATCHERS:
             message = f"{MOST_WATCHERS} watchers are connected already"
             writer.write(answer(ok=False, text=message, command=name))
             return None
         try:
-            text = self._obey(asked) if isinstance(asked, OperatorCommand) else "as asked"
+            text = self._obey(request) if isinstance(request, OperatorCommand) else "done"
         except RefusedLineError as error:
             writer.write(answer(ok=False, text=str(error), command=name))
             return None
         writer.write(answer(ok=True, text=text, command=name, **self._status()))
-        return asked
+        return request
 
-    async def _watch(self, task: _Client, writer: asyncio.StreamWriter) -> None:
+    def _become_watcher(self, task: _Client, writer: asyncio.StreamWriter) -> None:
         self._clients.pop(task, None)
         self._watchers.add(task)
-        # With small buffers a client that does not read shows within seconds.
-        end: socket.socket = writer.get_extra_info("socket")
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WATCHER_BUFFER_BYTES)
+        # With small buffers a client that does not read is detected within seconds.
+        peer: socket.socket = writer.get_extra_info("socket")
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WATCHER_BUFFER_BYTES)
         writer.transport.set_write_buffer_limits(high=0)
-        while not writer.is_closing():
-            await asyncio.sleep(_WATCH_S)
-            writer.write(answer(ok=True, text="", command="watch", **self._status()))
-            await _let_read(writer)
+
+    async def _send_status(self, writer: asyncio.StreamWriter) -> None:
+        """Send a watcher the status, and wait until it has read it. Raises TimeoutError."""
+        writer.write(answer(ok=True, text="", command="watch", **self._status()))
+        await _let_read(writer)
 
 
 async def _let_read(writer: asyncio.StreamWriter) -> None:
-    """Wait until a client has read. Raises TimeoutError."""
+    """Wait until a client has read its answers. Raises TimeoutError."""
     async with asyncio.timeout(_READ_S):
         await writer.drain()
 
 
 def write_private(path: Path, text: str) -> None:
-    """Write a file of mode 0600 in place of what stands there; a symbolic link is not followed."""
+    """Write a file of mode 0600, replacing what is there; a symbolic link is not followed."""
     path.unlink(missing_ok=True)
-    made = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
-    with os.fdopen(made, "w", encoding="utf-8") as file:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         file.write(text)
 
 
-def _is_ours(writer: asyncio.StreamWriter) -> bool:
-    """Return whether the socket's peer is of the same user, by the kernel (SO_PEERCRED)."""
+def _is_same_user(writer: asyncio.StreamWriter) -> bool:
+    """Return whether the kernel says that the peer is the same user or root (SO_PEERCRED)."""
     try:
         uid = peer_uid(writer.get_extra_info("socket"))
     except UnsupportedSystemError:
-        return True  # The socket's mode has to do.
+        return True  # The file mode of the socket is the protection then.
     return uid in {os.getuid(), 0}

@@ -1,8 +1,8 @@
-"""How much of what comes too often is let through: so many in each second; pure."""
+"""Limits how many events of a kind are handled in each second; pure."""
 
 
 class RateLimit:
-    """Counts what comes. most: of one second that are not too many."""
+    """Counts events. most: how many of one second are allowed."""
 
     def __init__(self, *, most: int) -> None:
         self._most = most
@@ -10,7 +10,7 @@ class RateLimit:
         self._count = 0
 
     def is_exceeded(self, now_s: float) -> bool:
-        """Count one more, and return whether it is too many in its second."""
+        """Count an event, and return whether it exceeds the limit of its second."""
         if int(now_s) != self._second:
             self._second, self._count = int(now_s), 0
         self._count += 1

@@ -4,13 +4,16 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any, Self
 
-from safety.guard.process.channel import Channel
+from safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel
 from safety.guard.process.messages import Bytes, Unread
 from vehicles.autopilots.autopilot import Target
 from vehicles.driver.session.arrivals import Arrivals
 from vehicles.links.link import Receiver, TimesReceiver
 from vehicles.mavlink.framing import FrameSplitter
 from vehicles.processes.codec import Message
+
+_LONGEST_BYTES = LONGEST_PACKET_BYTES // 2
+"""Of one message: a TCP link that stalled hands over up to 256 KiB at once."""
 
 
 class ChannelLink:
@@ -56,7 +59,9 @@ class ChannelLink:
             if self._lost_count and not self.channel.congested:
                 count, self._lost_count = self._lost_count, 0
                 self.channel.send(Unread(self._index, self._lost_arrivals.take(), count))
-            self.channel.send(Bytes(self._index, self._loop.time(), data), last=self._last)
+            for begin in range(0, len(data), _LONGEST_BYTES):
+                part = data[begin : begin + _LONGEST_BYTES]
+                self.channel.send(Bytes(self._index, self._loop.time(), part), last=self._last)
 
     def _lose(self, lost: Message) -> None:
         """Note bytes that the other end did not read in time."""

@@ -221,7 +221,7 @@ class GuardProcess:
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
         orders = OperatorOrders(
-            shell=self._shell,
+            guard=self._shell,
             run=self._guard_config.run,
             refused=lambda text: self._note("refused", text=text),
             lost=lambda: self._is_orchestrator_lost,

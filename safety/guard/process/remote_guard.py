@@ -154,10 +154,13 @@ class RemoteGuard:
             self._channel.send(ConfigMessage(self._guard_config.packed()))
             async with asyncio.timeout(_OPEN_S):
                 answer = await opened
-        except TimeoutError as error:
+        except BaseException as error:
+            # Nothing flies yet. Left alone, it would keep the ports of its links for minutes.
             self._ending = True
             self._process.kill()
             await self._end_process()
+            if not isinstance(error, TimeoutError):
+                raise
             raise LinkError(f"the guard did not open its links in {_OPEN_S:g} s") from error
         if not isinstance(answer, Opened):
             self._ending = True

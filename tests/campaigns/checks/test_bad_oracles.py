@@ -20,7 +20,7 @@ ONE_PLACE = [
     ("altitude: {max_m: 2, from: land, to: @goal}", "its window is empty: 'land' does not come"),
     ("altitude: {max_m: 2, required: false, fail_fast: @true}", "an oracle that is not required"),
     ("late: {use: reached, fail_fast: @true}", "its result is only known at the end of its window"),
-    ("distance: {object: @gaet, min_m: 1}", "no object 'gaet' stands in the judged world"),
+    ("distance: {object: @gaet, min_m: 1}", "the judged world has no object 'gaet'"),
     ("landed: {@from: goal}", "unknown key 'from'"),
     ("modes: {allowed: [@GUIDED]}", "must be hold, takeoff, guided, land, rtl, mission, pilot or"),
     ("altitude: {max_m: 2, vehicle: @both}", "must be real or twin, is 'both'"),

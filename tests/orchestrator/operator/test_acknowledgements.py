@@ -119,7 +119,7 @@ def test_a_line_has_node_and_bench_for_an_abort_alone() -> None:
     line = b'{"command": "abort", "node": "desk", "who": "anna"}'
     assert parse_line(line) == OperatorCommand("abort", "anna", node="desk")
     for bad, said in (
-        (b'{"command": "hold", "node": "desk"}', "for abort alone"),
+        (b'{"command": "hold", "node": "desk"}', "allowed with abort only"),
         (b'{"command": "abort", "bench": 1}', "are names"),
     ):
         with pytest.raises(RefusedLineError, match=said):

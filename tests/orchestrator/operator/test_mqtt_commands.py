@@ -70,7 +70,7 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (command_bytes(id=...), "id must be a text of 1 to 64"),
         (command_bytes(id="x" * 65), "id must be a text of 1 to 64"),
         (command_bytes(id=7), "id must be a text of 1 to 64"),
-        (command_bytes(who="x\n"), "who is a name of 1 to 64"),
+        (command_bytes(who="x\n"), "who must be a name of 1 to 64"),
         (command_bytes(more=1), "unknown keys: more"),
         (command_bytes("abort", **dict[str, Any]({"\ud800": 1})), "unknown keys: \\ud800"),
         (command_bytes(at=...), "at must be the time in seconds"),

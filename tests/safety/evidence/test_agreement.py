@@ -93,9 +93,7 @@ def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
     assert first(biased) is None
     against_truth = first(biased, by=(CAPTURED, TRUTH))
     assert against_truth is not None
-    assert against_truth.text.startswith(
-        "it is 0.30 m from where the other has the vehicle at 0.00"
-    )
+    assert against_truth.text.startswith("it is 0.30 m from the position by the other at 0.00")
 
 
 @pytest.mark.parametrize("other", [CAPTURED, TRUTH])

@@ -1,4 +1,5 @@
 import math
+import time
 from collections.abc import Callable
 
 import pytest
@@ -215,3 +216,13 @@ def test_a_position_that_is_not_finite_has_no_margin(bad: float) -> None:
 def test_a_sharp_polygon_with_little_area_is_one() -> None:
     needle = Polygon(((0, 0), (10, 0.01), (10, -0.01)))
     assert Region([needle]).distance_m(9, 0) == pytest.approx(0.009, abs=1e-3)
+
+
+def test_a_path_of_an_impossible_velocity_is_a_breach_within_a_second() -> None:
+    """Where a fence has no sides, a broken velocity kept the guard busy for minutes."""
+    fence = Fence(exclusions=(Circle((50, 50), 5),), floor_up_m=0, ceiling_up_m=10)
+    begin_s = time.monotonic()
+    breach = fence.breached(Motion((0, 0, -5), (1e6, 0, 0)), latency_s=0.7, braking_m_s2=2.5)
+    assert breach is not None
+    assert breach.predicted
+    assert time.monotonic() - begin_s < 2.0

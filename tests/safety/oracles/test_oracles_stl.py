@@ -393,6 +393,18 @@ def test_times_that_go_back_or_stand_still_are_borne() -> None:
     assert judge.result(9.0).margin == 0.5
 
 
+def test_a_violation_among_samples_that_arrive_late_is_seen() -> None:
+    """Poses come over a link, stamped when they were measured; a state has the time of arrival."""
+    judge = stl("always (up_m >= 1)")
+    stage(judge, goal=3.0)
+    heights(judge, 2.0)
+    judge.on_state(StateSample(3.1, "real", True, Mode.GUIDED))
+    for t_s, up_m in ((3.04, 2.0), (3.06, 0.5), (3.08, 2.0)):
+        judge.on_pose(pose(t_s, (0, 0, -up_m)))
+    result = judge.result(9.0)
+    assert (result.verdict, result.margin) == ("FAIL", -0.5)
+
+
 @pytest.mark.parametrize(
     ("text", "at_s"),
     [

@@ -106,8 +106,8 @@ def biased(reading: PoseReading) -> tuple[PoseReading]:
     ("alter", "stage", "said"),
     [
         (silent, "takeoff", "no sample"),
-        (repeated(), "land", "from where truth has the vehicle"),
-        (biased, "goal", "from where truth has the vehicle"),
+        (repeated(), "land", "from the position by truth"),
+        (biased, "goal", "from the position by truth"),
     ],
 )
 def test_motion_capture_counts_from_takeoff_to_landed(
@@ -197,7 +197,7 @@ def test_an_estimate_in_another_place_altogether_is_no_evidence(tmp_path: Path) 
     result = flown(plan, tmp_path / "run", disturb)
     assert result.verdict == "INVALID"
     assert result.reason.startswith("pose of twin from simulator: it is 8.9")
-    assert "from where mavlink has the vehicle" in result.reason
+    assert "from the position by mavlink" in result.reason
 
 
 @pytest.mark.parametrize(("source", "velocity_m_s"), [("simulator", None), ("mocap", 0.1)])

@@ -110,8 +110,8 @@ def test_an_estimator_that_gives_up(
     [
         (gps_of(0, 255, 65535), "it has no GPS receiver; set preflight.gps: null"),
         (gps_of(2, 9, 90), "it has no 3D fix"),
-        (gps_of(3, 5, 90), "satellites visible is 5, and at least 6 is required"),
-        (gps_of(3, 255, 90), "satellites visible is not known"),
+        (gps_of(3, 5, 90), "the number of visible satellites is 5, and at least 6 is required"),
+        (gps_of(3, 255, 90), "the number of visible satellites is not known"),
         (gps_of(4, 12, 310), "HDOP is 3.1, and at most 2.5 is allowed"),
         (lambda _: None, "it reports nothing of its GPS receiver"),
     ],

@@ -198,5 +198,5 @@ def test_commands_that_nobody_signs_are_shown_by_the_preflight(hover: Any) -> No
 
     (item,) = operator_items("unsigned")
     assert (item.outcome, item.by) == ("overridden", "operator.mqtt.commands: unsigned")
-    assert "every client that may publish at the broker commands the flight" in item.text
+    assert "every client that may publish at the broker can command the flight" in item.text
     assert operator_items("signed") == []

@@ -315,3 +315,16 @@ def test_a_speed_above_its_limit_is_limited_and_reported() -> None:
     assert isinstance(got, VelocitySetpoint)
     assert got.velocity_ned_m_s == pytest.approx((0.0, 2.0, 0.0))
     assert (limiting.what, limiting.given) == ("speed", 2.0)
+
+
+def test_a_position_that_is_impossibly_far_away_does_not_stop_the_guard() -> None:
+    """Where a fence has no sides, a setpoint of 1e9 m kept the guard busy for minutes."""
+    made = SetpointLimiter(
+        limits=SetpointLimits(inside_fence=True),
+        fence=Fence(exclusions=(Circle((0, 50), 5),), floor_up_m=0, ceiling_up_m=4),
+        latency_s=LATENCY_S,
+        braking_m_s2=BRAKING_M_S2,
+    )
+    north_m, east_m, down_m = position_after(made, (1e9, 0.0, -2.0))
+    assert 1e4 < north_m < 1e6
+    assert (east_m, down_m) == (0.0, -2.0)

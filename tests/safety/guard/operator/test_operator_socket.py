@@ -98,6 +98,17 @@ async def test_silent_connections_keep_no_command_out(controller: Controller) ->
     assert len(controller.refused) <= 22
 
 
+async def test_a_watcher_may_send_an_abort(controller: Controller) -> None:
+    """Its commands after `watch` were never read."""
+    reader, writer = await controller.connect()
+    await say(writer, "watch")
+    await say(writer, "abort")
+    async with asyncio.timeout(2.0):
+        commands = [json.loads(await reader.readline())["command"] for _ in range(3)]
+    assert commands == ["watch", "abort", "watch"]
+    assert [one.kind for one in controller.obeyed] == ["abort"]
+
+
 async def test_a_watcher_that_does_not_read_is_dropped(
     controller: Controller, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ import itertools
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.process.channel import Channel, channel_pair
+from safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel, channel_pair
 from safety.guard.process.channel_link import ChannelLink
 from safety.guard.process.messages import Bytes, ToOrchestrator, Unread, to_guard, to_orchestrator
 from vehicles.autopilots.autopilot import Target
@@ -85,3 +85,27 @@ def test_what_came_before_the_last_frame_or_the_vehicle_was_found_is_passed_over
     session.received_unread((4.0, 4.9))
     assert session.last_received_s == (None if target is None else 5.0)
     assert session.arrivals.take() == (() if target is None else (5.0,))
+
+
+async def test_a_burst_longer_than_a_packet_arrives_whole() -> None:
+    """A TCP link that stalled hands over up to 256 KiB at once; the guard failed on them."""
+    burst, arrived = AUTOPILOT.pack(ATTITUDE) * 5000, bytearray()
+    ours, theirs = channel_pair()
+    guard = Channel(ours, receives=to_guard, take=lambda _: None, closed=lambda: None)
+    far = ChannelLink(name="far", index=0, channel=guard, target=Target(1))
+
+    def take(message: ToOrchestrator) -> None:
+        assert isinstance(message, Bytes)
+        arrived.extend(message.data)
+
+    reads = Channel(theirs, receives=to_orchestrator, take=take, closed=lambda: None)
+    guard.open()
+    reads.open()
+    async with far, asyncio.timeout(5.0):
+        assert len(burst) > LONGEST_PACKET_BYTES
+        far.write(burst)
+        while len(arrived) < len(burst):  # noqa: ASYNC110 - an arrival sets no event
+            await asyncio.sleep(0.001)
+    assert bytes(arrived) == burst
+    guard.close()
+    reads.close()

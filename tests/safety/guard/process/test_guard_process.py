@@ -227,7 +227,7 @@ async def test_the_operators_socket(folder: Path) -> None:
         assert flight.kinds() == ["hold", "resume", "abort"]
         assert flight.guard.events[-1].t_s > sent_s
     refused = [line["text"] for line in log_lines(folder) if line["event"] == "refused"]
-    assert refused == ["anna: resume: no vehicle holds", "not JSON"]
+    assert refused == ["anna: resume: no vehicle holds", "the line is not JSON"]
 
 
 async def test_the_socket_works_without_an_orchestrator(folder: Path) -> None:
@@ -261,6 +261,19 @@ async def test_a_guard_that_cannot_begin_says_why(folder: Path) -> None:
     with pytest.raises(LinkError, match=r"real\.tlog"):
         async with RemoteGuard(guard_config=guard_config(folder)):
             pass
+
+
+async def test_a_guard_whose_start_is_cancelled_ends_at_once(folder: Path) -> None:
+    """Else it keeps the ports of its links for two minutes, and the next run cannot open them."""
+    guard = RemoteGuard(guard_config=guard_config(folder))
+    starting = asyncio.create_task(guard.__aenter__())
+    await until((folder / "guard.stderr").exists)
+    await asyncio.sleep(0.01)
+    pid = guard.pid
+    starting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await starting
+    assert gone(pid)
 
 
 async def test_a_program_that_cannot_start(folder: Path) -> None:
