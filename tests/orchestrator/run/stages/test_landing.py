@@ -11,6 +11,7 @@ from orchestrator.model.clock import run_virtual
 from orchestrator.model.results import RunResult
 from orchestrator.run.stages.landing import bring_down
 from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.contingency import Phase
 from tests.orchestrator.conftest import FEW_PICTURES
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
@@ -50,13 +51,22 @@ def test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air(
 
 
 class Guard:
-    """A guard that has everything down at once."""
+    """A guard that has everything down at once, or never."""
+
+    def __init__(self, *, downs: bool = True) -> None:
+        self._downs = downs
+        self.phases = {"real": Phase.DOWN, "twin": Phase.DOWN if downs else Phase.DESCEND}
 
     def bring_down(self, reason: str) -> None:
         self.reason = reason
 
     async def all_down(self, within_s: float) -> bool:
-        return within_s > 0.0
+        return self._downs and within_s > 0.0
+
+
+def flown_pair(guard: Guard, *, armed: tuple[bool, ...]) -> Any:
+    drivers = [SimpleNamespace(state=SimpleNamespace(armed=one)) for one in armed]
+    return SimpleNamespace(guard=guard, contexts=[SimpleNamespace(driver=one) for one in drivers])
 
 
 @pytest.mark.parametrize(
@@ -73,8 +83,24 @@ def test_what_the_guard_brings_down_enters_the_stages_that_it_flew_for(
     run_state = RunState(time=lambda: 0.0)
     for stage in entered:
         run_state.enter(stage)
-    driver = SimpleNamespace(state=SimpleNamespace(armed=False))
-    pair: Any = SimpleNamespace(guard=Guard(), contexts=[SimpleNamespace(driver=driver)])
+    pair = flown_pair(Guard(), armed=(False,))
     run_virtual(bring_down(pair, run_state))
     assert list(run_state.entered_s) == ["start", *entered, *after]
     assert pair.guard.reason == "the flight was not completed"
+
+
+def test_a_pair_of_which_one_is_still_armed_has_not_landed() -> None:
+    run_state = RunState(time=lambda: 0.0)
+    run_state.enter("takeoff")
+    run_virtual(bring_down(flown_pair(Guard(), armed=(False, True)), run_state))
+    assert not run_state.reached("landed")
+
+
+def test_a_vehicle_that_the_guard_cannot_land_is_an_error() -> None:
+    run_state = RunState(time=lambda: 0.0)
+    run_state.enter("takeoff")
+    run_virtual(bring_down(flown_pair(Guard(downs=False), armed=(False, False)), run_state))
+    (decided,) = run_state.decisive
+    assert decided.kind == "ERROR"
+    assert decided.text == "not down 60 s after the guard took over: real (down), twin (descending)"
+    assert not run_state.reached("landed")
