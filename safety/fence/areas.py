@@ -28,7 +28,7 @@ Reason = Literal[
 ]
 
 _SHAPELY_ABOVE_EDGES = 24
-"""Up to here a loop in Python is faster than a call of shapely (bench: 0.2 us an edge)."""
+"""Up to this count a loop in Python is faster than a call of shapely (bench: 0.2 us an edge)."""
 
 
 class FenceError(ValueError):
@@ -46,12 +46,12 @@ def require_finite(what: str, *values: float) -> None:
 
 
 _PLACE = re.compile(r"\[(\S+) (\S+)\]")
-"""In GEOS' words: "Self-intersection[1.5 0]"."""
+"""GEOS reports a place as in "Self-intersection[1.5 0]"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Polygon:
-    """A polygon area by corners (north_m, east_m), simple, in either turn, not closed.
+    """A polygon area by corners (north_m, east_m), simple, in either orientation, not closed.
 
     Raises FenceError: too few corners, not finite, self-intersecting, no area.
     """
@@ -85,7 +85,7 @@ class Polygon:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A circle area by centre (north_m, east_m) and radius. Raises FenceError for none."""
+    """A circle area by centre (north_m, east_m) and radius. Raises FenceError if invalid."""
 
     centre_m: Point2
     radius_m: float
@@ -134,7 +134,7 @@ class Region:
             rn, re = pn - along * dn, pe - along * de
             square = rn * rn + re * re
             nearest = square if square < nearest else nearest
-            # The easts themselves decide: differences would round a corner to both of its sides.
+            # Compares the easts themselves: rounded differences could put a corner on both sides.
             if (e_0 > east_m) != (e_1 > east_m) and (pn * de < dn * pe) == (de > 0.0):
                 inside = not inside
         return math.sqrt(nearest) if inside else -math.sqrt(nearest)
@@ -155,6 +155,6 @@ def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, floa
 
 
 def _find_crossing(shape: shapely.Polygon) -> str:
-    """Return in words where a polygon area crosses itself; "" when not known."""
+    """Return where a polygon area crosses itself as text; "" when not known."""
     found = _PLACE.search(explain_validity(shape))
     return f" at north {float(found[1]):g} m, east {float(found[2]):g} m" if found else ""

@@ -14,12 +14,11 @@ def refusal_of_change(
 ) -> str:
     """Return why a flying vehicle's fence cannot be changed now; empty when it can.
 
-    motion: None when it was not seen within the last second. It has to be inside of the new fence
-    with `keep_m` to spare, and able to stop there: a change must not be a breach. (A degenerate
-    fence cannot be made: see FenceError.)
+    motion: None if there is no position of the last second. The vehicle has to be inside the new
+    fence by `keep_m`, and able to stop there: the change must not cause a breach.
     """
     if motion is None:
-        return "where it is was not seen within the last second"
+        return "no position was received within the last second"
     breach = new.breached(motion, latency_s=latency_s, braking_m_s2=braking_m_s2, keep_m=keep_m)
     if breach is None:
         return ""

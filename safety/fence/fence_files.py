@@ -1,9 +1,9 @@
-"""Fences drawn elsewhere: QGroundControl's .plan files, and GeoJSON (RFC 7946).
+"""Reads fences from files of other programs: QGroundControl's .plan, and GeoJSON (RFC 7946).
 
 A plan's `geoFence` has polygons and circles, each for inclusion or exclusion, with corners
 [latitude, longitude]. GeoJSON has corners [longitude, latitude]; a polygon's holes are exclusions,
 a point with the property `radius_m` is a circle, and the property `inclusion: false` makes a
-feature an exclusion. Heights are not read: the campaign's `up_m` says them.
+feature an exclusion. Heights are not read: the campaign gives them as `up_m`.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from worlds.files.documents import BadInput, Document, Path, Problem, check
 
 
 class _Foreign(BaseModel):
-    """A part of another program's fence file: it may hold more than we read."""
+    """A part of another program's fence file; keys that are not read are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -56,7 +56,7 @@ class _Plan(_Foreign):
 
 
 class _Drawing:
-    """Collects the areas of a fence file, and problems where they stand in it."""
+    """Collects the areas of a fence file, and its problems with their paths."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -83,9 +83,9 @@ class _Drawing:
             self.note(path, str(error))
 
     def place(self, path: Path, given: list[float], *, longitude_first: bool) -> Point2 | None:
-        """Return (latitude, longitude) at a path of the fence file; None when it is no place."""
+        """Return (latitude, longitude) at a path of the fence file; None if they are invalid."""
         if len(given) < 2:
-            self.note(path, f"a place has two coordinates, this has {len(given)}")
+            self.note(path, f"a position needs two coordinates, this has {len(given)}")
             return None
         first, second = given[:2]
         place = (second, first) if longitude_first else (first, second)

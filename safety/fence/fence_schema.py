@@ -1,4 +1,4 @@
-"""How files say where a vehicle may be: `geofence` of a campaign, `area` of an oracle."""
+"""The YAML schema of fences: `geofence` of a campaign, `area` of an oracle."""
 
 from collections.abc import Callable
 from functools import partial
@@ -47,7 +47,7 @@ class BoxPart(Part):
         return self
 
     def shape(self) -> Polygon | GeoPolygon:
-        """Return the fence box's rectangle. Raises KeyFaultError for what is no place on Earth."""
+        """Return the fence box's rectangle. Raises KeyFaultError for invalid coordinates."""
         if self.north_m is not None and self.east_m is not None:
             return Polygon.rectangle(self.north_m, self.east_m)
         (lat_0, lat_1), (lon_0, lon_1) = self.latitude_deg or (0, 0), self.longitude_deg or (0, 0)
@@ -79,7 +79,7 @@ class CirclePart(Part):
         return self
 
     def shape(self) -> Circle | GeoCircle:
-        """Return the fence circle. Raises KeyFaultError for what is no place on Earth."""
+        """Return the fence circle. Raises KeyFaultError for invalid coordinates."""
         if self.north_m is not None and self.east_m is not None:
             return Circle((self.north_m, self.east_m), self.radius_m)
         centre = (self.latitude_deg or 0.0, self.longitude_deg or 0.0)
@@ -172,8 +172,7 @@ class FencePart(Part):
     def fence(self, frame: LocalFrame | None = None, drawn: DrawnFence | None = None) -> Fence:
         """Return the YAML fence in the world's frame; drawn: what is in its `file`.
 
-        Raises FenceError when it leaves no place, is far from the world, or has no frame to be
-        drawn in.
+        Raises FenceError when it is empty, far from the world, or geographic without a frame.
         """
         inside, outside = ((), ()) if drawn is None else drawn.local(_require_given(frame))
         if self.box is not None:
@@ -205,7 +204,7 @@ def _require_given(frame: LocalFrame | None) -> LocalFrame:
 
 
 def _at(path: Path, make: Callable[[], T]) -> T:
-    """Return what a function makes for the fence; a FenceError becomes a fault of the YAML key."""
+    """Return the result of `make`; a FenceError becomes a fault of the YAML key."""
     try:
         return make()
     except FenceError as error:

@@ -1,4 +1,4 @@
-"""Fences as plain values: for what travels between processes, and for recordings."""
+"""Converts fences to plain values and back, for messages between processes and recordings."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,7 @@ def plain_fence(fence: Fence) -> dict[str, Any]:
 def fence_of_plain(plain: Mapping[str, Any]) -> Fence:
     """Return the fence of plain values.
 
-    Raises FenceError for what is no fence; KeyError, TypeError or ValueError for no plain values.
+    Raises FenceError for an invalid fence; KeyError, TypeError or ValueError for other values.
     """
     return Fence(
         inclusions=[_area(area) for area in plain["inclusions"]],

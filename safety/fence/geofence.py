@@ -1,6 +1,6 @@
-"""The host-side geofence: where a vehicle may be, and whether it will still be there.
+"""The host-side geofence: where a vehicle may be, and whether it can stop inside.
 
-All in the world's local frame, NED metres. Independent of the autopilot's own fence.
+All positions are NED metres in the world's local frame. Independent of the autopilot's own fence.
 """
 
 import math
@@ -29,7 +29,7 @@ class Breach:
     """A breach of the geofence: which boundary is or will be crossed, and where.
 
     margin_m: signed distance to that boundary now (positive inside). predicted: the vehicle is
-    inside still, but cannot stop before `point_ned_m`. boundary: floor, ceiling, side.
+    still inside, but cannot stop before `point_ned_m`. boundary: floor, ceiling, side.
     """
 
     margin_m: float
@@ -83,10 +83,9 @@ class Fence:
         )
 
     def without_floor(self) -> "Fence | None":
-        """Return the geofence for takeoff, landing and standing; None when only a floor.
+        """Return the geofence for takeoff, landing and on the ground; None if it has a floor only.
 
-        The ground is where it goes then, and its own estimate may take that for some decimetres
-        deeper than it is.
+        The vehicle is near the ground then, and its height estimate may be some decimetres too low.
         """
         if self.floor_up_m is None:
             return self
@@ -102,7 +101,7 @@ class Fence:
         """Return the signed distance to the geofence's nearest boundary, positive inside, finite.
 
         The sign is exact. So is the value for one inclusion without exclusions; where areas
-        overlap it never says more room than there is. Raises ValueError for NaN or infinity.
+        overlap it is never more than the real distance. Raises ValueError for NaN or infinity.
         """
         north_m, east_m, down_m = position_ned_m
         if not math.isfinite(north_m + east_m + down_m):
@@ -123,9 +122,9 @@ class Fence:
     ) -> Breach | None:
         """Return the geofence breach of a vehicle not `keep_m` inside, or unable to stop there.
 
-        It may go on steadily, with its acceleration, or as it is commanded: each counts. The whole
-        path to standstill does, so that nothing thin is jumped over: a step as long as the margin
-        cannot leave the fence.
+        Its velocity may stay, change by its acceleration, or follow its command: each is checked.
+        The whole path to standstill is checked, so that no thin exclusion is jumped over: a step
+        as long as the margin cannot leave the fence.
         """
         place = motion.position_ned_m
         margin_m = self.margin_m(place)
@@ -133,7 +132,7 @@ class Fence:
             return Breach(margin_m, False, place, self.boundary(place))
         longest_m = longest_path_m(motion, latency_s=latency_s, braking_m_s2=braking_m_s2)
         if longest_m < margin_m - keep_m - _ROUNDING_M:
-            return None  # Nearly always; the paths themselves take ten times as long.
+            return None  # Nearly always; checking the paths takes ten times as long.
         for then in velocities_ahead(motion, latency_s=latency_s, braking_m_s2=braking_m_s2):
             path = stopping_path(motion, then, latency_s=latency_s, braking_m_s2=braking_m_s2)
             if path.length_m <= margin_m - keep_m:
@@ -147,7 +146,7 @@ class Fence:
         return None
 
     def boundary(self, position_ned_m: Vec3) -> str:
-        """Return the name of the geofence boundary nearest to being, or most, exceeded."""
+        """Return the name of the geofence boundary that is nearest, or exceeded most."""
         margins_m = self._boundary_margins_m(position_ned_m)
         return min(margins_m, key=lambda name: margins_m[name])
 
@@ -185,7 +184,7 @@ class Fence:
         return point
 
     def _require_some_place(self) -> None:
-        """Refuse a geofence that bounds nothing, or that leaves no place."""
+        """Refuse a geofence that bounds nothing, or that is empty."""
         bounded = self.inclusions or self.exclusions
         if not bounded and self.floor_up_m is None and self.ceiling_up_m is None:
             raise FenceError("empty", "the fence bounds nothing: give an area, floor or ceiling")

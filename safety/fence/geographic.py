@@ -1,4 +1,4 @@
-"""Areas drawn on the Earth, by latitude and longitude, and what they are in the world's frame."""
+"""Fence areas by latitude and longitude, and their conversion to the world's frame."""
 
 import math
 from collections.abc import Iterable
@@ -8,14 +8,14 @@ from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, requir
 from worlds.geodesy import SEMI_MAJOR_M, LocalFrame
 
 FARTHEST_M = 100_000.0
-"""How far from the world's origin an area may reach: the tangent plane bends away 800 m there."""
+"""How far from the world's origin an area may reach; there the Earth is 800 m below the plane."""
 
 
 @dataclass(frozen=True, slots=True)
 class GeoPolygon:
     """A geographic polygon by its corners (latitude_deg, longitude_deg), not closed.
 
-    Raises FenceError: as `Polygon`, and latitude for what is no place on Earth.
+    Raises FenceError: as `Polygon`, and `latitude` for invalid coordinates.
     """
 
     corners_deg: tuple[Point2, ...]
@@ -62,7 +62,7 @@ class DrawnFence:
 
 
 def require_place(latitude_deg: float, longitude_deg: float) -> None:
-    """Raise FenceError for a latitude or longitude that is no place on Earth."""
+    """Raise FenceError for an invalid latitude or longitude."""
     require_finite("latitude and longitude", latitude_deg, longitude_deg)
     if abs(latitude_deg) > 90.0:
         swapped = ""
@@ -74,7 +74,7 @@ def require_place(latitude_deg: float, longitude_deg: float) -> None:
 
 
 def _flatten(corners_deg: Iterable[Point2]) -> tuple[Point2, ...]:
-    """Return geographic corners in metres beside the first one, to see what they enclose."""
+    """Return geographic corners in metres relative to the first one, to check their area."""
     places = tuple(corners_deg)
     if not places:
         return ()

@@ -1,6 +1,6 @@
-"""How far apart two fences keep their vehicles, seen from above; pure.
+"""The horizontal distance between the areas of two fences; pure.
 
-Height does not separate vehicles: one that lands comes down.
+Height does not separate vehicles, because they come down to land.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ from vehicles.poses.anchor import Anchor
 from worlds.frames import Pose
 
 _QUARTER = 16
-"""Corners of a circle's quarter; the circle round them holds all of it."""
+"""Segments of a quarter circle; the polygon is drawn around the circle."""
 
 
 def separation_m(one: Fence, other: Fence) -> float:
@@ -25,7 +25,7 @@ def separation_m(one: Fence, other: Fence) -> float:
 
 
 def moved(fence: Fence, *, start: Pose, to: Pose) -> Fence:
-    """Return a fence as it is for a vehicle that stands at `to` and takes that for its start."""
+    """Return a fence moved with a vehicle that is at `to` but takes that for `start`."""
     anchor = Anchor.of_poses(local=start, world=to)
 
     def area(one: Area) -> Area:
@@ -45,12 +45,12 @@ def moved(fence: Fence, *, start: Pose, to: Pose) -> Fence:
 
 
 def _inside(fence: Fence) -> shapely.Geometry:
-    """Return where the vehicle of a fence with an edge may be, seen from above; never less."""
+    """Return the area where a fence's vehicle may be, exclusions ignored; never too small."""
     return shapely.union_all([_shape(one) for one in fence.inclusions])
 
 
 def _shape(area: Area) -> shapely.Geometry:
-    """Return a shape that holds an area."""
+    """Return a shape that contains an area."""
     if isinstance(area, Circle):
         inner = shapely.Point(*area.centre_m).buffer(area.radius_m, quad_segs=_QUARTER)
         grown = area.radius_m**2 / shapely.distance(shapely.Point(*area.centre_m), inner.exterior)

@@ -21,20 +21,20 @@ __all__ = [
 
 _STEADY: Vec3 = (0.0, 0.0, 0.0)
 _SPAN_S = 0.3
-"""Over how long velocities are compared: a noise of 0.05 m/s is one of 0.24 m/s^2 then."""
+"""Over how long velocities are compared: noise of 0.05 m/s then gives 0.24 m/s^2."""
 _LEAST_SPAN_S = 0.15
-_GOES_ON: Vec3 = (0.5, 0.5, 0.25)
-"""For which part of the latency an acceleration lasts that was not commanded. A climb's is over
+_CONTINUES: Vec3 = (0.5, 0.5, 0.25)
+"""For which part of the latency an acceleration lasts that was not commanded. That of a climb ends
 sooner: an ArduCopter that leaves the ground has 3 m/s^2 for 0.3 s, and none after it."""
 _APART_S = 0.05
-"""How far apart the velocities are that are kept, whatever the rate of their source."""
+"""The least time between stored velocities, whatever the rate of their source."""
 
 
 class Motion(NamedTuple):
-    """A vehicle's position and velocity in the world frame, and what moves it on.
+    """A vehicle's position and velocity in the world frame, and what changes the velocity.
 
-    acceleration_ned_m_s2: as observed. commanded_ned_m_s: the velocity that it is commanded; None
-    where it is commanded another thing, or where that is not known.
+    acceleration_ned_m_s2: as observed. commanded_ned_m_s: the commanded velocity; None if the
+    vehicle is not commanded by velocity, or if that is not known.
     """
 
     position_ned_m: Vec3
@@ -52,12 +52,12 @@ class StoppingPath(NamedTuple):
 
 
 def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -> Iterator[Vec3]:
-    """Yield the velocities that a vehicle may have by the time that it brakes.
+    """Yield the velocities that a vehicle may have when it begins to brake.
 
-    That of now; then the one that it is commanded or, where that is not known, the one that its
-    acceleration leads to in half of the latency, in a quarter of it upwards and downwards: by then
-    every autopilot has begun to end it. No change is taken for harder than it brakes: a velocity
-    that jumps is one of a bad reading.
+    First the present one; then the commanded one or, where that is not known, the one after its
+    acceleration has lasted for half of the latency (vertically for a quarter): by then every
+    autopilot has begun to end it. A change is limited to that by its braking: a velocity that jumps
+    is a bad reading.
     """
     velocity, most = motion.velocity_ned_m_s, braking_m_s2 * latency_s
     yield velocity
@@ -65,16 +65,16 @@ def velocities_ahead(motion: Motion, *, latency_s: float, braking_m_s2: float) -
         yield add(velocity, _at_most(subtract(motion.commanded_ned_m_s, velocity), most))
     elif motion.acceleration_ned_m_s2 != _STEADY:
         north, east, down = motion.acceleration_ned_m_s2
-        goes_on = (north * _GOES_ON[0], east * _GOES_ON[1], down * _GOES_ON[2])
-        change = scale(goes_on, latency_s)
+        continuing = (north * _CONTINUES[0], east * _CONTINUES[1], down * _CONTINUES[2])
+        change = scale(continuing, latency_s)
         yield add(velocity, _at_most(change, 0.5 * most))
 
 
 def longest_path_m(motion: Motion, *, latency_s: float, braking_m_s2: float) -> float:
-    """Return a length that no stopping path of this motion exceeds.
+    """Return an upper bound of the length of the stopping paths of this motion.
 
-    Of all velocities ahead: one towards a commanded velocity is no faster than the faster of the
-    two, one by an acceleration no faster than both together.
+    A velocity towards a commanded one is no faster than the faster of the two; one changed by an
+    acceleration is no faster than the sum of both.
     """
     speed_m_s = math.hypot(*motion.velocity_ned_m_s)
     if motion.commanded_ned_m_s is not None:
@@ -90,8 +90,8 @@ def stopping_path(
 ) -> StoppingPath:
     """Return the path of a vehicle that is commanded to stop now.
 
-    Over `latency_s` its velocity changes evenly to the one it has then, (v + v') t / 2; from that
-    it brakes evenly, v'^2 / (2 b).
+    Over `latency_s` its velocity changes linearly from v to v', a path of (v + v') t / 2; from then
+    on it brakes at a constant rate, v'^2 / (2 b).
     """
     half_s = 0.5 * latency_s
     flown = scale(add(motion.velocity_ned_m_s, velocity_then_ned_m_s), half_s)
@@ -112,16 +112,16 @@ class AccelerationEstimate:
         self._velocities: deque[tuple[float, Vec3]] = deque()
 
     def update(self, velocity_ned_m_s: Vec3, t_s: float) -> Vec3:
-        """Take a finite velocity and its time; return the acceleration, NED m/s^2."""
-        kept = self._velocities
-        if kept and not 0.0 <= t_s - kept[-1][0] <= _SPAN_S:
-            kept.clear()
-        # The oldest goes only when the next one is old enough by itself.
-        while len(kept) > 1 and t_s - kept[1][0] >= _SPAN_S:
-            kept.popleft()
-        if not kept or t_s - kept[-1][0] >= _APART_S:
-            kept.append((t_s, velocity_ned_m_s))
-        before_s, before = kept[0]
+        """Add a finite velocity with its time; return the acceleration, NED m/s^2."""
+        recent = self._velocities
+        if recent and not 0.0 <= t_s - recent[-1][0] <= _SPAN_S:
+            recent.clear()
+        # The oldest is removed only if the next one spans the time by itself.
+        while len(recent) > 1 and t_s - recent[1][0] >= _SPAN_S:
+            recent.popleft()
+        if not recent or t_s - recent[-1][0] >= _APART_S:
+            recent.append((t_s, velocity_ned_m_s))
+        before_s, before = recent[0]
         elapsed_s = t_s - before_s
         if elapsed_s < _LEAST_SPAN_S:
             return _STEADY

@@ -42,7 +42,7 @@ def value_of(term: Term, signals: Mapping[str, Values]) -> Values:
 
 
 def difference_of(atom: Comparison, signals: Mapping[str, Values]) -> Values:
-    """Return the difference by which an STL comparison holds, in its unit."""
+    """Return the margin by which an STL comparison holds, in its unit; negative if violated."""
     left, right = value_of(atom.left, signals), value_of(atom.right, signals)
     with np.errstate(invalid="ignore", over="ignore"):
         return left - right if atom.comparator in {">=", ">"} else right - left

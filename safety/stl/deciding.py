@@ -1,4 +1,4 @@
-"""The part of a formula that decides, with its values in its own unit."""
+"""The deciding part of an STL formula, with its values in its own unit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from safety.stl.units import SignalKind, unit_text
 class Part:
     """The deciding part of a formula: a comparison or a boolean signal at the deciding sample.
 
-    text: as a formula writes it, so that it should hold. margin: by how much it does, negative
-    where it is violated. actual, limit, margin: None for a signal that is true or false.
+    text: the condition that should hold, as formula text. margin: by how much it holds, negative
+    where it is violated. actual, limit, margin: None for a boolean signal.
     """
 
     text: str
@@ -26,7 +26,7 @@ class Part:
 
     @property
     def violation(self) -> str:
-        """Return the deciding part's violation in a clause."""
+        """Return the deciding part's violation as a sentence."""
         if self.actual is None or self.limit is None:
             return f"{self.text} is violated"
         values = f"{self.actual:.3f} {self.unit} against {self.limit:g} {self.unit}"
@@ -48,7 +48,7 @@ def part_of(
         actual=_at(value_of(measured, signals), index),
         limit=_at(value_of(limit, signals), index),
         unit=unit_of_either(measured, limit, kinds),
-        # A positive zero: a margin of -0 is none.
+        # Adding 0 turns -0 into 0.
         margin=(margin if by.positive else -margin) + 0.0,
     )
 

@@ -1,7 +1,7 @@
-"""One walk through an STL formula over recorded samples: the robustness of each of its parts.
+"""Evaluates the robustness of an STL formula and its parts over recorded samples.
 
-Each part is evaluated at the times at which the whole needs it, and at no others, so that a value
-that is missing elsewhere is none of its business.
+Each part is evaluated only at the times at which the formula needs it, so that values missing at
+other times do not matter.
 """
 
 from collections.abc import Mapping, Sequence
@@ -81,8 +81,8 @@ class UnevaluableError(Exception):
 class Recording:
     """The recorded signals for an evaluation, on a nanosecond axis from the first sample.
 
-    end_ns: from when on nothing is known. best_after: all goes as well as can be from then on;
-    else the last values last on. mixed: the formula compares values of several units.
+    end_ns: the end of the known values. best_after: the best possible values are taken after it;
+    else the last values continue. mixed: the formula compares values of several units.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Recording:
         self.best_after = best_after
 
     def rows(self, from_ns: int, until_ns: int) -> slice:
-        """Return the recorded rows that give the values between two times, both included."""
+        """Return the recorded rows that hold the values between two times, both included."""
         first, last = np.searchsorted(self.times_ns, [from_ns, until_ns], side="right")
         return slice(int(first) - 1, int(last))
 
@@ -117,8 +117,8 @@ class Recording:
 class Evaluation:
     """The evaluation of one formula's robustness over one recording.
 
-    truth: atoms count 1 or -1, so that the value says whether the formula holds. Origins are
-    occurrence * samples + sample.
+    truth: atoms have the value 1 or -1, so that the robustness tells whether the formula holds.
+    Origins are occurrence * samples + sample.
     """
 
     def __init__(self, recording: Recording, *, truth: bool = False) -> None:
@@ -139,8 +139,8 @@ class Evaluation:
     def _of(self, formula: Formula, span_ns: tuple[int, int], *, positive: bool) -> Steps:
         """Return the robustness of a subformula over a span, both ends included.
 
-        positive: whether the robustness of the whole grows with it. A part is never asked for two
-        spans; `iff` asks for both signs.
+        positive: whether the robustness of the whole grows with it. Each part is
+        needed for one span only; `iff` needs both signs.
         """
         key = id(formula), positive
         if key not in self._known:
@@ -231,8 +231,8 @@ class Evaluation:
     def _end_ns(self, inner: Node, *, latest: bool) -> int:
         """Return the end of an interval for the evaluation where none is given.
 
-        Of a recording that continues: where it is best for the formula that the window ends, now or
-        when what is known has left all windows of the past.
+        For a recording that continues: the end that is best for the formula, now or when all known
+        values have left the windows of its past operators.
         """
         recording = self._recording
         past_ns = _past_ns(inner) if recording.best_after and latest else 0

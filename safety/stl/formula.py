@@ -1,4 +1,4 @@
-"""What an STL formula is made of: nodes that know where in the text they stand; no behaviour."""
+"""The nodes of an STL formula, each with its offset in the text."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class StlError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A constant in a formula; it has the unit of what it is compared with."""
+    """A constant in a formula; it has the unit of the signal that it is compared with."""
 
     value: float
     at: int
@@ -83,7 +83,7 @@ class Not:
 
 @dataclass(frozen=True, slots=True)
 class Junctor:
-    """Two formulas joined by and, or, implies."""
+    """Two formulas joined by and, or, implies, iff."""
 
     word: Junction
     left: "Formula"

@@ -1,7 +1,7 @@
-"""Text into an STL formula, with the place of every mistake.
+"""Parses the text of an STL formula; errors have the offset of the mistake.
 
-From weak to strong: iff; implies; or; and; until; not, always, eventually, once, historically;
-comparisons; + and -; * and /; a leading minus. Times are seconds: always[0,30].
+Precedence from weak to strong: iff; implies; or; and; until; not, always, eventually, once,
+historically; comparisons; + and -; * and /; a leading minus. Times are seconds: always[0,30].
 """
 
 from collections.abc import Iterator
@@ -128,13 +128,13 @@ class _Parser:
         return StlError(message, token.at)
 
     def junction(self, level: int) -> Node:
-        """Parse what stands here, joined by operators from a precedence on."""
+        """Parse the formula at this position, with operators from a precedence level on."""
         if level == len(_JUNCTIONS):
             return self._until()
         word = _JUNCTIONS[level]
         left = self.junction(level + 1)
         while (token := self._take_if(word)) is not None:
-            # An implication of an implication groups to the right, as in logic.
+            # Implication is right-associative, as in logic.
             right = self._parse_nested(level if word == "implies" else level + 1, token)
             left = Junctor(word, _formula(left), _formula(right), token.at)
         return left
@@ -205,7 +205,7 @@ class _Parser:
             left = right
         if not found:
             return left
-        # 0.5 <= up_m <= 2 means what it says.
+        # A chain such as 0.5 <= up_m <= 2 is a conjunction.
         whole: Formula = found[0]
         for each in found[1:]:
             whole = Junctor("and", whole, each, each.at)

@@ -1,16 +1,16 @@
-"""How far an STL formula holds over recorded values: its quantitative semantics in dense time.
+"""Robustness of an STL formula over recorded values: quantitative semantics in dense time.
 
 Signals are piecewise constant: a value lasts from its sample to the next one, and the last one
-for good, so that every formula has a value whenever the recording ends. Robustness is that of
+without end, so that every formula has a value whenever the recording ends. Robustness is that of
 Donze and Maler ("Robust satisfaction of temporal logic over real-valued signals", 2010): a
 comparison is the difference of its sides, `and` and `always` are the minimum, `or` and
 `eventually` the maximum, over closed intervals. Operators of the past look back to the beginning
-and no further; an interval that is not given ends with the window.
+of the window at most; an interval that is not given ends with the window.
 
-- A signal that is true or false has no distance: it counts plus or minus infinity.
-- Where comparisons of different units meet, each counts as a share of its limit (of 1 in its unit
-  where the limit is 0 or measured itself): metres are never held against metres per second.
-- Where the formula needs a value that is missing or not finite, it is unevaluable.
+- A boolean signal has no distance: its robustness is plus or minus infinity.
+- If a formula has comparisons of different units, each is divided by its limit (by 1 in its unit
+  if the limit is 0 or a signal), so that metres are never compared with metres per second.
+- A formula that needs a value which is missing or not finite cannot be evaluated.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,8 +25,8 @@ from safety.stl.steps import Values
 class Robustness:
     """The robustness of an STL formula at the beginning of the window.
 
-    value: positive when it holds, negative when not; infinite where signals that are true or
-    false decide. holds: tells < from <= where the value is 0. decided_by: the atom that decides,
+    value: positive when it holds, negative when not; infinite where boolean signals
+    decide. holds: tells < from <= where the value is 0. decided_by: the atom that decides,
     None where none does; index: the sample with its value.
     """
 
@@ -69,7 +69,7 @@ class StlMonitor:
         while first < after:
             middle = (first + after) // 2
             seen = {name: values[: middle + 1] for name, values in signals.items()}
-            # A sample counts once time has gone on, by the nanosecond of the recording's axis.
+            # A sample counts only when time has advanced by one nanosecond of the recording's axis.
             best = self.at_best(times_s[: middle + 1], seen, times_s[middle] + 1e-9)
             if isinstance(best, Robustness) and not best.holds:
                 after = middle

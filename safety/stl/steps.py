@@ -1,4 +1,4 @@
-"""Values that are constant from one time to the next, and minimum and maximum over them.
+"""Step functions over time, and their minimum and maximum in moving windows.
 
 Times are whole nanoseconds, so that the bounds of windows meet the samples exactly.
 """
@@ -19,7 +19,7 @@ NO_ORIGIN = -1
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """A step function over time: values[i] from times_ns[i] on, the last one for good.
+    """A step function over time: values[i] from times_ns[i] on, the last one without end.
 
     times_ns: ascending, relative to the begin of the evaluation. origins: a number for the sample
     that each value comes from; NO_ORIGIN where there is none.
@@ -38,7 +38,7 @@ class Steps:
         return np.append(self.times_ns[1:], NEVER_NS)
 
     def compressed(self) -> "Steps":
-        """Return the step function without times at which the value stays."""
+        """Return the step function without times at which the value does not change."""
         kept = np.append(True, self.values[1:] != self.values[:-1])  # a flag
         return Steps(self.times_ns[kept], self.values[kept], self.origins[kept])
 
@@ -58,7 +58,7 @@ def _over(steps: Steps, times_ns: Indices) -> Steps:
 
 
 def split_at(steps: Steps, time_ns: int) -> Steps:
-    """Return the step function with a step at a time, if that lies behind its begin."""
+    """Return the step function with a step at a time, if that is after its begin."""
     if time_ns <= steps.times_ns[0]:
         return steps
     return _over(steps, np.union1d(steps.times_ns, np.array([time_ns])))
@@ -87,7 +87,7 @@ def _choose_steps(second: NDArray[np.bool_], first: Steps, other: Steps) -> Step
 def implied(premise: Steps, conclusion: Steps) -> Steps:
     """Return the step function of an implication: max of negated premise and conclusion.
 
-    Where both are violated, the origin is the conclusion's: it is what a reader calls violated.
+    Where both are violated, the origin is that of the conclusion, which readers call violated.
     """
     denied, conclusion = aligned(premise.negated(), conclusion)
     values = np.maximum(denied.values, conclusion.values)

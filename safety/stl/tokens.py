@@ -1,4 +1,4 @@
-"""The words of an STL formula, each with its offset."""
+"""Splits the text of an STL formula into tokens with their offsets."""
 
 import re
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from safety.stl.formula import StlError
 
 LONGEST = 1000
 MOST = 300
-"""Characters and tokens; what has more was not written by a person."""
+"""The most characters and tokens of a formula."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"

@@ -1,4 +1,4 @@
-"""Whether a formula's signals are there and its units fit together."""
+"""Checks that the signals of an STL formula exist and that its units fit together."""
 
 import math
 import operator as arithmetic
@@ -21,7 +21,7 @@ from safety.stl.parser import NO_STATEMENT
 from worlds.files.problems import closest
 
 Dimension = Mapping[str, int]
-"""Base units with their powers: m/s is {m: 1, s: -1}. None stands for a bare number."""
+"""Base units with their powers: m/s is {m: 1, s: -1}. None is a bare number."""
 
 
 _ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
@@ -41,7 +41,7 @@ class SignalKind:
 
 
 def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
-    """Raise StlError for an unknown signal, units that do not fit, or a side without a value."""
+    """Raise StlError for an unknown signal, units that do not fit, or no value."""
     if isinstance(formula, Comparison):
         left, right = _dimension(formula.left, signals), _dimension(formula.right, signals)
         if None not in {_constant(formula.left), _constant(formula.right)}:
@@ -58,7 +58,7 @@ def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
 
 
 def unit_text(term: Term, signals: Mapping[str, SignalKind]) -> str:
-    """Return the unit of a term as people write it; "" for a bare number."""
+    """Return the unit of a term as text; "" for a bare number."""
     return _text(_dimension(term, signals) or {})
 
 
@@ -102,7 +102,7 @@ def _dimension(term: Term, signals: Mapping[str, SignalKind]) -> Dimension | Non
 
 
 def _constant(term: Term) -> float | None:
-    """Return the value of a term that has the same one whatever its signals do; None for others.
+    """Return the value of a term that does not depend on its signals; None for others.
 
     Raises StlError where it has no finite value.
     """

@@ -1,6 +1,6 @@
-"""How one vehicle is brought down: a table of phases, and a check that each worked.
+"""The state machine that brings one vehicle down: a table of phases, each one verified.
 
-Pure: facts and a time in, actions out. Nothing here knows of bytes, nor of the other vehicle.
+Pure: facts and a time in, actions out. It knows neither MAVLink nor the other vehicles.
 """
 
 from collections.abc import Callable
@@ -38,11 +38,11 @@ class Action(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known of a vehicle now for its contingency; None is unknown.
+    """The known facts of a vehicle for its contingency; None is unknown.
 
-    armed, mode, landed: as it last reported (armed includes a command to arm that just passed).
+    armed, mode, landed: as last reported (armed also after a command to arm was just forwarded).
     failsafe: its autopilot changed the mode by itself. pilot: a pilot flies it. up_m: height from
-    one source (any zero). speed_m_s: of all axes. seen_s: when that position was measured.
+    one source (any zero). speed_m_s: along all axes. seen_s: when that position was measured.
     """
 
     armed: bool | None
@@ -56,7 +56,7 @@ class Facts:
 
 
 def require_landing(mode: Mode) -> None:
-    """Raise ValueError for a contingency's landing mode that is none."""
+    """Raise ValueError if a contingency's landing mode is neither LAND nor RTL."""
     if mode not in {Mode.LAND, Mode.RTL}:
         raise ValueError(f"{mode.value!r} is not a landing mode")
 
@@ -65,12 +65,12 @@ def require_landing(mode: Mode) -> None:
 class ContingencyPlan:
     """The plan of a contingency: how to bring a vehicle down; times in seconds.
 
-    landing: LAND or RTL. terminate: motors may be cut, after `stalls_to_terminate` stalls: each a
-    time `stall_s` over which fresh positions show that it came down less than `descent_m`.
-    hold_timeout_s exceeds the second between two heartbeats. settle_s, still_m_s: how long, or
-    until how slow, a vehicle in hold brakes before it lands. supervise_s: how long its own failsafe
-    may fly it without descending before it is commanded to land; a return to launch across any
-    fence of ours is shorter.
+    landing: LAND or RTL. terminate: motors may be cut after `stalls_to_terminate` stalls, each
+    a time `stall_s` over which fresh positions show that it came down less than `descent_m`.
+    hold_timeout_s: more than the second between two heartbeats. settle_s, still_m_s: for how long,
+    or down to which speed, a vehicle in hold brakes before it lands. supervise_s: how long its own
+    failsafe may fly it without descending before it is commanded to land; a return to launch across
+    any usual fence takes less.
     """
 
     landing: Mode = Mode.LAND
@@ -99,12 +99,12 @@ class _View:
     stalls: int
     """Stalls since the vehicle was first commanded to land."""
     stalled: bool
-    """A stall was found just now."""
+    """Whether a stall was detected in this step."""
     landing: Mode
     level_s: float
-    """How long it has not come lower in this phase."""
+    """How long the vehicle has not descended in this phase."""
     overruled: bool
-    """Its own failsafe had its chance."""
+    """Whether the vehicle's own failsafe is overruled because it did not land it."""
 
 
 Condition = Callable[[_View], bool]
@@ -167,7 +167,7 @@ _ALWAYS: tuple[_Step, ...] = (
     _Step(lambda v: v.facts.armed is False, Phase.DOWN, "it is disarmed"),
     _Step(lambda v: v.facts.pilot, Phase.PILOT, "the pilot has control"),
 )
-"""Looked at first in every phase that is under way."""
+"""Checked first in every phase."""
 
 _TABLE: dict[Phase, tuple[_Step, ...]] = {
     Phase.HOLD: (
@@ -234,7 +234,7 @@ class Contingency:
         self.plan = plan
         self.phase = Phase.IDLE
         self.notes: list[str] = []
-        """What happened since they were last read, for people."""
+        """Phase changes since the notes were last read, as text."""
         self._entered_s = 0.0
         self._sent_s: float | None = None
         self._landing: Mode = plan.landing
@@ -282,7 +282,7 @@ class Contingency:
         return self._actions(facts, t_s)
 
     def _advance(self, facts: Facts, t_s: float) -> None:
-        # One phase a step: what a phase has to say is sent before it is left.
+        # One phase a step: the actions of a phase are sent before it is left.
         stalled = self._find_stall(facts, t_s)
         view = _View(
             facts=facts,
@@ -301,7 +301,7 @@ class Contingency:
 
     def _enter(self, phase: Phase, t_s: float, why: str) -> None:
         if phase is Phase.LAND and self.phase in {Phase.DESCEND, Phase.SUPERVISE}:
-            # What did not bring it down once is not waited for again.
+            # The mode or failsafe that did not bring it down once is not waited for again.
             self._landing = Mode.LAND
             self._overruled = self._overruled or self.phase is Phase.SUPERVISE
         self.notes.append(f"{phase.value}: {why}")
@@ -314,7 +314,7 @@ class Contingency:
         if self.phase not in {Phase.LAND, Phase.DESCEND, Phase.SUPERVISE}:
             return False
         if not self._fresh(facts, t_s):
-            # Without evidence time proves nothing: the clock of a stall starts anew.
+            # Without fresh positions a stall cannot be shown: its time starts again.
             self._progress_s = None
             return False
         sinks = self._progress_s is not None and self._sinks(facts)
@@ -362,6 +362,6 @@ class Contingency:
             if self._landing is Mode.RTL and patient:
                 actions = [Action.RTL]
             if self._stalls:
-                # An autopilot in the air refuses it; one that missed its touchdown takes it.
+                # In the air an autopilot refuses to disarm; one that missed its touchdown obeys.
                 actions.append(Action.DISARM)
         return actions

@@ -1,4 +1,4 @@
-"""What goes into the guard's core besides bytes, and what comes out of it."""
+"""The configuration of the guard's core, its outputs and its events."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,8 +10,8 @@ from safety.model.verdict import DecisiveEvent, DecisiveKind
 from vehicles.autopilots.autopilot import Autopilot, Mode, Target
 
 Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down", "clock"]
-"""Why the guard took over. bring_down: the orchestrator asked, which has its own reason. clock: the
-times of two simulated vehicles came apart."""
+"""Why the guard took over. bring_down: the orchestrator requested it, for its own reason. clock:
+the times of two simulated vehicles diverged."""
 
 EventKind = Literal[
     "fence",
@@ -38,15 +38,15 @@ EventKind = Literal[
     "guard",
     "alone",
 ]
-"""A cause; hold, resume: the operator's; proposed: fences could be changed, and are to be uploaded
-first; geofence: they were changed in flight; refused: a command that cannot be followed now;
-action: a step of a contingency; dropped: frames of the orchestrator that were not passed; unread:
-frames of the vehicle that the orchestrator did not read in time; limited: setpoints were more than
-the campaign's limits, reported at the first and after the last of them; heard: a lost vehicle or
-orchestrator is back; link: a vehicle is flown by another of its links now; pose: a position that is
-not finite was let go; record: the log of frames cannot be written any more; guard: the guard's own
-process ended, or erred; alone: a cause that brings down this one vehicle and settles nothing for
-the other."""
+"""A cause; hold, resume: the operator's; proposed: new fences are acceptable, to be uploaded first;
+geofence: fences were changed in flight; refused: a command that cannot be executed now; action:
+a step of a contingency; dropped: frames of the orchestrator that were not forwarded; unread:
+frames of the vehicle that the orchestrator did not read in time; limited: setpoints exceeded
+the campaign's limits, reported at the first and after the last of them; heard: a lost
+vehicle or orchestrator is received again; link: another link of a vehicle is active now; pose: a
+position that is not finite was ignored; record: the log of frames cannot be written any more;
+guard: the guard's own process ended or failed; alone: a cause that brings down this one vehicle and
+decides nothing for the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +91,12 @@ Outputs = tuple[Output, ...]
 class GuardedVehicle:
     """A vehicle as the guard's core is configured for it: ids, fence, limits, plan.
 
-    attached: it came from outside, so that it may be hardware. landing: LAND, or RTL where the
-    campaign asks for it and preflight allowed it. terminate: the campaign opted in to cutting the
+    attached: this program did not start it, so that it may be hardware. landing: LAND, or RTL where
+    the campaign requests it and preflight allowed it. terminate: the campaign allows cutting the
     motors of this vehicle as the last resort. gcs: a ground station port is open for it. limits:
-    of the setpoints that it is given; None passes all. lands_alone: what happens to this vehicle
-    brings it down and no other. abandoned_when_lost: its landing is not waited for once it is
-    silent: it is simulated beside a vehicle that flies on.
+    of its setpoints; None forwards all. lands_alone: a cause about this vehicle brings down no
+    other. abandoned_when_lost: its landing is not awaited once it is silent, because it is
+    simulated beside a vehicle that continues.
     """
 
     autopilot: Autopilot
@@ -115,7 +115,7 @@ class GuardedVehicle:
 
     @property
     def may_terminate(self) -> bool:
-        """Return whether its motors may be cut: always where nothing can break."""
+        """Return whether its motors may be cut: always in simulation, where nothing can break."""
         return self.terminate or not self.attached
 
 
@@ -123,13 +123,13 @@ class GuardedVehicle:
 class GuardSettings:
     """The settings of the guard: times in seconds, distances in metres.
 
-    latency_s, braking_m_s2: how late and how hard a vehicle brakes when commanded to. Late is all
-    until it brakes at this rate: estimator, link and tilting over. The defaults are a bound, not a
-    fit (docs/geofence.md, `python bench/stopping.py`); on hardware it may be more.
-    keep_m: distance to be kept to the fence. orchestrator_silent_s counts from its first sign of
-    life on. asked_s: how long a mode change counts as asked for after a command passed (heartbeats
-    come once a second). system_id, component_id: as whom the guard speaks; ArduPilot obeys its GCS
-    failsafe to SYSID_MYGCS (255).
+    latency_s, braking_m_s2: how late and how hard a vehicle brakes when commanded to. The latency
+    is the whole time until it brakes at this rate: estimator, link and tilting over. The defaults
+    are a bound, not a fit (docs/geofence.md, `python bench/stopping.py`); on hardware it may be
+    more. keep_m: distance to be kept to the fence. orchestrator_silent_s: counts from its first
+    sign of life. asked_s: how long a mode change counts as requested after a command was forwarded
+    (heartbeats come once a second). system_id, component_id: the sender of the guard's messages;
+    the GCS failsafe of ArduPilot watches SYSID_MYGCS (255).
     """
 
     latency_s: float = 0.7
@@ -162,7 +162,7 @@ _DECISIVE: dict[EventKind, DecisiveKind] = {
 
 
 def decisive(event: GuardEvent) -> DecisiveEvent | None:
-    """Return what a guard event means for the verdict; None for what decides nothing.
+    """Return the decisive event of a guard event; None if it decides nothing.
 
     A `bring_down` has the orchestrator's own reason; a `hold` is INVALID only after t0, which the
     guard does not know.

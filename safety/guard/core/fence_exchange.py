@@ -1,4 +1,4 @@
-"""Whether all vehicles that are to get other fences in flight can have them; pure."""
+"""Checks whether all vehicles that are to get new fences in flight can have them; pure."""
 
 from collections.abc import Mapping
 
@@ -11,9 +11,9 @@ from safety.guard.core.events import GuardSettings
 def refusal_of_changes(
     fences: Mapping[str, Fence], motions: Mapping[str, Motion | None], settings: GuardSettings
 ) -> str:
-    """Return why the first of the vehicles cannot exchange its fence now; "" when all can.
+    """Return why the first of the vehicles cannot change its fence now; "" if all can.
 
-    motions: of each, as seen within the last second; None for one that was not.
+    motions: of each, not older than a second; None where there is none.
     """
     for name, fence in fences.items():
         why = refusal_of_change(

@@ -1,4 +1,4 @@
-"""Which frames the guard lets through, and what they tell it."""
+"""Classifies MAVLink frames: which ones the guard forwards, and which ones take control."""
 
 from safety.guard.core.mavlink_fields import (
     COMMAND_INT,
@@ -26,7 +26,7 @@ _PLANS = frozenset(
         73,  # MISSION_ITEM_INT
     }
 )
-"""Messages that put a fence or mission back as it was before the flight."""
+"""Messages that restore a fence or mission after the flight."""
 _HARMLESS = frozenset(
     {
         0,  # HEARTBEAT
@@ -45,7 +45,7 @@ _HARMLESS = frozenset(
         122,  # LOG_REQUEST_END
     }
 )
-"""Messages that read or keep a link alive, and move nothing."""
+"""Messages that only read, or keep a link alive."""
 ESTIMATES = frozenset(
     {
         102,  # VISION_POSITION_ESTIMATE
@@ -54,7 +54,7 @@ ESTIMATES = frozenset(
         331,  # ODOMETRY
     }
 )
-"""What an estimator may fly by: a vehicle that loses it while it is brought down is lost itself."""
+"""Inputs of the estimator: without them a vehicle that is being landed may be lost."""
 _HARMLESS_COMMANDS = frozenset({510, 511, 512, 519, 520})
 """Message intervals, requests of a message, of the version and of the capabilities."""
 _CONTROL_COMMANDS = frozenset(
@@ -71,7 +71,7 @@ _CONTROL_COMMANDS = frozenset(
 
 
 _TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
-"""Where in their payloads SET_MODE and the setpoints say whom they are for."""
+"""The offset of the target system in the payloads of SET_MODE and of setpoints."""
 
 
 def command_of(frame: Frame) -> Command | None:
@@ -80,7 +80,7 @@ def command_of(frame: Frame) -> Command | None:
 
 
 def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
-    """Return whether the filter passes a frame while the orchestrator is not in command.
+    """Return whether a frame is forwarded while the orchestrator is not in command.
 
     parameters, plans: whether parameters, and fence and mission, may be set too: they are restored
     after a flight.
@@ -96,7 +96,7 @@ def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
 
 
 def is_control(frame: Frame, system: int) -> bool:
-    """Return whether a ground station's frame takes the vehicle `system` out of our control."""
+    """Return whether a ground station's frame takes control of the vehicle `system`."""
     at = _TARGET_AT.get(frame.message_id)
     if at is not None:
         return read_target(frame, at) in {0, system}

@@ -1,10 +1,10 @@
 """The guard's core: bytes, positions, commands and ticks in; bytes and events out.
 
-Pure. What it decides depends on what it was handed and when, never on a clock or a socket, so
-that the same core runs in process under virtual time and in a process of its own.
+Pure. Its decisions depend only on its inputs and their times, never on a clock or a socket, so
+that the same core runs in this process under virtual time and in its own process.
 
-A runtime-assurance filter in the pattern of ASTM F3269: as long as all is well the orchestrator's
-frames pass; once it latches, they do not, and its own contingency brings every vehicle down.
+A runtime-assurance filter in the pattern of ASTM F3269: normally the orchestrator's frames are
+forwarded; once it latches they are not, and its own contingency brings every vehicle down.
 """
 
 import math
@@ -50,8 +50,8 @@ _COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
 class GuardCore:
     """The guard's pure core: supervises its vehicles and brings them down when it must.
 
-    Latched once, it stays latched: `latched` names the first cause. Every method returns what is
-    to be sent and recorded, in that order. Bytes may come cut anywhere; whole frames go out.
+    Once latched, it stays latched: `latched` is the first cause. Every method returns what is to be
+    sent and recorded, in that order. Input bytes may be split anywhere; outputs are whole frames.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class GuardCore:
         self.latched: Cause | None = None
         self.paused = False
         self.dropped: dict[tuple[str, str], int] = {}
-        """How many frames of the orchestrator were not passed, by vehicle and message."""
+        """How many frames of the orchestrator were not forwarded, by vehicle and message."""
         self._alive_s: float | None = None
         self._reported_of_all: set[str] = set()
 
@@ -109,7 +109,7 @@ class GuardCore:
         self._supervised_vehicles[name].seen.anchor = anchor
 
     def from_vehicle(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes from a vehicle: the guard always passes them."""
+        """Take bytes from a vehicle: they are always forwarded."""
         frames = self.split_from_vehicle(name, data)
         if not frames:
             return ()
@@ -119,11 +119,11 @@ class GuardCore:
         return (ToOrchestrator(name, raw), *to_gcs, *judged)
 
     def split_from_vehicle(self, name: str, data: bytes) -> list[Frame]:
-        """Return the whole frames in bytes from a vehicle: to be passed on, and then judged."""
+        """Return the whole frames in bytes from a vehicle: to be forwarded, and then judged."""
         return self._supervised_vehicles[name].from_vehicle.feed(data)
 
     def judge_vehicle(self, name: str, frames: Sequence[Frame], t_s: float) -> Outputs:
-        """Take a vehicle's frames, which were passed on; return what the guard does about them."""
+        """Judge a vehicle's frames, which were forwarded; return the guard's reaction."""
         supervised = self._supervised_vehicles[name]
         out: list[Output] = []
         target, is_received = supervised.vehicle.target, False
@@ -135,34 +135,34 @@ class GuardCore:
                 is_received = True
                 supervised.seen.last_received_s = t_s
                 if supervised.lost:
-                    out.append(self._found_again(supervised, t_s))
+                    out.append(self._report_received_again(supervised, t_s))
             if frame.message_id in _READ:
                 out += self._read_frame(supervised, frame, t_s)
         return tuple(out)
 
     def from_orchestrator(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes from the orchestrator: passed while it is in command."""
+        """Take bytes from the orchestrator: forwarded while it is in command."""
         supervised = self._supervised_vehicles[name]
-        passed: list[bytes] = []
+        forwarded: list[bytes] = []
         events: list[Output] = []
         for frame in supervised.from_orchestrator.feed(data):
             if self._passes(supervised, frame, t_s):
                 is_setpoint = frame.message_id in SETPOINTS
                 raw = supervised.pass_setpoint(frame, t_s) if is_setpoint else frame.raw
                 if raw:
-                    passed.append(raw)
+                    forwarded.append(raw)
             else:
                 events += self._drop(supervised, frame, t_s)
         events += self._limitings(supervised, t_s)
-        if not passed:
+        if not forwarded:
             return tuple(events)
-        return (ToVehicle(name, tuple(passed)), *events)
+        return (ToVehicle(name, tuple(forwarded)), *events)
 
     def from_gcs(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes from a ground station: always passed; control in flight is a takeover.
+        """Take bytes from a ground station: always forwarded; control in flight is a takeover.
 
-        What is meant for another vehicle is no takeover of this one: ground stations say all that
-        they say on all of their links.
+        A command for another vehicle is no takeover of this one: ground stations send everything
+        on all of their links.
         """
         supervised = self._supervised_vehicles[name]
         frames = supervised.from_gcs.feed(data)
@@ -178,17 +178,17 @@ class GuardCore:
         return tuple(out)
 
     def position(self, sample: PoseSample) -> Outputs:
-        """Take a vehicle's position, from the fastest source, into the guard."""
+        """Take a vehicle's position, from the fastest available source."""
         place, velocity = sample.pose.position_ned_m, sample.velocity_ned_m_s
         return self.place(sample.vehicle, place, velocity, sample.t_s)
 
     def place(self, name: str, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> Outputs:
-        """Take a vehicle's position in the world into the guard, as `position` does."""
+        """Take a vehicle's position in the world, as `position` does."""
         supervised = self._supervised_vehicles[name]
         return self._place(supervised, position_ned_m, velocity_ned_m_s, t_s, reported=True)
 
     def command(self, command: OperatorCommand, t_s: float) -> Outputs:
-        """Take an operator's command into the guard. Abort always wins and is final.
+        """Execute an operator's command. Abort has priority and is final.
 
         Raises ValueError for a geofence: its document is read first, see `change_fences`.
         """
@@ -221,10 +221,10 @@ class GuardCore:
         return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
-        """Return the guard's event whether vehicles could take new fences, or why not.
+        """Return an event: whether new fences are acceptable for the vehicles, or why not.
 
-        To be asked before the fences are uploaded to the autopilots: those that hold go on
-        holding until `change_fences`.
+        To be called before the fences are uploaded to the autopilots: the present fences apply
+        until `change_fences`.
         """
         names = " and ".join(fences)
         why = self._refusal_of(fences, t_s)
@@ -264,13 +264,13 @@ class GuardCore:
         return out
 
     def orchestrator_ended(self, t_s: float) -> Outputs:
-        """Take that the orchestrator is gone; bring down what may be armed."""
+        """Take that the orchestrator is gone; if any vehicle may be armed, bring all down."""
         if not self.may_be_armed(t_s):
             return ()
         return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
 
     def vehicle_gone(self, name: str, text: str, t_s: float) -> Outputs:
-        """Take that a vehicle's simulator process has ended: nothing to bring down."""
+        """Take that a vehicle's simulator process has ended: bring down the other vehicles."""
         supervised = self._supervised_vehicles[name]
         supervised.gone = supervised.lost = True
         return tuple(self._latch("lost", name, text, t_s))
@@ -280,7 +280,7 @@ class GuardCore:
         return tuple(self._latch("clock", name, text, t_s))
 
     def tick(self, t_s: float) -> Outputs:
-        """Take that time has passed in the guard; 20 Hz is expected, the setpoint rate."""
+        """Take that time has forwarded; called at 20 Hz, the rate of setpoints."""
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
         if silent_s > self.settings.orchestrator_silent_s:
@@ -296,7 +296,7 @@ class GuardCore:
                 out += self._send(supervised, actions, t_s)
         return tuple(out)
 
-    def _found_again(self, supervised: SupervisedVehicle, t_s: float) -> GuardEvent:
+    def _report_received_again(self, supervised: SupervisedVehicle, t_s: float) -> GuardEvent:
         supervised.lost = False
         return self._event(
             t_s, "heard", supervised.name, f"messages from {supervised.name} arrive again"
@@ -349,14 +349,14 @@ class GuardCore:
         if lands or self.paused:
             seen = supervised.seen
             parameters = not seen.taken_over
-            # Held vehicles may be given another fence; it moves none of them.
+            # Holding vehicles may get another fence; that moves none of them.
             plans = parameters and (not lands or not seen.may_be_armed(t_s))
             return is_harmless(frame, parameters=parameters, plans=plans)
         if frame.message_id not in _COMMANDS:
             return True
         command = command_of(frame)
         if command is None:
-            supervised.seen.note_mode_asked(t_s)
+            supervised.seen.note_mode_request(t_s)
             return True
         if command.cuts_motors and not supervised.vehicle.may_terminate:
             return False
@@ -379,9 +379,9 @@ class GuardCore:
         return (self._event(t_s, "dropped", supervised.name, f"{key[1]} was not forwarded"),)
 
     def _latch(self, cause: Cause, name: str, text: str, t_s: float) -> list[Output]:
-        """Latch the guard: take over, and say why; a later cause is only reported.
+        """Latch the guard: take over and report the cause; a later cause is only reported.
 
-        A vehicle that lands alone is taken over alone. Clocks that came apart are of both.
+        Of a vehicle that lands alone only that one is taken over, except when clocks diverge.
         """
         about = self._supervised_vehicles.get(name)
         if about is not None and about.vehicle.lands_alone and cause != "clock":
@@ -393,7 +393,7 @@ class GuardCore:
         for supervised in self._supervised_vehicles.values():
             actions = supervised.contingency.start(supervised.seen.facts(t_s), t_s)
             out += self._send(supervised, actions, t_s)
-        # What brakes goes out first; the words follow.
+        # Frames that brake the vehicles are sent first; events follow.
         return [*out, *self._report_once(about, cause, text, t_s)]
 
     def _land_alone(

@@ -1,7 +1,7 @@
-"""The few MAVLink messages that the guard reads, taken from their bytes without a parser.
+"""Reads the few MAVLink messages that the guard needs from their bytes, without a parser.
 
 Layouts: message definitions of MAVLink common; payloads of version 2 come without their trailing
-zeros. Each reader returns what a frame of that message says; frames are known to be whole.
+zeros. The frames are complete and their checksums verified.
 """
 
 import math
@@ -71,7 +71,7 @@ class Command:
     def cuts_motors(self) -> bool:
         """Return whether the MAVLink command stops the motors even in the air."""
         forced = self.disarms and round(self.param2) == _FORCE
-        # A NaN terminates nothing (ArduCopter wants > 0.5), but who sends it means no good.
+        # NaN does not terminate (ArduCopter requires > 0.5), but is treated as if it did.
         return forced or (self.number == DO_FLIGHTTERMINATION and not self.param1 <= 0.5)
 
 
@@ -104,7 +104,7 @@ def read_local_position(frame: Frame) -> tuple[Vec3, Vec3] | None:
 def read_command(frame: Frame) -> Command:
     """Return the fields of a COMMAND_LONG or COMMAND_INT."""
     param1, param2, number, system = _command.unpack(_payload(frame, 31))
-    # round() of NaN raises; a NaN means "not given" in commands.
+    # round() of NaN raises; in commands NaN means that no value is given.
     return Command(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
 
 

@@ -1,4 +1,4 @@
-"""What an operator asks, the same from the way it came to the guard that follows it."""
+"""An operator's command, in one form from the channel that receives it to the guard."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,11 +8,10 @@ OperatorKind = Literal["abort", "hold", "resume", "geofence"]
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """An operator's command: what, who ("Ctrl-C", "mqtt:anna"), and for the record why.
+    """An operator's command: its kind, who gave it ("Ctrl-C", "mqtt:anna"), and why, for the log.
 
-    document: for geofence, what the new fences are: the text of YAML, a plan or GeoJSON.
-    command_id: by which it is answered, where the answer takes time. node, bench: of an abort that
-    is for the runs there alone.
+    document: for geofence, the new fences as text of YAML, a plan or GeoJSON. command_id: names
+    the command in a delayed answer. node, bench: for abort, the place whose runs are aborted.
     """
 
     kind: OperatorKind
@@ -25,5 +24,5 @@ class OperatorCommand:
 
     @property
     def is_partial(self) -> bool:
-        """Whether it is for the runs of one node or bench alone."""
+        """Return whether the command concerns the runs of one node or bench only."""
         return bool(self.node or self.bench)

@@ -1,7 +1,7 @@
-"""Setpoints in MAVLink frames: read, and written anew where they were limited; pure.
+"""Reads setpoints from MAVLink frames, and rewrites frames with limited setpoints; pure.
 
-SET_POSITION_TARGET_LOCAL_NED (84) in MAV_FRAME_LOCAL_NED with a whole position or a whole velocity
-can be limited. Layout: message definitions of MAVLink common, fields in the order of the wire.
+Only SET_POSITION_TARGET_LOCAL_NED (84) in MAV_FRAME_LOCAL_NED with a complete position or velocity
+can be limited. Layout: message definitions of MAVLink common, in the order of the payload.
 """
 
 import math
@@ -26,9 +26,9 @@ _layout = struct.Struct("<I11fHBBB")
 
 
 def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
-    """Return a frame's setpoint in the world frame; None for what cannot be limited.
+    """Return a frame's setpoint in the world frame; None if it cannot be limited.
 
-    anchor: where the autopilot's local frame lies in the world; None takes it for the world's.
+    anchor: the place of the autopilot's local frame in the world; None if it is the world's frame.
     """
     if frame.message_id != LOCAL_NED or len(payload := frame.payload) > _layout.size:
         return None
@@ -37,7 +37,7 @@ def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
     )
     if kind != _MAV_FRAME_LOCAL_NED or mask & IGNORE_ACCELERATION != IGNORE_ACCELERATION:
         return None
-    # What its type mask ignores as a whole may be anything.
+    # Fields that the type mask ignores may have any value.
     needed = 0.0 if mask & IGNORE_POSITION == IGNORE_POSITION else x + y + z
     needed += 0.0 if mask & IGNORE_VELOCITY == IGNORE_VELOCITY else vx + vy + vz
     if not math.isfinite(needed):
@@ -51,9 +51,9 @@ def read_setpoint(frame: Frame, anchor: Anchor | None) -> Setpoint | None:
     return None
 
 
-def rewritten(frame: Frame, given: Setpoint, anchor: Anchor | None) -> bytes:
+def rewritten(frame: Frame, setpoint: Setpoint, anchor: Anchor | None) -> bytes:
     """Return the setpoint frame with another position or velocity, the rest unchanged."""
-    local = given if anchor is None else anchor.to_local(given)
+    local = setpoint if anchor is None else anchor.to_local(setpoint)
     fields = list(_layout.unpack(_pad_payload(frame)))
     if isinstance(local, PositionSetpoint):
         fields[1:4] = local.position_ned_m
@@ -68,8 +68,8 @@ def _pad_payload(frame: Frame) -> bytes:
 
 
 def _in_world(local: Setpoint, anchor: Anchor | None) -> Setpoint:
-    """Return a setpoint turned from the vehicle's local frame into the world frame."""
-    # Only the part that is limited is turned: heading and heading rate go on as they came.
+    """Return a setpoint converted from the vehicle's local frame to the world frame."""
+    # Only the limited part is converted: heading and heading rate stay unchanged.
     if anchor is None:
         return local
     if isinstance(local, PositionSetpoint):

@@ -1,9 +1,10 @@
 """Limits setpoints on their way to a vehicle; pure, world frame.
 
-A velocity is given such that the vehicle can still stop before what it must not pass: it flies on
-for the latency, then brakes evenly, v t + v^2 / (2 a), as the fence predicts it too. A position is
-cut to the way that leads there inside, and to what the speed limit covers in a second: both
-autopilots steer to a position with a gain of about 1/s (MPC_XY_P 0.95, PSC_POSXY_P 1).
+A velocity is limited so that the vehicle can still stop before a boundary: it continues for the
+latency, then brakes at a constant rate, v t + v^2 / (2 a), as in the prediction of the fence. A
+position is moved towards the vehicle until the path to it is inside, and no longer than the speed
+limit covers in a second: both autopilots control position with a gain of about 1/s (MPC_XY_P 0.95,
+PSC_POSXY_P 1).
 """
 
 import math
@@ -17,10 +18,10 @@ from worlds.frames import Vec3, add, norm, scale, subtract
 
 _CARROT_S = 1.0
 _LONGEST_STEP_S = 0.5
-"""Setpoints that are further apart are not steps of one motion: the vehicle's own is compared."""
+"""Setpoints further apart are no steps of one motion: the vehicle's own velocity is compared."""
 _STEP_M = 0.02
 _MOST_STEPS = 50_000
-"""Of a way to a position that is checked: one that takes more is cut there."""
+"""Of a path to a position that is checked: a longer path is cut there."""
 _HALVINGS = 8
 _TOLERANCE_M = 1e-3
 _TOLERANCE_M_S = 1e-3
@@ -39,8 +40,8 @@ class LimitReport:
 class SetpointLimiter:
     """Limits the setpoints of one vehicle.
 
-    latency_s, braking_m_s2: how late and how hard a vehicle that is slowed down by its setpoints
-    gets slower; both on the safe side of what the fence is watched with.
+    latency_s, braking_m_s2: how late and how hard a vehicle brakes that is slowed down by its
+    setpoints; both on the safe side of the values of the fence's prediction.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class SetpointLimiter:
         self._last_setpoint: tuple[float, Vec3] | None = None
 
     def change_fence(self, fence: Fence) -> None:
-        """Change the fence inside which setpoints are limited, if any."""
+        """Change the fence inside which setpoints are kept, if limited."""
         self._fence = fence if self.limits.inside_fence else None
 
     def limit(
@@ -66,7 +67,7 @@ class SetpointLimiter:
     ) -> tuple[Setpoint | None, tuple[LimitReport, ...]]:
         """Return the limited setpoint (None: nothing), and which limits took effect.
 
-        motion: None when it is not known; then nothing may be asked that a place would limit.
+        motion: None if unknown; then no setpoint is allowed whose limit depends on the position.
         """
         if isinstance(asked, PositionSetpoint):
             return self._limit_position(asked, motion)
@@ -172,7 +173,7 @@ class SetpointLimiter:
         if not leaves(1.0):
             return 1.0
         if leaves(0.0):
-            # Too close already: only the way back is free.
+            # Too close already: only the direction back is allowed.
             ahead = add(place, scale(velocity, _STEP_M / norm(velocity)))
             return 1.0 if fence.margin_m(ahead) > fence.margin_m(place) else 0.0
         low, high = 0.0, 1.0
@@ -211,7 +212,7 @@ class SetpointLimiter:
         return (target[0], target[1], -given_m)
 
     def _way_inside(self, place: Vec3, target: Vec3, found: list[LimitReport]) -> Vec3:
-        """Return the last point of the way to a setpoint that is `keep_m` inside."""
+        """Return the last point of the path to a setpoint that is `keep_m` inside."""
         way = subtract(target, place)
         length_m = norm(way)
         if self._fence is None or length_m == 0.0:
@@ -233,9 +234,9 @@ class SetpointLimiter:
 
 
 def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> float:
-    """Return how far a way to a setpoint stays `keep_m` inside the fence; all of it if it does.
+    """Return up to which length a path to a setpoint stays `keep_m` inside the fence.
 
-    From a place that is too close already, the way counts for as long as it leads back.
+    From a position that is too close already, the path counts as inside while it leads back.
     """
     length_m = norm(way)
     margin_m = fence.margin_m(place)

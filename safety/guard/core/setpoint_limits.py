@@ -1,4 +1,4 @@
-"""What setpoints are held to on their way through the guard, as the campaign says it."""
+"""The limits of setpoints that the guard applies, as the campaign gives them."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 class SetpointLimits:
     """The limits of setpoints sent to a vehicle; None where there is none.
 
-    speed_m_s: of all axes together. acceleration_m_s2: how fast an asked velocity may change.
-    floor_up_m, ceiling_up_m: heights over the world's origin. inside_fence: nothing is asked that
-    leaves the vehicle's fence. keep_m: the distance that is kept to fence, floor and ceiling.
+    speed_m_s: of all axes together. acceleration_m_s2: how fast a velocity setpoint may change.
+    floor_up_m, ceiling_up_m: heights over the world's origin. inside_fence: no setpoint may lead
+    out of the vehicle's fence. keep_m: the distance that is kept to fence, floor and ceiling.
     """
 
     speed_m_s: float | None = None

@@ -1,4 +1,4 @@
-"""Setpoint frames of one vehicle on their way through the guard: limited, and reported."""
+"""Limits the setpoint frames of one vehicle, and reports which limits took effect."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from vehicles.poses.anchor import Anchor
 from vehicles.setpoints import Setpoint
 
 _LAPSE_S = 1.0
-"""A limit that took no effect for so long is reported as over."""
+"""A limit without effect for this time is reported as ended."""
 
 
 @dataclass(slots=True)
@@ -26,10 +26,10 @@ class _LimitingSpell:
 
 
 class SetpointMeter:
-    """Passes one vehicle's setpoint frames within limits; `notes` are for the record.
+    """Forwards one vehicle's setpoint frames within limits; `notes` are for the log.
 
-    Each limit is reported when it begins to take effect, and, once it has not for a second, how
-    often it did and what the most was that was asked.
+    Each limit is reported when it begins to take effect; and after a second without effect, how
+    often it did and for which largest value.
     """
 
     def __init__(self, limiter: SetpointLimiter) -> None:
@@ -38,7 +38,7 @@ class SetpointMeter:
         self.notes: list[str] = []
 
     def change_fence(self, fence: Fence) -> None:
-        """Limit passed setpoints to another fence from now on."""
+        """Limit setpoints to another fence from now on."""
         self._limiter.change_fence(fence)
 
     def through(
@@ -49,9 +49,9 @@ class SetpointMeter:
         motion: Motion | None,
         t_s: float,
     ) -> tuple[bytes | None, Setpoint | None]:
-        """Return the setpoint frame that may pass, and what it asks; None when nothing may.
+        """Return the frame to forward and its setpoint; None if nothing is forwarded.
 
-        asked: what the frame asks, in the world frame; None for what cannot be limited.
+        asked: the frame's setpoint in the world frame; None if it cannot be limited.
         """
         if asked is None:
             name = message_name(frame.message_id)
@@ -65,7 +65,7 @@ class SetpointMeter:
         return rewritten(frame, given, anchor), given
 
     def lapse(self, t_s: float) -> None:
-        """Take that time has passed: end spells of setpoint limiting without effect."""
+        """Take that time has passed: report the limits that have ended."""
         for what, spell in tuple(self._spells.items()):
             if t_s - spell.last_s > _LAPSE_S:
                 del self._spells[what]
@@ -91,7 +91,7 @@ def _excess_of(limiting: LimitReport) -> float:
 
 
 def _report_text(limiting: LimitReport) -> str:
-    """Return a setpoint limit that took effect in words."""
+    """Return a setpoint limit that took effect as text."""
     if not limiting.unit:
         return f"{limiting.what} is not forwarded"
     asked = "any" if math.isinf(limiting.asked) else f"{limiting.asked:.2f}"

@@ -1,4 +1,4 @@
-"""What the guard knows of one vehicle, from the vehicle's own frames and from positions."""
+"""The guard's knowledge of one vehicle, from the vehicle's own frames and from positions."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -23,14 +23,15 @@ from vehicles.poses.anchor import Anchor
 from vehicles.setpoints import Setpoint
 from worlds.frames import Vec3, norm
 
-_ASKED_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
+_LAND_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
 """Modes from which an autopilot lands by itself."""
 _FRESH_S = 1.0
 _ARMED_LATELY_S = 1.5
-"""Heartbeats come once a second: an armed vehicle reports it within this time. A single word that
-it is disarmed may be old (a replay, a second vehicle of its number), and ends no flight."""
+"""Heartbeats come once a second: an armed vehicle reports it within this time. A single heartbeat
+that reports disarmed may be a replay, or of another vehicle with the same system ID, and ends no
+flight."""
 _REPORTED_S = 0.3
-"""After how long without a position of the orchestrator's the vehicle's own estimate counts."""
+"""After how long without a position from the orchestrator the vehicle's own estimate counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +54,12 @@ class ObservedVehicle:
         self.landed: bool | None = None
         self.failsafe = False
         self.taken_over = False
-        """A pilot or a ground station has it; for good."""
+        """Whether a pilot or a ground station has taken control; stays set."""
         self.anchor: Anchor | None = None
         """Its local frame in the world; with it, its LOCAL_POSITION_NED is a position source."""
         self._mode_name = ""
-        self._asked_s: float | None = None
-        self._arm_asked_s: float | None = None
+        self._requested_s: float | None = None
+        self._arm_requested_s: float | None = None
         self._armed_s: float | None = None
         self._up_m: float | None = None
         self._speed_m_s: float | None = None
@@ -76,11 +77,11 @@ class ObservedVehicle:
         """
         if self.armed or (self._armed_s is not None and t_s - self._armed_s <= _ARMED_LATELY_S):
             return True
-        asked_s = self._arm_asked_s
-        return asked_s is not None and t_s - asked_s <= self._settings.asked_s
+        requested_s = self._arm_requested_s
+        return requested_s is not None and t_s - requested_s <= self._settings.asked_s
 
     def facts(self, t_s: float) -> Facts:
-        """Return what the vehicle's contingency needs of the observed state."""
+        """Return the observed state as facts for the vehicle's contingency."""
         armed = True if self.may_be_armed(t_s) else self.armed
         return Facts(
             armed=armed,
@@ -94,29 +95,29 @@ class ObservedVehicle:
         )
 
     def note_command(self, command: Command, t_s: float) -> None:
-        """Note a passed command of the orchestrator: its effect is expected."""
-        self._asked_s = t_s
+        """Record a forwarded command of the orchestrator: its effect is expected."""
+        self._requested_s = t_s
         if command.arms:
-            self._arm_asked_s = t_s
+            self._arm_requested_s = t_s
 
-    def note_mode_asked(self, t_s: float) -> None:
-        """Note that the orchestrator requested a mode by SET_MODE."""
-        self._asked_s = t_s
+    def note_mode_request(self, t_s: float) -> None:
+        """Record that the orchestrator requested a mode by SET_MODE."""
+        self._requested_s = t_s
 
-    def note_setpoint(self, given: Setpoint | None, t_s: float) -> None:
-        """Note a passed setpoint, world frame; None is one whose meaning is not known here."""
-        self._commanded.note(given, self.motion(t_s), t_s)
+    def note_setpoint(self, setpoint: Setpoint | None, t_s: float) -> None:
+        """Record a forwarded setpoint, world frame; None for one that the guard cannot read."""
+        self._commanded.note(setpoint, self.motion(t_s), t_s)
 
     def note_pause(self) -> None:
-        """Note that earlier commands no longer count: the vehicle is commanded to hold."""
+        """Record that earlier setpoints no longer count: the vehicle is commanded to hold."""
         self._commanded.forget()
 
     def place(
         self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, reported: bool = False
     ) -> None:
-        """Note a vehicle's position in the world; from then on, heights are the world's only.
+        """Record a vehicle's position in the world; from then on only world heights are used.
 
-        reported: by the orchestrator, from the source of positions that judging uses.
+        reported: whether the orchestrator sent it, from the source that the judge uses.
         """
         self._world_s = t_s
         self._reported_s = t_s if reported else self._reported_s
@@ -132,11 +133,11 @@ class ObservedVehicle:
         return self._motion if known else None
 
     def knows_world(self, t_s: float) -> bool:
-        """Return whether a better source than the vehicle's estimate locates it."""
+        """Return whether there is a better position source than the vehicle's estimate."""
         return self._reported_s is not None and t_s - self._reported_s <= _REPORTED_S
 
     def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
-        """Observe a LOCAL_POSITION_NED; return the world's position, velocity if known."""
+        """Observe a LOCAL_POSITION_NED; return position and velocity in the world, if known."""
         if frame.message_id != LOCAL_POSITION_NED or self.knows_world(t_s):
             return None
         local = read_local_position(frame)
@@ -154,8 +155,8 @@ class ObservedVehicle:
     ) -> ModeChange | None:
         """Observe a HEARTBEAT or EXTENDED_SYS_STATE; return an uncommanded mode change.
 
-        commanded: the modes that the guard itself asks for; None while it leaves the vehicle to
-        the orchestrator.
+        commanded: the modes that the guard itself requests; None while the orchestrator is in
+        command.
         """
         if frame.message_id == EXTENDED_SYS_STATE:
             landed = read_landed(frame)
@@ -172,7 +173,7 @@ class ObservedVehicle:
         self.mode, self.armed = new, heartbeat.armed
         self._mode_name = self._vehicle.autopilot.mode_name(heartbeat.custom_mode)
         if heartbeat.armed:
-            self._arm_asked_s, self._armed_s = None, t_s
+            self._arm_requested_s, self._armed_s = None, t_s
         if not heartbeat.armed:
             self.failsafe = False
             return None
@@ -190,21 +191,23 @@ class ObservedVehicle:
         return ModeChange("failsafe", text)
 
     def _lost_guidance(self, old: Mode | None) -> bool:
-        # PX4 without setpoints falls from OFFBOARD to POSCTL by itself (COM_OBL_RC_ACT 0).
+        # PX4 without setpoints changes from OFFBOARD to POSCTL by itself (COM_OBL_RC_ACT 0).
         return old is Mode.GUIDED or (old is Mode.PILOT and self.failsafe)
 
     def _is_unrequested(
         self, old: Mode, new: Mode, t_s: float, commanded: frozenset[Mode] | None
     ) -> bool:
-        asked = self._asked_s is not None and t_s - self._asked_s <= self._settings.asked_s
+        requested = (
+            self._requested_s is not None and t_s - self._requested_s <= self._settings.asked_s
+        )
         if commanded is not None:
-            # What was asked just before the guard took over may be seen only now.
-            late = asked and new not in {Mode.LAND, Mode.RTL}
+            # The effect of a request just before the guard took over may be reported only now.
+            late = requested and new not in {Mode.LAND, Mode.RTL}
             return new not in commanded and new is not Mode.GUIDED and not late
-        if asked:
+        if requested:
             return False
         if new in {Mode.LAND, Mode.RTL}:
-            return old not in _ASKED_AFTERWARDS
+            return old not in _LAND_AFTERWARDS
         return old is Mode.GUIDED
 
     def _store_sample(self, position_m: Vec3, velocity_m_s: Vec3, t_s: float) -> None:

@@ -1,4 +1,4 @@
-"""One vehicle in the guard's care, with all that the guard holds for it."""
+"""One vehicle that the guard supervises: its state, fence, contingency and setpoint limits."""
 
 from dataclasses import replace
 
@@ -14,8 +14,8 @@ from vehicles.mavlink.codec import Codec
 from vehicles.mavlink.framing import Frame, FrameSplitter
 
 _LATER, _GENTLER = 2.0, 0.4
-"""A vehicle follows its setpoints by about the latency late: held to the same braking, it would be
-faster than the fence's own prediction allows, and the guard would take over."""
+"""A vehicle follows its setpoints late by about the latency: limited with the same braking as the
+fence's prediction, it would be too fast for that, and the guard would take over."""
 _STANDING = (0.0, 0.0, 0.0)
 
 
@@ -40,7 +40,7 @@ class SupervisedVehicle:
         self.from_gcs = FrameSplitter()
         self.lost = False
         self.gone = False
-        """The process that was this vehicle has ended."""
+        """Whether the vehicle's process has ended."""
         self.reported: set[str] = set()
         self.heartbeat_s: float | None = None
 
@@ -58,13 +58,13 @@ class SupervisedVehicle:
 
     @property
     def fence(self) -> Fence | None:
-        """Return the fence supervised now: without floor for takeoff, landing, standing."""
+        """Return the fence that applies now: without floor for takeoff, landing, on the ground."""
         seen = self.seen
         low = seen.landed is True or seen.mode is Mode.LAND or seen.mode is Mode.RTL
         return self._low_fence if low else self.vehicle.fence
 
     def breach(self, t_s: float) -> Breach | None:
-        """Return the breach of the fence supervised now, present or predicted, if any."""
+        """Return the breach of the fence that applies now, present or predicted, if any."""
         fence, motion = self.fence, self.seen.motion(t_s)
         if fence is None or motion is None:
             return None
@@ -76,14 +76,14 @@ class SupervisedVehicle:
         )
 
     def pass_setpoint(self, frame: Frame, t_s: float) -> bytes | None:
-        """Return what the guard passes of a setpoint's frame: all, a limited one, or nothing."""
+        """Return the setpoint frame to forward: unchanged, limited, or None."""
         raw: bytes | None = frame.raw
-        given = read_setpoint(frame, self.seen.anchor)
+        setpoint = read_setpoint(frame, self.seen.anchor)
         if self.meter is not None:
             motion = self.seen.motion(t_s)
-            raw, given = self.meter.through(frame, given, self.seen.anchor, motion, t_s)
+            raw, setpoint = self.meter.through(frame, setpoint, self.seen.anchor, motion, t_s)
         if raw is not None:
-            self.seen.note_setpoint(given, t_s)
+            self.seen.note_setpoint(setpoint, t_s)
         return raw
 
     def change_fence(self, fence: Fence) -> None:

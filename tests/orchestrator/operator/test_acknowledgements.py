@@ -120,7 +120,7 @@ def test_a_line_has_node_and_bench_for_an_abort_alone() -> None:
     assert parse_line(line) == OperatorCommand("abort", "anna", node="desk")
     for bad, said in (
         (b'{"command": "hold", "node": "desk"}', "allowed with abort only"),
-        (b'{"command": "abort", "bench": 1}', "are names"),
+        (b'{"command": "abort", "bench": 1}', "must be texts"),
     ):
         with pytest.raises(RefusedLineError, match=said):
             parse_line(bad)

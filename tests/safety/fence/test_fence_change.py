@@ -44,7 +44,7 @@ def test_whether_a_fence_may_be_changed(said: str, refusal: str) -> None:
 
 def test_a_vehicle_that_is_not_seen_keeps_its_fence() -> None:
     core = core_of_two()
-    text = "anna: geofence: real: where it is was not seen within the last second"
+    text = "anna: geofence: real: no position was received within the last second"
     assert event_texts(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
     core.position(place("real", 0.0, 1.0))
     (proposed,) = event_texts(core.propose_fences({"real": NEW}, "anna", 1.5))
