@@ -5,10 +5,12 @@ import json
 import os
 import socket
 import sys
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import psutil
 import pytest
 
 from tests.faults.inspection import processes_of
@@ -35,6 +37,16 @@ def await_datagram(port: int) -> None:
         here.recv(2048)
 
 
+def await_listening(pid: int, port: int) -> None:
+    """Wait until a process listens at a TCP port, without a connection: it may serve but one."""
+    for _ in range(900):
+        sockets = psutil.Process(pid).net_connections("tcp")
+        if any(one.status == "LISTEN" and one.laddr.port == port for one in sockets):
+            return
+        time.sleep(0.1)
+    raise TimeoutError(port)
+
+
 @asynccontextmanager
 async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
     """A vehicle that is there before the program is, and after it."""
@@ -44,8 +56,11 @@ async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
+        port = int(link.rpartition(":")[2])
         if link.startswith("udpout:"):
-            await asyncio.to_thread(await_datagram, int(link.rpartition(":")[2]))
+            await asyncio.to_thread(await_datagram, port)
+        elif link.startswith("tcpin:"):
+            await asyncio.to_thread(await_listening, process.pid, port)
         yield
     finally:
         process.terminate()
@@ -126,10 +141,12 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
         vehicles__twin__link=f"{{launch: px4, build: {build}}}",
         preflight__failsafe="set",
     )
-    async with outside(f"tcpin://127.0.0.1:{port}", "px4"):
-        await asyncio.sleep(3.0)
-        async with Program(tmp_path / "out", "--mode", "wil", "--json", "--no-arm", *sets) as one:
-            tried = await one.end()
+    arguments = ("--mode", "wil", "--json", "--no-arm", *sets)
+    async with (
+        outside(f"tcpin://127.0.0.1:{port}", "px4"),
+        Program(tmp_path / "out", *arguments) as one,
+    ):
+        tried = await one.end()
     assert tried.code == 5, tried.why
     summary = json.loads(tried.out)
     (run,) = summary["runs"]

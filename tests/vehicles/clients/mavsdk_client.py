@@ -144,6 +144,10 @@ class Client:
                 return
         raise TimeoutError(what)
 
+    def is_up(self) -> bool:
+        """Return whether the vehicle has reached its height."""
+        return self.position()[2] > UP_M - 0.5
+
     def fly(self) -> None:
         """Take off, go some metres north, and land."""
         if self.autopilot == "px4":
@@ -151,8 +155,9 @@ class Client:
             self.action.takeoff()
         else:
             takeoff = (22, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, UP_M)
-            self.until("off", self.telemetry.in_air, *self.guided(), (400, 1.0), takeoff)
-        wait("height", lambda: self.position()[2] > UP_M - 0.5)
+            # In the air alone is not enough: an early takeoff may end on the ground, disarmed.
+            self.until("height", self.is_up, *self.guided(), (400, 1.0), takeoff)
+        wait("height", self.is_up)
         report("took off")
         latitude, longitude, _ = self.position()
         amsl_m = self.telemetry.position().absolute_altitude_m
