@@ -17,6 +17,7 @@ Point2 = tuple[float, float]
 Reason = Literal[
     "not_finite",
     "too_few_points",
+    "too_many_points",
     "self_intersecting",
     "no_area",
     "radius",

@@ -5,6 +5,8 @@ from asyncio.trsock import TransportSocket
 from collections.abc import Callable
 from typing import cast
 
+from vehicles.links.reads import shorten_reads
+
 MOST_WAITING_BYTES = 16_384
 """Writes beyond so many waiting bytes are dropped: a late setpoint is worse than none."""
 
@@ -66,6 +68,7 @@ class StreamPeer(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the byte stream's transport (asyncio calls this)."""
+        shorten_reads(transport)
         self._transport = cast("asyncio.Transport", transport)
         self._opened(self)
 

@@ -7,6 +7,7 @@ from typing import Self, cast
 
 from vehicles.links.link import LinkError, Receiver
 from vehicles.links.link_strings import LinkAddress
+from vehicles.links.reads import shorten_reads
 from vehicles.links.socket_errors import socket_remedy
 
 _SILENT_S = 1.5
@@ -113,6 +114,7 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the UDP transport (asyncio calls this)."""
+        shorten_reads(transport)
         # Python 3.11's own datagram transport is no subclass of DatagramTransport.
         self._transport = cast("asyncio.DatagramTransport", transport)
 

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Self, cast
 
 from vehicles.links.link import Link, LinkError, Receiver
+from vehicles.links.reads import shorten_reads
 from vehicles.mavsdk.mavsdk_client import MavsdkClient
 
 _HOST = "127.0.0.1"
@@ -91,6 +92,7 @@ class RelayedLink(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the relay's transport (asyncio calls this)."""
+        shorten_reads(transport)
         # Python 3.11's own datagram transport is no subclass of DatagramTransport.
         self._transport = cast("asyncio.DatagramTransport", transport)
 

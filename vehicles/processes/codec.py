@@ -39,7 +39,7 @@ class Codec(Generic[Value]):
         """Return a message's bytes."""
         return self._encoder.encode(value)
 
-    def decode(self, packet: bytes) -> Value:
+    def decode(self, packet: bytes | memoryview) -> Value:
         """Return the message in bytes. Raises MessageError."""
         try:
             return self._decoder.decode(packet)

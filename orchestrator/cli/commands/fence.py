@@ -69,6 +69,7 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
             return False
         waiting = set(answer["flying"])
         obeyed, is_answered = True, False
+        ended: list[str] = []
         give_up_s = time.monotonic() + _ANSWERS_S
         while waiting and time.monotonic() < give_up_s:
             time.sleep(_POLL_S)
@@ -79,12 +80,16 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
                     is_answered = True
                     obeyed = obeyed and reply["ok"]
                     (out if reply["ok"] else err)(f"{reply['run']}: {reply['text']}")
-            waiting &= set(status["flying"])
+            for run in sorted(waiting - set(status["flying"])):
+                waiting.discard(run)
+                ended.append(run)
     except NoAnswerError as error:
         err(error)
         return False
     for run in sorted(waiting):
         err(f"{run}: no answer within {_ANSWERS_S:g} s")
+    for run in ended if is_answered else ():
+        err(f"{run}: ended before it answered: its vehicles did not get the fence")
     if not waiting and not is_answered:
         err(
             f"{campaign.name}: no vehicle took the fence: each run ended before it answered; send "

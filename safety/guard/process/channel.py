@@ -46,6 +46,7 @@ class Channel(Generic[Received]):
         closed: Callable[[], None],
     ) -> None:
         self._socket = end
+        self._packet = memoryview(bytearray(LONGEST_PACKET_BYTES))
         self._codec = receives
         self._take = take
         self._closed = closed
@@ -168,21 +169,22 @@ class Channel(Generic[Received]):
     def _read_packet(self) -> None:
         """Read one packet: the loop comes back for the next, and mostly there is none.
 
-        To ask for one that is not there would cost an exception each time.
+        To ask for one that is not there would cost an exception each time, and memory for the
+        longest packet more than to read it.
         """
         try:
-            packet = self._socket.recv(LONGEST_PACKET_BYTES)
+            length = self._socket.recv_into(self._packet)
         except (BlockingIOError, InterruptedError):
             return
         except ConnectionResetError:
             return  # It went without reading all; what it sent before comes next.
         except OSError:
-            packet = b""
-        if not packet:
+            length = 0
+        if not length:
             self._lose()
             return
         try:
-            messages = self._codec.decode(packet)
+            messages = self._codec.decode(self._packet[:length])
         except MessageError:
             self.garbage += 1
             return

@@ -393,7 +393,7 @@ class RemoteGuard:
             return
         now_s = asyncio.get_running_loop().time()
         self._down.clear()
-        self._rest.set()
+        self._rest.clear()
         self._aftermath = start(self._watch_failsafes(), name="after the guard")
         text = "the guard's process ended; the autopilots' own failsafes must act"
         self._dispatch_event(GuardEvent(now_s, "guard", "", text))
@@ -412,6 +412,9 @@ class RemoteGuard:
             while True:
                 if all(self._stands(name, links) for name in watched):
                     self._down.set()
+                    self._rest.set()
+                else:
+                    self._rest.clear()
                 await asyncio.sleep(_POLL_S)
 
     def _stands(self, name: str, links: OrphanedLinks) -> bool:

@@ -38,6 +38,12 @@ def star_polygons(draw: st.DrawFn, low: int = 3, high: int = 40) -> Polygon:
     return Polygon(tuple(corners))
 
 
+def _gear(corners: int) -> Polygon:
+    """A polygon of many corners."""
+    turns = [2 * math.pi * k / corners for k in range(corners)]
+    return Polygon(tuple((9 * math.cos(turn), 9 * math.sin(turn)) for turn in turns))
+
+
 @st.composite
 def fences(draw: st.DrawFn) -> Fence:
     area = star_polygons(high=12) | st.builds(
@@ -198,6 +204,7 @@ def test_areas_unite_and_exclusions_cut() -> None:
         (lambda: Fence(floor_up_m=3, ceiling_up_m=2), "altitude_swapped"),
         (lambda: Fence(floor_up_m=math.nan), "not_finite"),
         (Fence, "empty"),
+        (lambda: Fence(inclusions=[_gear(600), _gear(401)]), "too_many_points"),
         (lambda: Fence(inclusions=[Circle((0, 0), 1)], exclusions=[Circle((0, 0), 2)]), "empty"),
     ],
 )

@@ -1,4 +1,4 @@
-"""`wil-campaign abort | hold | resume | watch`, against a desk in this process."""
+"""`wil-campaign abort | hold | resume | watch`, against a campaign controller in this process."""
 
 import asyncio
 import json
@@ -112,6 +112,23 @@ async def test_a_fence_that_no_run_answers_before_it_ends_is_reported(
         "gate: no vehicle took the fence: each run ended before it answered; send the fence again "
         "when a run is in flight (`wil-campaign watch` shows them)\n"
     )
+
+
+async def test_a_run_that_ends_before_it_answers_beside_one_that_took_the_fence_is_named(
+    cli: Cli, controller: CampaignController, fleet: FakeFleet, tmp_path: Path
+) -> None:
+    controller.news(Progress("large", "wil", 2, "goal", 3.0, verdict_so_far="PASS"))
+    path = tmp_path / "fence.yaml"
+    path.write_text("box: {}")
+    calling = asyncio.ensure_future(cli("fence", str(path)))
+    while not fleet.told:  # noqa: ASYNC110 - another thread sets no event
+        await asyncio.sleep(0.01)
+    asked = fleet.told[-1]
+    controller.news(Happening("large/wil/1", 9.0, "answer", "ok", "", "taken", asked.command_id))
+    controller.left("large/wil/2")
+    code, out, err = await calling
+    assert (code, out) == (0, "large/wil/1: taken\n")
+    assert err == "large/wil/2: ended before it answered: its vehicles did not get the fence\n"
 
 
 async def test_a_fence_is_for_one_campaign(
