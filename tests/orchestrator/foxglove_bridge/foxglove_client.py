@@ -29,6 +29,8 @@ class Received:
     messages: dict[str, list[tuple[int, dict[str, Any]]]] = field(default_factory=dict)
     times_ns: list[int] = field(default_factory=list)
     is_greeted: threading.Event = field(default_factory=threading.Event)
+    subscribed: set[str] = field(default_factory=set)
+    """The topics that the client has asked for."""
 
     def of(self, topic: str) -> list[dict[str, Any]]:
         return [document for _, document in self.messages.get(topic, [])]
@@ -43,6 +45,13 @@ class Received:
                 return True
             time.sleep(0.01)
         return False
+
+    def has_subscribed(self, topic: str) -> bool:
+        """Wait until the client has asked for a topic; False where it does not."""
+        give_up_s = time.monotonic() + PATIENCE_S
+        while topic not in self.subscribed and time.monotonic() < give_up_s:
+            time.sleep(0.01)
+        return topic in self.subscribed
 
     def take(self, message: aiohttp.WSMessage) -> list[int]:
         """Take a message; return the channels that are new."""
@@ -92,6 +101,7 @@ def listening(url: str, says: tuple[dict[str, Any], ...] = ()) -> Iterator[Recei
                     if new := received.take(message):
                         wanted = [{"id": one, "channelId": one} for one in new]
                         await end.send_json({"op": "subscribe", "subscriptions": wanted})
+                        received.subscribed |= {received.channels[one]["topic"] for one in new}
 
     thread = threading.Thread(target=lambda: asyncio.run(listen()))
     thread.start()

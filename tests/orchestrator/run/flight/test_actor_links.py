@@ -156,7 +156,7 @@ def run_of(landed: Landed) -> dict[str, Any]:
 
 
 async def test_a_launched_actor_moves_its_object_by_its_ground_truth(tmp_path: Path) -> None:
-    link = f"{{launch: ardupilot, binary: {make_arducopter(tmp_path)}, speedup: 3}}"
+    link = f"{{launch: ardupilot, binary: {make_arducopter(tmp_path)}, speedup: 2}}"
     actor = f"actors={{intruder: {{link: {link}, autopilot: ardupilot, {PATIENT}, {FENCE}}}}}"
     sets = words(actor, "world.objects.intruder.motion.start.delay_s=6")
     arguments = ("--mode", "sim", "--json", *sets)
