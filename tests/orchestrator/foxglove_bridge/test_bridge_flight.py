@@ -72,10 +72,10 @@ def test_what_is_live_is_what_run_mcap_has_and_no_client_changes_the_flight(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
     sets = (*BRIEF, *POSES, *CAPTURED)
     said: list[str] = []
-    told: list[bool] = []
+    are_subscribed: list[bool] = []
 
     def subscribed() -> bool:
-        return told[0] if told else seen.has_subscribed("/log")
+        return are_subscribed[0] if are_subscribed else seen.has_subscribed("/log")
 
     with (
         foxglove_beside("127.0.0.1:0", said.append),
@@ -89,8 +89,10 @@ def test_what_is_live_is_what_run_mcap_has_and_no_client_changes_the_flight(
             never_reading(port, channels=5),
         ):
             # A flight in virtual time is soon over: it waits in its first moment for the client.
-            watched, folder = fly_run(sets=sets, report=lambda _: told.append(subscribed()))
-            assert told[0]
+            watched, folder = fly_run(
+                sets=sets, report=lambda _: are_subscribed.append(subscribed())
+            )
+            assert are_subscribed[0]
             seen.has("/log", name="stage", text="end")
         assert nothing.of("/run") == nothing.of("/log") == []
     assert watched.verdict == "PASS"

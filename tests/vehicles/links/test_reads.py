@@ -9,7 +9,7 @@ from vehicles.links.udp import UdpLink
 _LONGEST_DATAGRAM = bytes(65_507)
 
 
-async def test_asyncio_still_reads_as_much_as_it_is_told() -> None:
+async def test_asyncio_reads_no_more_at_once_than_the_limit() -> None:
     loop = asyncio.get_running_loop()
     transport, _ = await loop.create_datagram_endpoint(
         asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
