@@ -1,4 +1,4 @@
-"""An asyncio loop whose clock, and with it every timer, runs faster or slower than the wall's."""
+"""An asyncio loop whose clock, and with it every timer, runs faster or slower than wall time."""
 
 import asyncio
 import selectors

@@ -127,7 +127,7 @@ class BootTrack:
 class SimClockController:
     """Controls the run clock so that it follows the leading simulation.
 
-    nominal: the requested pace. Until `begin` the clock is the wall's.
+    nominal: the requested pace. Until `begin` it is the wall clock.
     """
 
     def __init__(self, *, nominal: float) -> None:

@@ -280,7 +280,7 @@ class GuardCore:
         return tuple(self._latch("clock", name, text, t_s))
 
     def tick(self, t_s: float) -> Outputs:
-        """Take that time has forwarded; called at 20 Hz, the rate of setpoints."""
+        """Take that time has passed; called at 20 Hz, the rate of setpoints."""
         out: list[Output] = []
         silent_s = 0.0 if self._alive_s is None else t_s - self._alive_s
         if silent_s > self.settings.orchestrator_silent_s:

@@ -70,13 +70,13 @@ class ClockFollower(RunClock):
         self._links[name] = link
         system, track = self._systems[name], self._tracks[name]
 
-        def hear(data: bytes, _: float) -> None:
+        def receive(data: bytes, _: float) -> None:
             wall_s = self._wall()
             for frame in frames.feed(data):
                 if frame.system == system and frame.message_id in _BOOT_MS_AT:
                     track.received(wall_s, boot_s_of(frame))
 
-        tapped.tap(hear)
+        tapped.tap(receive)
         return tapped
 
     def _begin(self, segment: Segment) -> None:

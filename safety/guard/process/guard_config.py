@@ -48,7 +48,7 @@ class GuardConfig:
     command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
     after the orchestrator's end vehicles that can break nothing are given to come down, and how
     long an orchestrator that says nothing is waited for once nothing flies. pace: of the scaled
-    clock; None for the wall's.
+    clock; None for the wall clock.
     """
 
     run: str

@@ -1,7 +1,7 @@
 """Leads the scaled clock where all vehicles follow it: guard, orchestrator, vehicles in lockstep.
 
 Time waits for the process that is late, as `vehicles/clocks/lockstep.py` has it. One that hangs is
-found by the wall's clock: a vehicle that does not get on for `STALL_S` ends the run. An
+found by the wall clock: a vehicle that does not get on for `STALL_S` ends the run. An
 orchestrator that does not is waited for no more, and the guard's watch for its silence sees to the
 rest; once the guard has taken over, time waits for an orchestrator no longer than `HURRY_S`.
 """

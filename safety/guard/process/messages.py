@@ -173,7 +173,7 @@ class Reached(Message, frozen=True):
 class Pace(Message, frozen=True):
     """Message of the guard: the run clock, `run_s` at `wall_s` (CLOCK_MONOTONIC), and its slope.
 
-    holds_s: for how much of the wall's time, None where the clock does not wait for the
+    holds_s: for how much wall time, None where the clock does not wait for the
     orchestrator.
     """
 

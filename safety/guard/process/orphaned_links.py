@@ -17,7 +17,7 @@ from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
 
-Hear = Callable[[str, bytes, float], None]
+Received = Callable[[str, bytes, float], None]
 _RETRY_S = 0.2
 _RETRIES = 10
 
@@ -25,7 +25,7 @@ _RETRIES = 10
 class OrphanedLinks:
     """Listens on the links orphaned by a dead guard; an async context manager.
 
-    hear: is handed what arrives, by vehicle. A link that cannot be opened is named in
+    received: called with what arrives, by vehicle. A link that cannot be opened is named in
     `unavailable`.
     """
 
@@ -34,11 +34,11 @@ class OrphanedLinks:
         *,
         links: Mapping[str, Callable[[], Link]],
         targets: Mapping[str, Target],
-        hear: Hear,
+        received: Received,
     ) -> None:
         self._links = dict(links)
         self._targets = dict(targets)
-        self._hear = hear
+        self._received = received
         self._splitters = {name: FrameSplitter() for name in links}
         self._stack = AsyncExitStack()
         self.armed: dict[str, bool] = {}
@@ -75,7 +75,7 @@ class OrphanedLinks:
             ours = frame.system == target.system and frame.component == target.component
             if ours and frame.message_id == HEARTBEAT:
                 self.armed[name] = read_heartbeat(frame).armed
-        self._hear(name, data, t_s)
+        self._received(name, data, t_s)
 
 
 def link_maker(guarded: Guarded, port: int) -> Callable[[], Link]:

@@ -9,8 +9,8 @@ from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.clocks.progress import ProgressReporter
 from vehicles.clocks.sim_clock_controller import Segment
 
-_WITHOUT_A_WORD_S = 0.5
-"""By the wall's clock: a guard that lays no further piece of the run clock has it stand."""
+_LONGEST_SILENCE_S = 0.5
+"""Of wall time: without a further segment from the guard for so long the run clock hangs."""
 
 
 class RemoteClock:
@@ -30,7 +30,7 @@ class RemoteClock:
         loop = asyncio.get_running_loop()
         if not isinstance(loop, PacedLoop):
             return
-        holds_s = _WITHOUT_A_WORD_S if pace.holds_s is None else pace.holds_s
+        holds_s = _LONGEST_SILENCE_S if pace.holds_s is None else pace.holds_s
         loop.follow(Segment(pace.wall_s, pace.run_s, pace.rate, holds_s))
         if pace.holds_s is not None and self._progress is None:
             self._progress = ProgressReporter(loop=loop, report=self._report)
@@ -40,7 +40,7 @@ class RemoteClock:
         if self._progress is not None:
             self._progress.stop()
 
-    def go_on_alone(self) -> None:
+    def continue_alone(self) -> None:
         """Continue the remote clock without a guard at its pace, real time at least."""
         loop = asyncio.get_running_loop()
         if self._led and isinstance(loop, PacedLoop):

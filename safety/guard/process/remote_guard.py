@@ -59,7 +59,7 @@ _OPEN_S = 20.0
 _START_S = 10.0
 _END_S = 15.0
 _CHECK_S = 0.2
-_CHECKS_WITHOUT_A_WORD = 10
+_MOST_SILENT_CHECKS = 10
 """Of our own turns, not of time: a machine that was asleep must not make us kill our guard."""
 _POLL_S = 0.1
 _LATEST_S = 0.06
@@ -98,7 +98,7 @@ class RemoteGuard:
             if one.vehicle.fence is not None
         }
         """That hold: a position that breaches one does not wait."""
-        self._asked_fences: deque[Mapping[str, Fence]] = deque()
+        self._requested_fences: deque[Mapping[str, Fence]] = deque()
         """That the guard was asked to take and has not answered, oldest first; empty for a mere
         proposal. A position that breaches one does not wait either."""
         self.events: list[GuardEvent] = []
@@ -229,12 +229,12 @@ class RemoteGuard:
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Ask the remote guard whether vehicles could take new fences."""
-        self._asked_fences.append({})
+        self._requested_fences.append({})
         self._channel.send(NewFences(who, dict(fences), proposed=True))
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Have the remote guard change vehicles' fences, all or none."""
-        self._asked_fences.append(dict(fences))
+        self._requested_fences.append(dict(fences))
         self._channel.send(NewFences(who, dict(fences)))
 
     def bring_down(self, reason: str) -> None:
@@ -303,7 +303,7 @@ class RemoteGuard:
             return True
         acceleration = self._accelerations[sample.vehicle].update(velocity, sample.t_s)
         motion = Motion(place, velocity, acceleration)
-        asked = [self._fences, *self._asked_fences]
+        requested = [self._fences, *self._requested_fences]
         return any(
             fences[sample.vehicle].breached(
                 motion,
@@ -311,7 +311,7 @@ class RemoteGuard:
                 braking_m_s2=settings.braking_m_s2,
                 keep_m=settings.keep_m,
             )
-            for fences in asked
+            for fences in requested
             if sample.vehicle in fences
         )
 
@@ -322,7 +322,7 @@ class RemoteGuard:
     def _check(self) -> None:
         """Kill a remote guard that has been silent for too long."""
         self._silent_checks += 1
-        if self._silent_checks > _CHECKS_WITHOUT_A_WORD and not self._gone:
+        if self._silent_checks > _MOST_SILENT_CHECKS and not self._gone:
             self._process.kill()
             return
         self._checking = call_wall_later(_CHECK_S, self._check)
@@ -374,8 +374,8 @@ class RemoteGuard:
             future.set_result(message)
 
     def _dispatch_event(self, event: GuardEvent) -> None:
-        if self._asked_fences and is_about_fences(event):
-            taken = self._asked_fences.popleft()
+        if self._requested_fences and is_about_fences(event):
+            taken = self._requested_fences.popleft()
             if event.kind == "geofence":
                 self._fences |= taken
         self.events.append(event)
@@ -386,7 +386,7 @@ class RemoteGuard:
     def _on_guard_lost(self) -> None:
         """Handle the unexpected end of the guard process."""
         self._gone = True
-        self._clock.go_on_alone()
+        self._clock.continue_alone()
         for name in tuple(self._waiting):
             self._answer(name, Failed(""))
         if self._ending:
@@ -407,17 +407,17 @@ class RemoteGuard:
             if name in self._received and name not in self._ended
         }
         targets = {name: vehicles[name].vehicle.target for name in watched}
-        async with OrphanedLinks(links=watched, targets=targets, hear=self._receive) as links:
-            # Driver and judge go on hearing until the run is over.
+        async with OrphanedLinks(links=watched, targets=targets, received=self._receive) as links:
+            # Driver and judge go on receiving until the run is over.
             while True:
-                if all(self._stands(name, links) for name in watched):
+                if all(self._is_down(name, links) for name in watched):
                     self._down.set()
                     self._rest.set()
                 else:
                     self._rest.clear()
                 await asyncio.sleep(_POLL_S)
 
-    def _stands(self, name: str, links: OrphanedLinks) -> bool:
+    def _is_down(self, name: str, links: OrphanedLinks) -> bool:
         child = self._children.get(name)
         return links.armed.get(name) is False or (child is not None and not child.lives)
 
@@ -431,7 +431,7 @@ class RemoteGuard:
             text = "the guard continues by itself: a vehicle is still in the air"
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
-        self._clock.go_on_alone()
+        self._clock.continue_alone()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()

@@ -44,7 +44,7 @@ class PaceSetup:
 
 
 class RunClock:
-    """The base of what leads the run clock: a step every `STEP_S` of the wall's time.
+    """The base of what leads the run clock: a step every `STEP_S` of wall time.
 
     publish: sends the orchestrator a segment. trouble: called with a vehicle, what it is, and that
     in words; once for each vehicle. wall: CLOCK_MONOTONIC.
@@ -104,7 +104,7 @@ class RunClock:
         self._sockets.close()
 
     def _begin(self, segment: Segment) -> None:
-        """Start the run clock where the wall's was."""
+        """Start the run clock at the time of the wall clock."""
         raise NotImplementedError
 
     def _advance(self, wall_s: float) -> Segment:
