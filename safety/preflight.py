@@ -136,12 +136,12 @@ def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_
 
     measured_m: by latitude and longitude of both; None where one does not know its own.
     """
-    if measured_m is None:
+    if measured_m is None or not math.isfinite(measured_m):
         message = (
             f"its distance from {other} is not known: one of them has no latitude and longitude"
         )
         return Item("distance", vehicle, "refused", None, stated_m, "m", message)
-    if not abs(measured_m - stated_m) <= _GPS_M:  # NaN is refused as well.
+    if abs(measured_m - stated_m) > _GPS_M:
         message = (
             f"it is {measured_m:.1f} m from {other} by both receivers, and {stated_m:.1f} m by "
             "the campaign"

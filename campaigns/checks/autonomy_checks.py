@@ -11,6 +11,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkContext, SpawnContext
+from types import ModuleType
 
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.setup.external_reader import program_problems
@@ -117,7 +118,7 @@ def _answer_of_child(
     """
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
-    with _garbage_kept():
+    with _garbage_kept(), _main_hidden():
         child.start()
     theirs.close()
     try:
@@ -154,6 +155,21 @@ def _garbage_kept() -> Iterator[None]:
     finally:
         if collects:
             gc.enable()
+
+
+@contextlib.contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Keep a child that is spawned meanwhile from running the program of this process again.
+
+    `multiprocessing` runs the file of `__main__` in it first, for what it may be sent from there:
+    of a program without `if __name__ == "__main__"` that would be all it does, flights included.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _is_answered(connection: Connection, pid: int, limit_s: float) -> bool:

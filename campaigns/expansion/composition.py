@@ -21,8 +21,12 @@ if TYPE_CHECKING:
     Load = Callable[[Path, Options], Campaign]
 
 
-_ONCE = {"between_runs": "between", "operator.mqtt": "mqtt", "repetitions (until decided)": "test"}
-"""What a campaign has once for all runs: by the key in its file, the attribute."""
+_ONCE = {
+    "between_runs": "between",
+    "operator.mqtt": "mqtt",
+    "the sequential test of repetitions": "test",
+}
+"""What a campaign has once for all runs: by its name for users, the attribute."""
 
 
 def is_composition(document: Document) -> bool:
@@ -52,7 +56,6 @@ def compose(document: Document, options: "Options", load_part: "Load") -> "Campa
     if problems:
         raise BadInput(unique(problems), unique(warnings))
     _require_known(document, part, whole)
-    _require_same(document, whole)
     chosen = _choose(whole, options.cases)
     parts, left_out = {}, []
     for name, campaign in whole.items():
@@ -64,6 +67,7 @@ def compose(document: Document, options: "Options", load_part: "Load") -> "Campa
             parts[name] = load_part(path, replace(of_parts[name], cases=wanted))
         else:
             parts[name] = campaign
+    _require_same(document, parts)
     return _merge(document, part, parts, left_out, options)
 
 
@@ -133,8 +137,8 @@ def _require_same(document: Document, parts: Mapping[str, "Campaign"]) -> None:
     problems = [
         document.problem(
             ("campaigns", name),
-            f"'{name}' differs from '{first}' in {key}, of which a composition has one; "
-            "make them the same, or run it alone",
+            f"'{name}' and '{first}' differ in {key}, which all parts of a composition share; make "
+            f"it the same in both files, or run '{name}' alone",
         )
         for name, campaign in parts.items()
         for key, attribute in _ONCE.items()

@@ -140,7 +140,7 @@ class SyncPart(Part):
 
 
 class ClockPart(Part):
-    """The campaign's `clock`. speed: of the flight of embedded vehicles, in times of real time."""
+    """The campaign's `clock`. speed: how many times real time embedded vehicles fly."""
 
     speed: Speedup
 

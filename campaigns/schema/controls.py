@@ -16,8 +16,9 @@ class ExpectPart(Part):
     One of both is needed: a control that fails for another reason, such as a misspelt parameter of
     its autonomy, proves nothing about the campaign.
 
-    verdict: with which the run must end. cause may have {real.pose_source} and {twin.pose_source},
-    which are replaced by that vehicle's pose source: mocap, simulator or mavlink.
+    verdict: the one with which the run must end. cause may have {real.pose_source} and
+    {twin.pose_source}, which are replaced by that vehicle's pose source: mocap, simulator or
+    mavlink.
     """
 
     verdict: ControlVerdict = "FAIL"

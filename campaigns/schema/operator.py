@@ -70,9 +70,9 @@ class MqttPart(Part):
     token that signs commands; by default a token is made for each campaign, in its results folder.
     root: of all topics: <root>/<campaign>/status. broker: the broker's address, mqtt://HOST[:PORT]
     or mqtts:// for TLS. user: the name to log in with. password_env: the environment variable that
-    holds the password. ca_file: CA certificates that verify the broker's; by default the system's.
-    cert_file: the certificate that this program presents to the broker. key_file: the private key
-    of that certificate.
+    holds the password. ca_file: CA certificates that verify the broker's certificate; by default
+    the system's. cert_file: the certificate that this program presents to the broker. key_file: the
+    private key of that certificate.
     """
 
     broker: Annotated[str, AfterValidator(_is_broker)]

@@ -105,12 +105,12 @@ class SearchPart(Part):
     """The campaign's `search`, which `wil-campaign search` flies.
 
     case: the case that is varied; null: the first one. parameters: by the names that constraints
-    use. constraints: between parameters, such as "aside + 0.5 * size <= 1.6". objective: the oracle
-    whose margin is minimised; or several, of which the smallest counts. scale: by oracle, in its
-    unit: the margin that counts as 1, where the oracle's limit is no suitable measure. strategy:
-    which proposes variants. budget: flights that look for failures. seeds: flights of each variant.
-    stop_after: number of confirmed failures that end the search; null: the budget is used up.
-    reduce: largest number of flights to simplify each confirmed failure.
+    use. constraints: conditions between parameters, such as "aside + 0.5 * size <= 1.6". objective:
+    the oracle whose margin is minimised; or several, of which the smallest counts. scale: by
+    oracle, in its unit: the margin that counts as 1, where the oracle's limit is no suitable
+    measure. strategy: what proposes variants. budget: flights that look for failures. seeds:
+    flights of each variant. stop_after: number of confirmed failures that end the search; null: the
+    budget is used up. reduce: largest number of flights to simplify each confirmed failure.
     """
 
     case: str | None = None

@@ -133,8 +133,8 @@ class ImagePart(CarriedPart):
 class CameraPart(ImagePart):
     """A camera sensor. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
 
-    source: of its images; by default they are rendered. calibration: file with its optics, and with
-    mounting and latency where they were measured. type: the kind of sensor.
+    source: where its images come from; by default they are rendered. calibration: file with its
+    optics, and with mounting and latency where they were measured. type: the kind of sensor.
     """
 
     type: Literal["camera"]
@@ -220,7 +220,7 @@ class RangingPart(SourcedPart):
 class LidarPart(RangingPart):
     """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward.
 
-    type: the kind of sensor. rate_hz: scans in a second. beams: of one scan. fov_deg:
+    type: the kind of sensor. rate_hz: scans in a second. beams: their number in one scan. fov_deg:
     from the first beam to the last; 360 is a full turn.
     """
 

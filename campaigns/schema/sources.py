@@ -212,7 +212,8 @@ class CarriedPart(Part):
 class SourcedPart(CarriedPart):
     """A sensor whose readings may be external.
 
-    source: of its readings; by default they are computed from the vehicle's motion and the world.
+    source: where its readings come from; by default they are computed from the vehicle's motion and
+    the world.
     """
 
     source: ReadingSourcePart | None = None

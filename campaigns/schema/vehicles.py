@@ -176,15 +176,15 @@ class VehiclePart(Part):
     link: embedded (the built-in simulation), a link such as udpin://0.0.0.0:14550, or the
     simulation to launch. autopilot: the firmware of the vehicle. profile: of an embedded vehicle:
     air, motors, battery, estimator, camera. params: autopilot parameters that are set before
-    arming, and read back. pose_source: of the poses for judging and rendering: the simulator's
-    ground truth (by default of a launched vehicle), motion capture, or the vehicle's own estimate
-    (by default of others). sensors: by the names that the recipe uses. driver: of the link: mavlink
-    (built in), or mavsdk in a separate process. system_id: of MAVLink; by default 1 for the real
-    vehicle and 2 for the twin. anchor: what defines the place before arming: `start`, or motion
-    capture. mocap: the source of motion capture; null: the embedded vehicle's. spare_links: further
-    links to the same vehicle, used when those before them fall silent. coupling: of the twin, how
-    it follows the real vehicle in mode wil. body: by which the vehicle is judged; by default that
-    of the embedded vehicle.
+    arming, and read back. pose_source: where the poses for judging and rendering come from: the
+    simulator's ground truth (by default of a launched vehicle), motion capture, or the vehicle's
+    own estimate (by default of others). sensors: by the names that the recipe uses. driver: what
+    sends commands: mavlink (built in), or mavsdk in a separate process. system_id: of MAVLink; by
+    default 1 for the real vehicle and 2 for the twin. anchor: what defines the place before arming:
+    `start`, or motion capture. mocap: the source of motion capture; null: the embedded vehicle's.
+    spare_links: further links to the same vehicle, used when those before them fall silent.
+    coupling: of the twin, how it follows the real vehicle in mode wil. body: the one by which the
+    vehicle is judged; by default that of the embedded vehicle.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart

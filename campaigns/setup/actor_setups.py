@@ -15,7 +15,7 @@ from campaigns.setup.vehicle_setups import (
     unknown_parameters,
 )
 from safety.fence.areas import FenceError
-from safety.fence.geofence import Fence
+from safety.fence.geofence import Fence, require_few_corners
 from worlds.files.documents import Document, Problem, closest
 from worlds.files.documents import Path as KeyPath
 from worlds.frames import Pose
@@ -138,7 +138,7 @@ def actor_fences(
         if part.geofence is None:
             continue
         try:
-            found[name] = part.geofence.fence(frame)
+            found[name] = require_few_corners(part.geofence.fence(frame))
         except FenceError as error:
             problems.append(campaign.problem(("actors", name, "geofence"), str(error), key=True))
     return found

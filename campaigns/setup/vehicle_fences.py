@@ -7,7 +7,7 @@ from campaigns.schema import VEHICLES, GeofencePart, VehicleName
 from safety.fence.areas import FenceError
 from safety.fence.fence_files import read_fence_file
 from safety.fence.fence_schema import FencePart
-from safety.fence.geofence import Fence
+from safety.fence.geofence import Fence, require_few_corners
 from safety.fence.geographic import DrawnFence
 from worlds.files.documents import BadInput, Document, Path, Problem, check
 from worlds.geodesy import LocalFrame
@@ -77,11 +77,13 @@ def _redrawn(
     try:
         inclusions, exclusions = drawn.local(frame)
         fences: dict[str, Fence] = {
-            name: Fence(
-                inclusions=inclusions,
-                exclusions=exclusions,
-                floor_up_m=present[name].floor_up_m,
-                ceiling_up_m=present[name].ceiling_up_m,
+            name: require_few_corners(
+                Fence(
+                    inclusions=inclusions,
+                    exclusions=exclusions,
+                    floor_up_m=present[name].floor_up_m,
+                    ceiling_up_m=present[name].ceiling_up_m,
+                )
             )
             for name in VEHICLES
             if name in present
@@ -101,7 +103,7 @@ def _fence(part: FencePart, drawing: Drawing, path: Path, problems: list[Problem
             if part.file not in drawing.files:
                 return None  # `fence_files` reported the missing file
             drawn = read_fence_file(drawing.files[part.file])
-        return part.fence(drawing.frame, drawn)
+        return require_few_corners(part.fence(drawing.frame, drawn))
     except BadInput as error:
         problems += error.problems
     except FenceError as error:

@@ -72,7 +72,7 @@ def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
     if apart:
         yield Conclusion("shown", f"The pass rates of the modes differ: {_pairs_text(apart)}.")
     if alike:
-        others = " for the other modes" if apart else ""
+        others = " for the other pairs of modes" if apart else ""
         yield Conclusion(
             "not shown",
             f"No difference in pass rates is shown{others} ({_pairs_text(alike)}: chance alone can "
@@ -81,7 +81,7 @@ def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
         yield from _needed_for_passes(study, alike)
     if untested:
         text = "; ".join(f"{_pair_text(one)}: {one.why}" for one in untested)
-        yield Conclusion("not shown", f"The pass rates cannot be tested. {text}.")
+        yield Conclusion("not shown", f"These pass rates cannot be tested: {text}.")
 
 
 def _count_text(study: Study, mode: str) -> str:

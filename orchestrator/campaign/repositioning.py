@@ -60,14 +60,14 @@ class Repositioning:
             self._listening = True
 
     def _read_entry(self) -> None:
-        """Resume the campaign at Enter; the end of the terminal confirms nothing."""
+        """Resume the campaign at Enter; the end of the input confirms nothing."""
         try:
             line = sys.stdin.readline()
         except OSError:  # the terminal hung up
             line = ""
-        if not line:
+        if not line.endswith("\n"):
             self._stop_listening()
-            self._say("the terminal ended without Enter; to continue run: wil-campaign resume")
+            self._say("the input ended without Enter; to continue run: wil-campaign resume")
             return
         self.end_wait()
         with contextlib.suppress(RefusedLineError):

@@ -51,7 +51,11 @@ class HiredAgent:
 
     async def send(self, message: ToNode) -> None:
         """Send a message to the node's process. Raises OSError, EOFError, MessageError."""
-        await self._result_of(self.actor.send.remote(encode_to_node(message)))
+        await self.send_packet(encode_to_node(message))
+
+    async def send_packet(self, packet: bytes) -> None:
+        """Send an encoded message to the node's process. Raises OSError, EOFError."""
+        await self._result_of(self.actor.send.remote(packet))
 
     def send_soon(self, message: ToNode) -> None:
         """Send a message without waiting; it is lost if the node is."""
@@ -150,7 +154,11 @@ def fit_facts(messages: Sequence[bytes], sender: str, *, silent_code: int = 3) -
     try:
         facts = decode_facts(messages[0])
     except DamagedMessageError as error:
-        raise EngineError(f"the facts of {sender} cannot be read: {error}") from error
+        raise EngineError(
+            f"the facts of {sender} cannot be read: {error}; install the same wheel of "
+            "wil-campaign[cluster] with the same constraints there",
+            2,
+        ) from error
     if why := unfit_text(node_facts(), facts):
         raise EngineError(why, 2)
     return facts

@@ -15,6 +15,7 @@ from orchestrator.engines.node_messages import (
     RunProgress,
     RunTaken,
     ToCampaign,
+    encode_to_node,
 )
 from orchestrator.engines.ray_agents import HiredAgent
 from orchestrator.engines.returned_results import LANDED_S, ReturnedResults
@@ -61,11 +62,12 @@ class RayWorker:
         """Write the order to the ledger and send it. Raises OSError, EOFError, EngineError."""
         self._order = resolve_order(order)
         self._place = self._results.new_place(self._order)
-        self._ledger.write("ordered", order.plan.name, self._agent.node, place=self._place)
         try:
-            await self._agent.send(RunOrdered(self._order, self._place))
+            packet = encode_to_node(RunOrdered(self._order, self._place))
         except MessageError as error:
             raise EngineError(f"{order.plan.name}: {error}", 2) from error
+        self._ledger.write("ordered", order.plan.name, self._agent.node, place=self._place)
+        await self._agent.send_packet(packet)
 
     async def receive(self) -> object:
         """Return the next message of the run. Raises OSError, EOFError.
@@ -88,7 +90,10 @@ class RayWorker:
 
     def send(self, command: OperatorCommand) -> None:
         """Pass an operator's command on to the run."""
-        self._agent.send_soon(CommandSent(command))
+        try:
+            self._agent.send_soon(CommandSent(command))
+        except MessageError as error:
+            self._say(f"{command.kind} was not passed on to node {self._agent.node}: {error}")
 
     def kill(self) -> None:
         """End the agent; the run lands, or its guard brings its vehicles down."""

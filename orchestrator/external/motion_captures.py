@@ -62,6 +62,7 @@ class MotionCaptures:
         """Wait until motion capture has a pose of every vehicle. Raises SourceError."""
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + within_s
+        self.check()
         for vehicle, feed in self._feeds.items():
             while feed.last_s is None:
                 self.check()

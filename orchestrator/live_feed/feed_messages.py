@@ -107,9 +107,8 @@ class RunView(Message, frozen=True):
     """The state of a run as the live feed shows it.
 
     run: its folder; name: case, mode and repetition. entered_s: when each stage was reached;
-    events: times of the events that
-    move the world's objects. fences: by vehicle, as plain values. reason: of the verdict so far.
-    flown: poses of world objects that vehicles fly.
+    events: times of the events that move the world's objects. fences: by vehicle, as plain values.
+    reason: of the verdict so far. flown: poses of world objects that vehicles fly.
     """
 
     run: str

@@ -103,7 +103,7 @@ def summarize(
     caveats: tuple[str, ...] = (),
     not_flown: tuple[str, ...] = (),
 ) -> Summary:
-    """Return the summary of run results, in the order all_runs.
+    """Return the summary of run results, in the order of `runs`.
 
     stopped, broken, controls_due, missing: as in `exit_code`; flown controls are among the runs.
     broken: None where the campaign has not ended, or its end is unknown: then it is not accepted.

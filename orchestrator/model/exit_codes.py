@@ -33,10 +33,10 @@ def accepted(
 ) -> bool | None:
     """Return whether results make the campaign accepted; None without a required run.
 
-    A campaign is accepted exactly if it ends with exit code 0; the arguments are those of
-    `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED, which
-    prove nothing, nor a run that was not flown. A campaign is not accepted either with a control
-    that was not flown or did not end as expected: its PASS would mean nothing.
+    With required runs a campaign is accepted exactly if it ends with exit code 0; the arguments are
+    those of `exit_code`. A share such as 4/5 forgives a FAIL, never an ERROR, INVALID or ABORTED,
+    which prove nothing, nor a run that was not flown. A campaign is not accepted either with a
+    control that was not flown or did not end as expected: its PASS would mean nothing.
     """
     if any(run.control is not None and not run.control.met for run in runs):
         return False

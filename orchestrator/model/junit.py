@@ -4,7 +4,7 @@ FAIL is a failure; ERROR, INVALID and ABORTED are errors. A run that does not co
 campaign (reported only, or a FAIL that its share forgives) is `skipped` with its reason as message:
 visible, and the suite stays green. Required runs that were not flown are an error; so is whatever
 else prevents acceptance: an internal exception, an operator's stop, controls that were not flown.
-The suite is green exactly if the campaign is accepted, or nothing was required.
+With required runs the suite is green exactly if the campaign is accepted.
 """
 
 import xml.etree.ElementTree as ET

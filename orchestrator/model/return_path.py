@@ -19,6 +19,8 @@ from worlds.frames import Pose, Vec3, norm, subtract
 CLEAR_M = 0.5
 """Clearance around a vehicle on its return path, which avoids no obstacles."""
 _STEP_M = 0.1
+_UNSETTLED = frozenset({"ABORTED", "ERROR"})
+"""Verdicts after which nobody knows how a vehicle was left."""
 _FORBIDDING = frozenset({"failsafe", "lost", "takeover", "silence", "guard", "clock", "abort"})
 """Events of the guard after which an operator has to inspect the vehicle."""
 
@@ -95,10 +97,11 @@ def why_no_return(
 
     log: events of the run. solid: names of the real world's objects.
     """
-    decided = [(one.verdict, one.reason) for one in result.also]
-    for verdict, reason in ((result.verdict, result.reason), *decided):
-        if verdict in {"ABORTED", "ERROR"}:
-            return f"the run ended as {verdict}: {reason}"
+    if result.verdict in _UNSETTLED:
+        return f"the run ended as {result.verdict}: {result.reason}"
+    for later in result.also:
+        if later.verdict in _UNSETTLED:
+            return f"{later.verdict} after the verdict {result.verdict}: {later.reason}"
     if stand is None:
         return "its position is unknown"
     if stand.armed or stand.stage not in {"landed", "end"}:

@@ -259,7 +259,9 @@ class CampaignController:
         what = f"bench {command.bench}" if command.bench else f"node {command.node}"
         if not meant:
             there = ", ".join(sorted({str(one) for one in self._places.values()} - {""})) or "none"
-            raise RefusedLineError(f"abort: no run flies on {what}; runs fly on: {there}")
+            raise RefusedLineError(
+                f"abort: no run flies on {what}; nodes and benches with runs: {there}"
+            )
         self._partial_aborts.append(command)
         self._fleet.abort(command)
         return f"{_runs(len(meant))} on {what} will land, and no further run is flown there"

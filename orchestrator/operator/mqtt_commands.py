@@ -115,6 +115,7 @@ class CommandReader:
                 ("geofence" in fields) != (kind == "geofence"),
                 "geofence is required for the command geofence, and only there",
             ),
+            (not _is_encodable(_document(fields)), "geofence must be a text of whole characters"),
             (
                 "run" in fields and fields["run"] not in list(self._flying()),
                 "for a run that is not in flight",
@@ -166,6 +167,15 @@ def _document(fields: dict[str, Any]) -> str:
     """Return the fence document of an MQTT command as text."""
     given = fields.get("geofence", "")
     return given if isinstance(given, str) else json.dumps(given)
+
+
+def _is_encodable(text: str) -> bool:
+    """Return whether UTF-8 has a form for a text: JSON may hold half a surrogate pair."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _is_fit(text: str, longest: int) -> bool:

@@ -176,7 +176,9 @@ def _check_sensors(
             and sensor
             and sensor.kind not in IMAGE_SENSORS
         ):
-            message = f"does not apply to a {sensor.kind}, which has no pixels"
+            message = (
+                f"max_registration_error_px does not apply to a {sensor.kind}, which has no pixels"
+            )
             reader.note(("combine", index, "max_registration_error_px"), message, key=True)
 
 

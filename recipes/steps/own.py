@@ -83,7 +83,7 @@ class UseParameters(SidedParameters):
 @step("use", stage="filter", sensors=_ANY, parameters=UseParameters)
 @step("use", stage="transform", sensors=_ANY, parameters=UseParameters)
 def use(parameters: UseParameters, context: Context) -> Operator:
-    """Call a function of the user's own: (work, other, **with), returns a reading or a Masked.
+    """Call a function of the user's own: (work, other, **with) that returns a reading or a Masked.
 
     work, other: recipes.working.Masked, this side and the other (None when it is missing). The
     returned reading must be valid and of the same type; a reading without a Masked keeps the mask.
@@ -127,7 +127,7 @@ class UseMergeParameters(StepParameters):
 
 @step("use", stage="merge", sensors=_ANY, parameters=UseMergeParameters)
 def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
-    """Call a function of the user's own: (sides, **with), returns the mixed reading.
+    """Call a function of the user's own: (sides, **with) that returns the mixed reading.
 
     sides: a mapping of "real" and "twin" to recipes.working.Masked; "twin" is missing when there is
     no reading of it to mix.

@@ -18,11 +18,11 @@ __all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon"]
 
 _SHORTEST_STEP_M = 0.01
 """The shortest step along a path that is checked close to a boundary."""
-_MOST_STEPS = 50_000
-"""Of a path that is checked: only a velocity that no vehicle has leads farther. That is a breach: a
-fence without sides would be searched for minutes."""
+_MOST_STEPS = 5_000
+"""Of the check of a path. One that needs more counts as a breach: it leads past a boundary for 50 m
+less than a centimetre away, or belongs to a velocity that no vehicle has."""
 MOST_CORNERS = 1000
-"""Of all polygons of a fence; neither autopilot takes as many."""
+"""Of a fence for the guard; neither autopilot takes as many."""
 _ROUNDING_M = 1e-6
 
 
@@ -49,8 +49,8 @@ class Fence:
     """A geofence: inside any inclusion, in no exclusion, between floor and ceiling.
 
     floor_up_m, ceiling_up_m: heights over the world's origin, positive up; None is open.
-    Without inclusions the plane is open. Raises FenceError: altitude_swapped, not_finite,
-    too_many_points, or empty when nothing bounds it or no place is left.
+    Without inclusions the plane is open. Raises FenceError: altitude_swapped, not_finite, or
+    empty when nothing bounds it or no place is left.
     """
 
     def __init__(
@@ -69,7 +69,6 @@ class Fence:
         if floor_up_m is not None and ceiling_up_m is not None and floor_up_m >= ceiling_up_m:
             message = f"floor {floor_up_m} m is not below ceiling {ceiling_up_m} m"
             raise FenceError("altitude_swapped", message)
-        _require_few_corners(self.inclusions + self.exclusions)
         self._inside = _compile(self.inclusions)
         self._outside = _compile(self.exclusions)
         self._low_m = math.inf if floor_up_m is None else -floor_up_m
@@ -202,14 +201,20 @@ def _compile(areas: tuple[Area, ...]) -> tuple[Region | Circle, ...]:
     return (*((Region(polygons),) if polygons else ()), *circles)
 
 
-def _require_few_corners(areas: tuple[Area, ...]) -> None:
-    count = sum(len(area.corners_m) for area in areas if isinstance(area, Polygon))
+def require_few_corners(fence: Fence) -> Fence:
+    """Return a fence that the guard may be given; a circle counts as three corners.
+
+    Raises FenceError: too_many_points.
+    """
+    areas = fence.inclusions + fence.exclusions
+    count = sum(len(area.corners_m) if isinstance(area, Polygon) else 3 for area in areas)
     if count > MOST_CORNERS:
         message = (
-            f"the fence has {count:,} corners, {MOST_CORNERS:,} at most are accepted; simplify its "
-            "polygons"
+            f"the fence has {count:,} corners (a circle counts as 3), {MOST_CORNERS:,} at most are "
+            "accepted; simplify its areas"
         )
         raise FenceError("too_many_points", message)
+    return fence
 
 
 def _nothing_left(inclusions: tuple[Area, ...], exclusions: tuple[Area, ...]) -> bool:

@@ -100,7 +100,7 @@ FENCE_MARGIN = SignalKind("m", "distance to its geofence, negative outside (if t
 GOAL_DISTANCE = SignalKind("m", "distance to the goal's position (if it has one)")
 TWIN_DISTANCE_NAME = "twin_distance_m"
 TWIN_DISTANCE = SignalKind("m", "distance between real and twin (in mode wil)")
-SILENCE = SignalKind("s", "time since it was last received")
+SILENCE = SignalKind("s", "time since something was last received from it")
 THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its name")
 
 

@@ -41,7 +41,7 @@ class SignalKind:
 
 
 def require_sound(formula: Formula, signals: Mapping[str, SignalKind]) -> None:
-    """Raise StlError for an unknown signal, units that do not fit, or no value."""
+    """Raise StlError for an unknown signal, units that do not fit, or a side that is not finite."""
     if isinstance(formula, Comparison):
         left, right = _dimension(formula.left, signals), _dimension(formula.right, signals)
         if None not in {_constant(formula.left), _constant(formula.right)}:

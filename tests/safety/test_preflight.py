@@ -84,7 +84,7 @@ SOUND: dict[str, dict[str, float]] = {
             "it is 2.5 m from real by both receivers, and 30.0 m by the campaign",
         ),
         (distance_item("ghost", "real", None, stated_m=30.0), "refused", "is not known"),
-        (distance_item("ghost", "real", math.nan, stated_m=30.0), "refused", "it is nan m"),
+        (distance_item("ghost", "real", math.nan, stated_m=30.0), "refused", "is not known"),
     ],
 )
 def test_checks(item: Item, outcome: str, text: str) -> None:

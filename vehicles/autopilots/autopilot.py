@@ -151,7 +151,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def set_mode(self, target: Target, mode: Mode) -> Any:
-        """Return the autopilot's MAV_CMD_DO_SET_MODE for HOLD, GUIDED, LAND or RTL.
+        """Return the autopilot's MAV_CMD_DO_SET_MODE for HOLD, GUIDED, LAND, RTL or MISSION.
 
         Raises ValueError for other modes.
         """

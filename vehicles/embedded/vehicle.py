@@ -148,7 +148,7 @@ class EmbeddedVehicle:
         self._muted = muted
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Reduce the thrust of one motor (0 to 3, PX4's order) by this factor."""
+        """Multiply the thrust of one motor (0 to 3, PX4's order) by this factor; 0 stops it."""
         self._body.fail_motor(index, factor=factor)
 
     async def __aenter__(self) -> Self:

@@ -11,6 +11,7 @@ from vehicles.launch.simulator_output import Output
 from vehicles.processes.child import run_briefly
 from vehicles.processes.identity import ProcessId, boot_id
 from vehicles.processes.supervisor import supervised
+from vehicles.tasks import finish
 
 _POLL_S = 0.05
 
@@ -120,7 +121,8 @@ class PreparedLaunch:
     async def clean_up(self) -> None:
         """Remove what remains of an ended simulator."""
         if self.plan.cleanup:
-            await run_briefly(self.plan.cleanup)
+            # Cut off, it would leave what it removes: a container that flies on.
+            await finish(run_briefly(self.plan.cleanup), name="clean up")
         (self.folder / RECORD).unlink(missing_ok=True)
 
     def close(self) -> None:

@@ -251,7 +251,9 @@ def _limits(min_m: float, max_m: float) -> Fault | None:
     """Check a ranging reading's limits; return their fault or None."""
     if not (0.0 <= min_m < max_m < math.inf):
         return Fault(
-            "out_of_range", f"the range limits are {min_m} to {max_m} m: they must increase from 0"
+            "out_of_range",
+            f"the range limits are {min_m} to {max_m} m: the lower must be 0 or more, and the "
+            "upper greater and finite",
         )
     return None
 

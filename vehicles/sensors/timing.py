@@ -21,7 +21,9 @@ class Timing:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.rate_hz < math.inf:
-            raise ValueError(f"rate_hz is {self.rate_hz}: a sensor's rate must be positive")
+            raise ValueError(
+                f"rate_hz is {self.rate_hz}: a sensor's rate must be positive and finite"
+            )
         if not (0.0 <= self.latency_s < math.inf and 0.0 <= self.jitter_s < math.inf):
             raise ValueError(
                 f"latency_s is {self.latency_s} and jitter_s {self.jitter_s}: give 0 or more"

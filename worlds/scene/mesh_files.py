@@ -153,7 +153,9 @@ def _check_part(part: Any) -> None:
     if len(part.vertices) and np.abs(part.vertices).max() > _FARTHEST:
         raise MeshFileError(f"it has coordinates beyond {_FARTHEST:g}")
     if len(part.faces) and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
-        raise MeshFileError(f"a face refers to a vertex beyond its {len(part.vertices)}")
+        raise MeshFileError(
+            f"a face refers to a vertex that is not one of its {len(part.vertices)}"
+        )
 
 
 def _check_companions(path: Path) -> None:

@@ -81,7 +81,7 @@ def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterat
         for name in present
         if was.get(name) != present.get(name)
     ]
-    counts = f"it had {len(before['runs'])} runs, now it has {len(now['runs'])} or different ones"
+    counts = f"the selected runs differ: {len(before['runs'])} before, {len(now['runs'])} now"
     yield from changes or [counts]
 
 

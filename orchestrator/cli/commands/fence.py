@@ -88,11 +88,11 @@ def _change_fences(campaign: Place, document: str, who: str) -> bool:
         return False
     for run in sorted(waiting):
         err(f"{run}: no answer within {_ANSWERS_S:g} s")
-    for run in ended if is_answered else ():
-        err(f"{run}: ended before it answered: its vehicles did not get the fence")
+    for run in ended if is_answered or waiting else ():
+        err(f"{run}: ended before it answered: whether its vehicles got the fence is not known")
     if not waiting and not is_answered:
         err(
-            f"{campaign.name}: no vehicle took the fence: each run ended before it answered; send "
-            "the fence again when a run is in flight (`wil-campaign watch` shows them)"
+            f"{campaign.name}: no run confirmed the fence: each ended before it answered; send the "
+            "fence again when a run is in flight (`wil-campaign watch` shows them)"
         )
     return obeyed and is_answered and not waiting

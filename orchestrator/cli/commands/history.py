@@ -76,7 +76,7 @@ def history(
         records = [one for one in (*known, *new) if campaign in {None, one.campaign}]
         if not records:
             where = ", ".join(str(one) for one in folders)
-            problems.append(f"{where} has no flights of a campaign")
+            problems.append(f"no flights of a campaign in {where}")
         rows, varied = history_rows(records), variations(records)
         if records and page is not None:
             write_whole(page, render_history(rows, varied, made_utc=utc_text(time.time())))

@@ -29,8 +29,8 @@ def init(name: str, *, folder: Annotated[Path | None, Parameter(name="--in")] = 
 
     JSON Schemas are written beside them, with which editors complete and explain the files.
 
-    No file is overwritten. Exit code 2: the name cannot be a folder's, or a file exists already; 3:
-    the files cannot be written.
+    No file is overwritten. Exit code 2: the name is not valid for a folder, or a file exists
+    already; 3: the files cannot be written.
 
     Parameters
     ----------

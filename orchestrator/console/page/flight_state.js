@@ -123,7 +123,7 @@ export function abortText(model) {
   if (!all.length) return { ok: true, text: `${by}: all vehicles land; this page has seen none in the air` };
   const known = runs.flatMap((run) => run.view.vehicles.map((/** @type {any} */ one) => ({ run, name: one.name })));
   const silent = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
-  if (silent.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; no data was ever received of ${silent.join(", ")}` };
+  if (silent.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; no data was ever received from ${silent.join(", ")}` };
   const at = Math.max(...all.map(({ one }) => one.downAt));
   const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`);
   return { ok: true, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each.join(", ")})` };

@@ -90,7 +90,8 @@ class BenchServer:
             raise EngineError(
                 f"bench {self._bench.name}: a message of the cluster is damaged, and vehicles in "
                 f"flight have landed: {error}; install the same wheel of wil-campaign[cluster] "
-                "with the same constraints on the machine of the campaign, and start it again"
+                "with the same constraints on the machine of the campaign, then start "
+                "`bench serve` again"
             ) from error
         except (EOFError, OSError):
             pass

@@ -86,7 +86,7 @@ class RunFeed:
             self._follow(context)
 
     def tick(self) -> None:
-        """Publish the run's state if a console is due for it; called twenty times a second."""
+        """Publish the run's state if a console waits for it; called twenty times a second."""
         self._publisher.tick(self._view)
 
     def shown(self, images: PreviewImages) -> None:

@@ -35,6 +35,8 @@ from safety.preflight import Item
 
 _MOST_ALSO = 50
 """How many events a result lists beside the one that made the verdict."""
+_GRAVEST = ("ERROR", "ABORTED")
+"""The verdicts of which none is lost among the events that are not listed."""
 
 
 def result_of(
@@ -158,10 +160,12 @@ def also_of(decision: Decision) -> tuple[Also, ...]:
     ]
     if len(listed) <= _MOST_ALSO:
         return tuple(listed)
-    last = listed[_MOST_ALSO - 1]
-    more = len(listed) - _MOST_ALSO + 1
-    rest = Also(last.verdict, f"{more} more events; log.jsonl has all of them", last.at_s)
-    return (*listed[: _MOST_ALSO - 1], rest)
+    kept, more = listed[: _MOST_ALSO - 1], listed[_MOST_ALSO - 1 :]
+    verdicts = {one.verdict for one in more}
+    # Whoever asks whether a vehicle may fly again looks for these.
+    gravest = next((one for one in _GRAVEST if one in verdicts), more[0].verdict)
+    text = f"{len(more)} more events; log.jsonl has all of them"
+    return (*kept, Also(gravest, text, more[0].at_s))
 
 
 def external_result(

@@ -51,7 +51,7 @@ class BeforeArming:
         """Run all steps; the first error is raised.
 
         Raises VehicleError, FlightError with every reason of the preflight, SourceError,
-        NotHonouredError, AnchorError.
+        UnsupportedInjectionError, AnchorError.
         """
         timeout_s = self._setup.campaign.sync.ready_timeout_s
         flown = (*self._contexts, *self._actors)

@@ -6,7 +6,7 @@ from orchestrator.state.run_state import RunState
 _ALL_DOWN_S = 60.0
 """How long the guard may take to land all, with its own retries and escalation."""
 _AGREED_S = 3.0
-"""Three heartbeats: so many the guard has to confirm what the driver reported."""
+"""Three heartbeats: the guard has so long to confirm what the driver reported."""
 
 
 async def bring_down(pair: Pair, run_state: RunState) -> None:
@@ -32,5 +32,6 @@ async def verify_landed(pair: Pair, run_state: RunState) -> None:
     """
     if await pair.guard.at_rest(_AGREED_S):
         return
-    run_state.decide("ERROR", "a vehicle reported that it was disarmed, and later that it is armed")
+    text = f"the guard did not confirm within {_AGREED_S:g} s that all vehicles are disarmed"
+    run_state.decide("ERROR", text)
     await bring_down(pair, run_state)

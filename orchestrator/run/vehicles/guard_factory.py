@@ -113,7 +113,10 @@ def _is_abandoned_when_lost(setup: RunSetup, vehicle: FlownSetup) -> bool:
 
 
 def _pace_of(setup: RunSetup) -> PaceSetup | None:
-    """Return the settings of the scaled clock, led by a simulator if one is launched; else None."""
+    """Return the settings of the scaled clock; None under another.
+
+    A simulator leads it if one is launched.
+    """
     if setup.clock != "scaled":
         return None
     launched = tuple(one.name for one in setup.guarded if one.launch is not None)

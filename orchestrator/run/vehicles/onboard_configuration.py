@@ -157,7 +157,7 @@ class OnboardConfiguration:
         except VehicleError as error:
             text = str(error)
         except OSError as error:
-            text = f"the log cannot be written to {folder}: {error.strerror or error}"
+            text = f"the log cannot be fetched to {folder}: {error.strerror or error}"
         self._note("log", vehicle=context.name, text=text)
 
 

@@ -101,7 +101,7 @@ class GuardCore:
         )
 
     def last_received_s(self, name: str) -> float | None:
-        """Return when the guard last received a vehicle; None for never."""
+        """Return when the guard last received anything from a vehicle; None for never."""
         return self._supervised_vehicles[name].seen.last_received_s
 
     def anchor(self, name: str, anchor: Anchor) -> None:

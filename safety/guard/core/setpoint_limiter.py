@@ -20,8 +20,9 @@ _CARROT_S = 1.0
 _LONGEST_STEP_S = 0.5
 """Setpoints further apart are no steps of one motion: the vehicle's own velocity is compared."""
 _STEP_M = 0.02
-_MOST_STEPS = 50_000
-"""Of a path to a position that is checked: a longer path is cut there."""
+_MOST_STEPS = 500
+"""Of the check of a path to a position; it is cut there, 10 m ahead at least. The next setpoint is
+checked from where the vehicle is then."""
 _HALVINGS = 8
 _TOLERANCE_M = 1e-3
 _TOLERANCE_M_S = 1e-3

@@ -69,6 +69,10 @@ def _command(kind: OperatorKind, who: str, request: Mapping[str, Any]) -> Operat
     document, command_id = request.get("geofence"), request.get("id")
     if not isinstance(document, str) or not isinstance(command_id, str):
         raise RefusedLineError("geofence must be the text of a file, and id a text not used before")
+    try:
+        (document + command_id).encode()
+    except UnicodeEncodeError as error:
+        raise RefusedLineError("geofence and id must be texts of whole characters") from error
     return OperatorCommand("geofence", who, document=document, command_id=command_id)
 
 

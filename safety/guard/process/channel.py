@@ -74,6 +74,11 @@ class Channel(Generic[Received]):
         """Return whether messages wait until the other end reads."""
         return bool(self._unsent)
 
+    def read_rest(self) -> None:
+        """Take what an end that is gone has sent: it would be lost by closing."""
+        while self._open and self._read_packet():
+            pass
+
     def close(self) -> None:
         """Close the channel; `closed` is not called for it."""
         if self._flush_timer is not None:
@@ -166,8 +171,10 @@ class Channel(Generic[Received]):
             self._unsent.clear()
         self._loop.remove_writer(self._socket)
 
-    def _read_packet(self) -> None:
-        """Read one packet: the loop comes back for the next, and mostly there is none.
+    def _read_packet(self) -> bool:
+        """Read one packet; return whether there was one.
+
+        The loop comes back for the next, and mostly there is none.
 
         To ask for one that is not there would cost an exception each time, and memory for the
         longest packet more than to read it.
@@ -175,21 +182,22 @@ class Channel(Generic[Received]):
         try:
             length = self._socket.recv_into(self._packet)
         except (BlockingIOError, InterruptedError):
-            return
+            return False
         except ConnectionResetError:
-            return  # It went without reading all; what it sent before comes next.
+            return True  # It went without reading all; what it sent before comes next.
         except OSError:
             length = 0
         if not length:
             self._lose()
-            return
+            return False
         try:
             messages = self._codec.decode(self._packet[:length])
         except MessageError:
             self.garbage += 1
-            return
+            return True
         for message in messages:
             self._take(message)
+        return True
 
     def _lose(self) -> None:
         if self._open:

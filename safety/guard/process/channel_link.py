@@ -13,7 +13,7 @@ from vehicles.mavlink.framing import FrameSplitter
 from vehicles.processes.codec import Message
 
 _LONGEST_BYTES = LONGEST_PACKET_BYTES // 2
-"""Of one message: a TCP link that stalled hands over up to 256 KiB at once."""
+"""Of one message: a link hands over up to 64 KiB at once, and an impaired one more."""
 
 
 class ChannelLink:

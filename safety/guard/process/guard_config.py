@@ -74,7 +74,7 @@ class GuardConfig:
             raise GuardConfigError(f"the guard's configuration cannot be read: {error}") from error
         if not guard_config.vehicles or not math.isfinite(guard_config.epoch_s):
             raise GuardConfigError(
-                "the guard's configuration names the vehicles and the origin of the run clock"
+                "the guard's configuration must name the vehicles and the origin of the run clock"
             )
         return guard_config
 

@@ -386,7 +386,7 @@ class GuardProcess:
             await asyncio.sleep(_LAST_POLL_S)
 
     def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
-        """Return whether an armed vehicle that may do harm was received lately."""
+        """Return whether anything was received lately from an armed vehicle that may do harm."""
         now_s, core = asyncio.get_running_loop().time(), self._shell.core
         return any(
             self._guard_config.vehicles[name].vehicle.attached

@@ -432,6 +432,8 @@ class RemoteGuard:
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
         self._clock.continue_alone()
+        if not self._process.running:
+            self._channel.read_rest()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()

@@ -75,7 +75,7 @@ async def test_enter_on_the_terminal_is_enough(
     assert fleet.going
 
 
-@pytest.mark.parametrize("how", ["end of file", "hang-up"])
+@pytest.mark.parametrize("how", ["end of file", "end of file after a text", "hang-up"])
 async def test_the_end_of_the_terminal_confirms_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
@@ -90,12 +90,14 @@ async def test_the_end_of_the_terminal_confirms_nothing(
         waiting.ask()
         if how == "end of file":
             os.write(leader, b"\x04")
+        elif how == "end of file after a text":
+            os.write(leader, b"wait\x04\x04")
         else:
             os.close(leader)
         await asyncio.sleep(0.1)
         assert controller.held
         assert not fleet.going
         await asyncio.sleep(0.4)  # and the limit of the wait still holds
-    if how == "end of file":
+    if how != "hang-up":
         os.close(leader)
     assert controller.stopped == "command"

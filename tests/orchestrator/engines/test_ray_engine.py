@@ -105,6 +105,16 @@ def events(folder: Path) -> list[str]:
     ]
 
 
+def test_an_order_that_no_message_can_hold_is_not_in_the_ledger(tmp_path: Path) -> None:
+    """A resumed campaign would wait for it, and take it for a flight that was lost."""
+    sets = (f"autonomy={{use: still.py:Still, with: {{ticks: {10**30}}}}}",)
+    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=1, sets=sets))
+    with pytest.raises(EngineError, match="cannot be sent to a node"):
+        fly(campaign, tmp_path / "out")
+    (ledger,) = (tmp_path / "out").glob("**/ledger.jsonl")
+    assert "ordered" not in events(ledger.parent)
+
+
 PRINTS = "import os\n\nprint([one for one in os.environ if one.startswith('RAY_')])\n"
 
 

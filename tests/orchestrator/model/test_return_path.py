@@ -154,7 +154,7 @@ ARMED = {"event": "stage", "stage": "arm"}
             result(verdict="FAIL", also=(Also("ERROR", "real still has its parameters", 9.0),)),
             LANDED,
             [],
-            "the run ended as ERROR: real still has its parameters",
+            "ERROR after the verdict FAIL: real still has its parameters",
         ),
         (result(verdict="FAIL", also=(Also("INVALID", "mixing", 9.0),)), LANDED, [], ""),
         (result(), None, [], "its position is unknown"),

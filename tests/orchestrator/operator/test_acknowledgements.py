@@ -101,7 +101,9 @@ def test_an_abort_by_node_or_bench_leaves_the_others_flying(
 def test_an_abort_where_nothing_flies_is_refused_with_the_places_that_there_are(
     controller: CampaignController, fleet: FakeFleet
 ) -> None:
-    with pytest.raises(RefusedLineError, match="node desk; runs fly on: bench hall-a on hall-pc"):
+    with pytest.raises(
+        RefusedLineError, match="node desk; nodes and benches with runs: bench hall-a on hall-pc"
+    ):
         controller.obey(OperatorCommand("abort", "anna", node="desk"))
     assert not fleet.aborted
     assert controller.ended_by is None
@@ -121,6 +123,7 @@ def test_a_line_has_node_and_bench_for_an_abort_alone() -> None:
     for bad, said in (
         (b'{"command": "hold", "node": "desk"}', "allowed with abort only"),
         (b'{"command": "abort", "bench": 1}', "must be texts"),
+        (b'{"command": "geofence", "geofence": "\\ud800", "id": "1"}', "texts of whole characters"),
     ):
         with pytest.raises(RefusedLineError, match=said):
             parse_line(bad)

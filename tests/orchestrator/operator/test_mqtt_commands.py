@@ -105,6 +105,12 @@ def test_a_geofence_comes_as_text_or_as_an_object(given: Any) -> None:
         read(command_bytes("geofence"), "geofence")
 
 
+def test_half_a_surrogate_pair_is_no_text_of_a_geofence() -> None:
+    """A command is encoded on its way to a guard or a node."""
+    with pytest.raises(RefusedCommandError, match="geofence must be a text of whole characters"):
+        read(command_bytes("geofence", geofence="box: \ud800"), "geofence")
+
+
 def test_a_reason_that_is_fit_for_no_record_is_left_out() -> None:
     for reason in ("x" * 201, "\ud800", "a\nb", 7):
         assert read(command_bytes(reason=reason)).reason == ""

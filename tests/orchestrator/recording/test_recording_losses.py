@@ -75,3 +75,6 @@ def test_equal_events_are_counted_and_many_are_cut() -> None:
     cut = also_of(Decision("FAIL", "touched", many, "", "", ""))
     assert len(cut) == 50
     assert cut[-1].reason == "31 more events; log.jsonl has all of them"
+    passes = tuple(DecisiveEvent(2.0, "FAIL", f"no {number}", "", "", "") for number in range(80))
+    cut = also_of(Decision("FAIL", "touched", (*passes, many[0]), "", "", ""))
+    assert cut[-1].verdict == "ERROR"

@@ -130,7 +130,7 @@ class ParameterBackup:
                 self._backup.close()
         if failed:
             path = self._backup.path if self._backup is not None else None
-            later = f"; the next start restores them from {path}" if path else ""
+            later = f"; the next start tries again, from {path}" if path else ""
             raise ParameterError(f"could not restore {'; '.join(failed)}{later}")
 
 

@@ -152,7 +152,7 @@ class Parameters:
                     answer = await self._exchange(name, message)
             if answer.value != wanted:
                 raise ParameterError(
-                    f"{self._session.link.name}: {name} was set to {value}, but is still "
+                    f"{self._session.link.name}: {name} was set to {value}, but is "
                     f"{answer.value}; the autopilot limits it, or it is read-only"
                 )
 

@@ -133,7 +133,7 @@ class Body:
         )
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Reduce the thrust of one motor of the body by this factor from now on."""
+        """Multiply the thrust of one motor of the body by this factor from now on."""
         self._plant.fail_motor(index, factor=factor)
 
     def _to_world(self, vector: Vec3) -> Vec3:

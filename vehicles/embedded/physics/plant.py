@@ -126,7 +126,7 @@ class Plant:
             set_speed(speed / _METRES_PER_FOOT)
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Reduce the thrust of one motor of the plant by this factor."""
+        """Multiply the thrust of one motor of the plant by this factor."""
         self._factors[index] = factor
 
     def _start(

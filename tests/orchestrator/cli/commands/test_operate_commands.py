@@ -109,7 +109,7 @@ async def test_a_fence_that_no_run_answers_before_it_ends_is_reported(
     code, out, err = await calling
     assert (code, out) == (3, "")
     assert err == (
-        "gate: no vehicle took the fence: each run ended before it answered; send the fence again "
+        "gate: no run confirmed the fence: each ended before it answered; send the fence again "
         "when a run is in flight (`wil-campaign watch` shows them)\n"
     )
 
@@ -128,7 +128,9 @@ async def test_a_run_that_ends_before_it_answers_beside_one_that_took_the_fence_
     controller.left("large/wil/2")
     code, out, err = await calling
     assert (code, out) == (0, "large/wil/1: taken\n")
-    assert err == "large/wil/2: ended before it answered: its vehicles did not get the fence\n"
+    assert err == (
+        "large/wil/2: ended before it answered: whether its vehicles got the fence is not known\n"
+    )
 
 
 async def test_a_fence_is_for_one_campaign(

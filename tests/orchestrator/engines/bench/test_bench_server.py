@@ -92,7 +92,7 @@ def test_a_damaged_message_ends_bench_serve_in_plain_words(
     said = capsys.readouterr().err
     assert code == 3, said
     assert "bench hall-a: a message of the cluster is damaged" in said
-    assert "start it again" in said
+    assert "start `bench serve` again" in said
     assert "Traceback" not in said
     assert [one.closed.is_set() for one in nodes] == [True]
 

@@ -6,7 +6,7 @@ import json
 import math
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +95,33 @@ def test_an_autonomy_that_hangs_gave_no_answer(hang: Callable[[], None]) -> None
         call_autonomy(hang, within_s=0.05)
 
 
+def test_a_call_that_ends_with_a_long_operation_gave_no_answer_either() -> None:
+    """Its alarm comes when the operation is over, which may be after the call."""
+
+    class Slow:
+        def __init__(self) -> None:
+            self.image = np.full((1500, 1500), 2.0)
+
+        def perceive(self) -> None:
+            self.image = self.image**0.37
+
+    with pytest.raises(AutonomyFault, match=r"gave no answer within 0\.001 s, its limit"):
+        call_autonomy(Slow().perceive, within_s=0.001)
+
+
+class Undecided:
+    """Neither true nor false, no number, not three: as a tensor of several values."""
+
+    def __bool__(self) -> bool:
+        raise RuntimeError("ambiguous")
+
+    def __float__(self) -> float:
+        raise RuntimeError("ambiguous")
+
+    def __iter__(self) -> Iterator[float]:
+        raise RuntimeError("ambiguous")
+
+
 def test_an_alarm_after_the_end_of_a_call_does_not_interrupt_its_clean_up() -> None:
     """Else the timer stays on, and the next alarm interrupts the run: a landing, maybe."""
 
@@ -141,6 +168,9 @@ def test_somebody_elses_timer_goes_on() -> None:
         (Command(PositionSetpoint((math.nan, 0.0, 0.0))), "position_ned_m is not finite"),
         (Command(STILL, note={"a": 1}), "a note that is a dict"),  # type: ignore[arg-type]
         (Command(STILL, done=np.zeros(2)), "a done that is a ndarray"),  # type: ignore[arg-type]
+        (Command(STILL, done=Undecided()), "a done that is a Undecided"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint(Undecided())), "is not three numbers"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint((0.0, Undecided(), 0.0))), "contains a Undecided"),  # type: ignore[arg-type]
     ],
 )
 def test_an_answer_that_no_vehicle_can_fly_is_a_fault(answer: object, said: str) -> None:

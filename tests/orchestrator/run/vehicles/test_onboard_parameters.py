@@ -325,7 +325,7 @@ def test_a_log_that_cannot_be_written_is_noted_and_stops_no_other(tmp_path: Path
     run_virtual(run())
     assert fetched == ["twin"]
     assert noted == [
-        ("real", f"the log cannot be written to {tmp_path}: Read-only file system"),
+        ("real", f"the log cannot be fetched to {tmp_path}: Read-only file system"),
         ("twin", "twin-1.bin"),
     ]
 

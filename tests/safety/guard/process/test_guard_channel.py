@@ -199,3 +199,14 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
     sent = [one.position_ned_m[0] for one in channel.at_once if isinstance(one, Position)]
     assert sent == at_once
+
+
+async def test_what_an_end_that_is_gone_has_sent_is_read_before_the_channel_is_closed() -> None:
+    """The loop reads a packet a turn; a guard that ends sends its last events at once."""
+    ends = Ends()
+    for k in range(5):
+        ends.sender.send(position(float(k)))
+    ends.sender.close()
+    ends.receiver.read_rest()
+    ends.receiver.close()
+    assert [one.t_s for one in ends.received if isinstance(one, Position)] == [0, 1, 2, 3, 4]

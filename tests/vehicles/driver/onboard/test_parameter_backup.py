@@ -97,7 +97,7 @@ def test_the_backup_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
             access.stuck = {"A"}
 
     with pytest.raises(
-        ParameterError, match=r"could not restore A to 1 .*the next start restores them"
+        ParameterError, match=r"could not restore A to 1 .*the next start tries again"
     ):
         run_virtual(scenario())
     assert access.values == {"A": 5, "B": 2}
