@@ -233,7 +233,12 @@ def _detach_sources(ordered: RunOrdered) -> RunOrdered:
         return indices.setdefault(id(source), (Source(str(len(indices))), source))[0]
 
     order = _map_sources(ordered.order, index_of)
-    return RunOrdered(order, ordered.place, tuple(source for _, source in indices.values()))
+    return RunOrdered(order, ordered.place, tuple(_named(source) for _, source in indices.values()))
+
+
+def _named(source: Source) -> Source:
+    """Return a source with a name that UTF-8 can hold: files need not have one, and it is read."""
+    return replace(source, name=source.name.encode(errors="replace").decode())
 
 
 def _attach_sources(ordered: RunOrdered) -> RunOrdered:

@@ -82,6 +82,17 @@ def test_names_of_files_need_not_be_utf_8() -> None:
     assert decode_to_node(encode_to_node(message)) == message
 
 
+def test_an_order_of_a_file_whose_name_is_not_utf_8_can_be_sent(tmp_path: Path) -> None:
+    path = write_hover(tmp_path)
+    other = path.rename(tmp_path / "hover\udce9.yaml")
+    plan = load_campaign(other, Options(repetitions=1)).runs[0]
+    order = RunOrder(plan=plan, folder=tmp_path, clock="virtual")
+    received = decode_to_node(encode_to_node(RunOrdered(order)))
+    assert isinstance(received, RunOrdered)
+    document = received.order.plan.files.campaign
+    assert "hover?.yaml" in document.problem(("goal",), "wrong").headline
+
+
 def test_messages_to_the_campaign_are_the_same_there() -> None:
     progress = Progress("a", "sim", 1, "goal", 2.0, skew_ms=3.5)
     happening = Happening("a/sim/1", 1.0, "guard", "hold", "real", "text")
