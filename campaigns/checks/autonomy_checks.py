@@ -26,6 +26,8 @@ long as a worker may take to load it. Time for which the child has no processor 
 _LONGEST_SPAWN_S, _LONGEST_FORK_S = 120.0, 5.0
 """A child process that has not begun by then never will."""
 _GRACE_S = 1.0
+_MAIN_LOCK = threading.Lock()
+"""Files may be checked in several threads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,12 +166,13 @@ def _main_hidden() -> Iterator[None]:
     `multiprocessing` runs the file of `__main__` in it first, for what it may be sent from there:
     of a program without `if __name__ == "__main__"` that would be all it does, flights included.
     """
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
+    with _MAIN_LOCK:
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
 
 
 def _is_answered(connection: Connection, pid: int, limit_s: float) -> bool:
