@@ -42,7 +42,7 @@ class _Refusal:
 class IsolatedBuilds:
     """Builds autonomies in child processes to check them, each once for all cases.
 
-    A child that takes longer than LONGEST_BUILD_S is ended.
+    A child that takes longer than LONGEST_BUILD_S is ended; a fork sooner, and tried anew without.
     """
 
     def __init__(self) -> None:
@@ -120,7 +120,8 @@ def _answer_of_child(
     """
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
-    with _garbage_kept(), _main_hidden():
+    is_fork = isinstance(context, ForkContext)
+    with _garbage_kept(), contextlib.nullcontext() if is_fork else _main_hidden():
         child.start()
     theirs.close()
     try:
