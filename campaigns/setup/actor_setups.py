@@ -35,14 +35,16 @@ class ActorSetup(FlownSetup):
     """The setup of a vehicle that flies as an object of the world, along that object's motion.
 
     name: the object's. motion: its takeoff leads to the first waypoint. max_offset_m: from its
-    path, and max_delay_s: behind its motion, beyond which the run is INVALID. reach_m: largest
-    distance of its body from its middle. place: where it stands in W, if that is not its object's
-    start; virtual: of an attached actor, what flies where its object is virtual; None: nothing may.
+    path, max_delay_s: behind its motion, and max_silence_s: without a position, beyond which the
+    run is INVALID. reach_m: largest distance of its body from its middle. place: where it stands in
+    W, if that is not its object's start; virtual: of an attached actor, what flies where its object
+    is virtual; None: nothing may.
     """
 
     motion: Motion
     max_offset_m: float
     max_delay_s: float
+    max_silence_s: float
     reach_m: float
     place: Pose | None = None
     virtual: Self | None = None
@@ -120,6 +122,7 @@ def actor_setups(
             motion=thing.motion,
             max_offset_m=part.max_offset_m,
             max_delay_s=part.max_delay_s,
+            max_silence_s=part.max_silence_s,
             reach_m=max(math.hypot(*map(float, one)) for one in thing.shape.mesh.vertices_m),
         )
         found[name] = replace(actor, virtual=_virtual(actor, part))

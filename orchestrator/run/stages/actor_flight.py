@@ -32,8 +32,6 @@ _GAIN_1_S = 1.0
 """Gain of the velocity towards the motion's position, added to the motion's own velocity."""
 _CATCH_UP = 1.1
 """Largest speed of an actor that is behind, in times its motion's speed."""
-_SILENT_S = 0.5
-"""Without a pose for so long the actor's position is unknown, and the run proves nothing."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -182,8 +180,8 @@ class ActorFlight:
             if self._offset_m > limits.max_offset_m:
                 self._invalidate(f"is {self._offset_m:.2f} m off its path (max_offset_m)")
                 return
-            if self._last is None or now_s - self._last.t_s > _SILENT_S:
-                self._invalidate(f"has sent no pose for {_SILENT_S:g} s")
+            if self._last is None or now_s - self._last.t_s > limits.max_silence_s:
+                self._invalidate(f"has sent no pose for {limits.max_silence_s:g} s (max_silence_s)")
                 return
             await asyncio.sleep(2.0 / _SETPOINT_HZ)
 

@@ -95,7 +95,9 @@ async def test_a_live_camera_hands_on_what_is_taken_from_now_on(
     assert one.result.source == "live"
     # Images before somebody wanted them are neither delivered nor dropped.
     assert one.result.delivered == len(seen) >= 5
-    assert one.result.dropped == 0
+    # Only a machine too busy to take them loses any, of those between the first and the last.
+    between = seen[-1].seq - seen[0].seq + 1
+    assert one.result.dropped + one.result.delivered + one.result.missed <= between
 
 
 async def test_a_live_camera_that_stalls_says_so_and_may_go_on(

@@ -24,7 +24,7 @@ from vehicles.processes.identity import ProcessId
 
 AVOID = ("avoid", "fast")
 BLIND = "autonomy.with={object: person}"
-PATIENT = "max_offset_m: 5, max_delay_s: 60"
+PATIENT = "max_offset_m: 5, max_delay_s: 60, max_silence_s: 2.5"
 FENCE = "geofence: {box: {north_m: [-1.5, 3.5], east_m: [-1.5, 1.5], up_m: [-0.5, 2.3]}}"
 ANSWERED = "preflight.override={separation: A. Pilot}"
 
