@@ -188,7 +188,6 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     With thousands of tests it took a twentieth of their time. It looked at nothing while they were
     collected: that took a sixth of it.
     """
-    gc.collect()
     gc.freeze()
     gc.enable()
 
@@ -248,7 +247,7 @@ def _takes_own_turn(item: pytest.Item) -> bool:
 
 @cache
 def _is_among(path: Path, places: tuple[str, ...]) -> bool:
-    return any(path.is_relative_to(place) for place in places)
+    return not {path.as_posix(), *(one.as_posix() for one in path.parents)}.isdisjoint(places)
 
 
 def _shares(begun: list[list[pytest.Item]], then: list[pytest.Item]) -> Iterator[pytest.Item]:
