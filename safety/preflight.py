@@ -141,7 +141,7 @@ def distance_item(vehicle: str, other: str, measured_m: float | None, *, stated_
             f"its distance from {other} is not known: one of them has no latitude and longitude"
         )
         return Item("distance", vehicle, "refused", None, stated_m, "m", message)
-    if abs(measured_m - stated_m) > _GPS_M:
+    if not abs(measured_m - stated_m) <= _GPS_M:  # NaN is refused as well.
         message = (
             f"it is {measured_m:.1f} m from {other} by both receivers, and {stated_m:.1f} m by "
             "the campaign"

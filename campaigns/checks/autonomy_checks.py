@@ -42,7 +42,8 @@ class _Refusal:
 class IsolatedBuilds:
     """Builds autonomies in child processes to check them, each once for all cases.
 
-    A child that takes longer than LONGEST_BUILD_S is ended; a fork sooner, and tried anew without.
+    A child that takes longer than LONGEST_BUILD_S is ended; a fork sooner; then a process is
+    tried that is not forked.
     """
 
     def __init__(self) -> None:

@@ -140,7 +140,7 @@ class SyncPart(Part):
 
 
 class ClockPart(Part):
-    """The campaign's `clock`. speed: how many times real time embedded vehicles fly."""
+    """The campaign's `clock`. speed: how many times faster than real time embedded vehicles fly."""
 
     speed: Speedup
 

@@ -34,9 +34,8 @@ def watched_head(
         while not over.wait(poll_s) and silent < silent_s:
             silent = 0.0 if _accepts_connection(address) else silent + poll_s
         if not over.is_set():
-            with suppress(
-                OSError, ValueError, AttributeError
-            ):  # without a terminal it ends as well
+            # Without a terminal it has to end as well.
+            with suppress(OSError, ValueError, AttributeError):
                 sys.stderr.write(
                     f"the head of the Ray cluster at {address} has not answered for {silent_s:g} "
                     "s: vehicles in flight land; start the head again, then this campaign with "

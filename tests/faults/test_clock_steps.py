@@ -19,7 +19,8 @@ from tests.faults.socket_ledger import files_left, socket_ledger
 from tests.orchestrator.wall_runs import END_WITHIN_S, SHORT, stages
 
 _HOUR_S = 3600.0
-LIBRARIES = sorted(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"))
+NAME = "faketime/libfaketimeMT.so.1"
+LIBRARIES = sorted({*Path("/usr/lib").glob(NAME), *Path("/usr/lib").glob(f"*/{NAME}")})
 
 
 class SteppedProgram(FaultyProgram):

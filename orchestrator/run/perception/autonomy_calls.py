@@ -91,10 +91,9 @@ def command_of(answer: object) -> Command:
         raise AutonomyFault(f"returned a note that is {_kind(note)}, not text")
     try:
         done = bool(answer.done)
-    except Exception:  # noqa: BLE001 - as of an array with several values
-        raise AutonomyFault(
-            f"returned a done that is {_kind(answer.done)}, not True or False"
-        ) from None
+    except Exception as error:  # noqa: BLE001 - as of an array with several values
+        text = f"returned a done that is {_kind(answer.done)}, not True or False"
+        raise _fault_of(error, text) from None
     return Command(_setpoint(answer.setpoint), done, printable(note)[:_LONGEST_NOTE])
 
 
@@ -120,8 +119,8 @@ def _vector(name: str, value: Sequence[object]) -> Vec3:
     """Return a vector of the autonomy's setpoint, checked. Raises AutonomyFault."""
     try:
         north, east, down = value
-    except Exception:  # noqa: BLE001 - whatever a type of the code under test raises
-        raise AutonomyFault(f"returned a setpoint whose {name} is not three numbers") from None
+    except Exception as error:  # noqa: BLE001 - whatever a type of the code under test raises
+        raise _fault_of(error, f"returned a setpoint whose {name} is not three numbers") from None
     return (_number(name, north), _number(name, east), _number(name, down))
 
 
@@ -136,13 +135,20 @@ def _number(name: str, value: object) -> float:
         raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(value)}")
     try:
         number = float(value)  # type: ignore[arg-type]  # also NumPy's; others are refused
-    except Exception:  # noqa: BLE001 - whatever a type of the code under test raises
-        raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(value)}") from None
+    except Exception as error:  # noqa: BLE001 - whatever a type of the code under test raises
+        raise _fault_of(
+            error, f"returned a setpoint whose {name} contains {_kind(value)}"
+        ) from None
     if not math.isfinite(number):
         raise AutonomyFault(f"returned a setpoint whose {name} is not finite ({number})")
     if abs(number) > _LARGEST:
         raise AutonomyFault(f"returned a setpoint whose {name} is beyond {_LARGEST:g} ({number:g})")
     return number
+
+
+def _fault_of(error: Exception, text: str) -> AutonomyFault:
+    """Return the fault of an answer that raises when it is read."""
+    return AutonomyFault(text, kind="ERROR" if isinstance(error, MemoryError) else "FAIL")
 
 
 def _call_with_alarm(call: Callable[[], T], after_s: float) -> T:

@@ -218,10 +218,11 @@ class SetpointLimiter:
         length_m = norm(way)
         if self._fence is None or length_m == 0.0:
             return target
-        gone_m = _inside_m(self._fence, place, way, self.limits.keep_m)
+        gone_m, leads_out = _inside_m(self._fence, place, way, self.limits.keep_m)
         if gone_m >= length_m:
             return target
-        found.append(LimitReport("path towards the fence", length_m, gone_m, "m"))
+        what = "path towards the fence" if leads_out else "distance ahead"
+        found.append(LimitReport(what, length_m, gone_m, "m"))
         return add(place, scale(way, gone_m / length_m))
 
     def _carrot(self, place: Vec3, target: Vec3, found: list[LimitReport]) -> Vec3:
@@ -234,8 +235,8 @@ class SetpointLimiter:
         return add(place, scale(way, limit * _CARROT_S / length_m))
 
 
-def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> float:
-    """Return up to which length a path to a setpoint stays `keep_m` inside the fence.
+def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> tuple[float, bool]:
+    """Return up to which length a path to a setpoint stays `keep_m` inside, and if it leads out.
 
     From a position that is too close already, the path counts as inside while it leads back.
     """
@@ -245,12 +246,12 @@ def _inside_m(fence: Fence, place: Vec3, way: Vec3, keep_m: float) -> float:
     gone_m = 0.0
     for _ in range(_MOST_STEPS):
         if gone_m >= length_m:
-            return length_m
+            return length_m, False
         step_m = max(margin_m - keep_m, _STEP_M)
         ahead_m = min(gone_m + step_m, length_m)
         margin_m = fence.margin_m(add(place, scale(way, ahead_m / length_m)))
         if margin_m < needed_m - _TOLERANCE_M:
-            return gone_m
+            return gone_m, True
         needed_m = max(needed_m, min(keep_m, margin_m))
         gone_m = ahead_m
-    return gone_m
+    return gone_m, False

@@ -63,17 +63,23 @@ def _command(kind: OperatorKind, who: str, request: Mapping[str, Any]) -> Operat
         node, bench = request.get("node", ""), request.get("bench", "")
         if not isinstance(node, str) or not isinstance(bench, str):
             raise RefusedLineError("node and bench must be texts")
+        _require_whole("node and bench", node + bench)
         if kind != "abort" and (node or bench):
             raise RefusedLineError(f"{kind}: node and bench are allowed with abort only")
         return OperatorCommand(kind, who, node=node, bench=bench)
     document, command_id = request.get("geofence"), request.get("id")
     if not isinstance(document, str) or not isinstance(command_id, str):
         raise RefusedLineError("geofence must be the text of a file, and id a text not used before")
-    try:
-        (document + command_id).encode()
-    except UnicodeEncodeError as error:
-        raise RefusedLineError("geofence and id must be texts of whole characters") from error
+    _require_whole("geofence and id", document + command_id)
     return OperatorCommand("geofence", who, document=document, command_id=command_id)
+
+
+def _require_whole(what: str, text: str) -> None:
+    """Raise RefusedLineError for half a surrogate pair, which JSON may hold and UTF-8 may not."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise RefusedLineError(f"{what} must be texts of whole characters") from error
 
 
 def checked_who(who: Any) -> str:

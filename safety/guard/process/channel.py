@@ -176,8 +176,8 @@ class Channel(Generic[Received]):
 
         The loop comes back for the next, and mostly there is none.
 
-        To ask for one that is not there would cost an exception each time, and memory for the
-        longest packet more than to read it.
+        Asking for one that is not there would cost an exception each time. The buffer is kept: to
+        allocate it would cost more than to read.
         """
         try:
             length = self._socket.recv_into(self._packet)

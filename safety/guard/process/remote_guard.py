@@ -431,9 +431,10 @@ class RemoteGuard:
             text = "the guard continues by itself: a vehicle is still in the air"
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
-        self._clock.continue_alone()
         if not self._process.running:
-            self._channel.read_rest()
+            with Contained("the guard's last messages"):
+                self._channel.read_rest()
+        self._clock.continue_alone()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()

@@ -95,8 +95,9 @@ async def test_a_live_camera_hands_on_what_is_taken_from_now_on(
     assert one.result.source == "live"
     # Images before somebody wanted them are neither delivered nor dropped.
     assert one.result.delivered == len(seen) >= 5
-    # Only a machine too busy to take them loses any, of those between the first and the last.
-    between = seen[-1].seq - seen[0].seq + 1
+    # Only a machine too busy to take them loses any: of those since the first, two of which may
+    # have waited behind the last.
+    between = seen[-1].seq - seen[0].seq + 1 + 2
     assert one.result.dropped + one.result.delivered + one.result.missed <= between
 
 

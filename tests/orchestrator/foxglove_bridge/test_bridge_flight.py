@@ -61,6 +61,7 @@ def assert_live_as_recorded(seen: Received, folder: Path) -> None:
     shown = [one for one in seen.of("/log") if one in lines]
     # In order and without a gap, from the subscription on. The end is not waited for: a run ends
     # without its viewers.
+    assert shown
     begin = lines.index(shown[0])
     assert shown == lines[begin : begin + len(shown)]
     assert "goal" in {one["message"] for one in shown}

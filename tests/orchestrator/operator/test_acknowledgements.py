@@ -123,6 +123,7 @@ def test_a_line_has_node_and_bench_for_an_abort_alone() -> None:
     for bad, said in (
         (b'{"command": "hold", "node": "desk"}', "allowed with abort only"),
         (b'{"command": "abort", "bench": 1}', "must be texts"),
+        (b'{"command": "abort", "node": "\\ud800"}', "texts of whole characters"),
         (b'{"command": "geofence", "geofence": "\\ud800", "id": "1"}', "texts of whole characters"),
     ):
         with pytest.raises(RefusedLineError, match=said):

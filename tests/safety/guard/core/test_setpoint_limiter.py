@@ -328,3 +328,17 @@ def test_a_position_that_is_impossibly_far_away_does_not_stop_the_guard() -> Non
     north_m, east_m, down_m = position_after(made, (1e9, 0.0, -2.0))
     assert 10.0 < north_m < 1e4
     assert (east_m, down_m) == (0.0, -2.0)
+
+
+def test_a_path_along_a_boundary_is_cut_and_leads_not_out() -> None:
+    made = SetpointLimiter(
+        limits=SetpointLimits(inside_fence=True, keep_m=1.0),
+        fence=Fence(floor_up_m=-0.5, ceiling_up_m=5.0),
+        latency_s=LATENCY_S,
+        braking_m_s2=BRAKING_M_S2,
+    )
+    along = PositionSetpoint((40.0, 0.0, -4.0))
+    given_, (report,) = made.limit(along, Motion((0.0, 0.0, -4.0), (0.0, 0.0, 0.0)), 0.0)
+    assert isinstance(given_, PositionSetpoint)
+    assert given_.position_ned_m[0] == pytest.approx(10.0, abs=0.1)
+    assert report.what == "distance ahead"
