@@ -29,8 +29,8 @@ class DeliverPart(Part):
     that of the judged one. rtp: send H.264 by RTP to this HOST:PORT; the port is even. zmq: publish
     by ZeroMQ at this address to bind. v4l2: write to this video loopback device. encoding: how zmq
     encodes the images. topic: the topic under which zmq publishes the images. key_interval_s:
-    longest time between two key frames of rtp. max_bit_rate: the highest bit rate of rtp, in bits per
-    second; by default not limited.
+    longest time between two key frames of rtp. max_bit_rate: the highest bit rate of rtp, in bits
+    per second; by default not limited.
     """
 
     rtp: str | None = None
