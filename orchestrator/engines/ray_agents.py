@@ -156,8 +156,7 @@ def fit_facts(messages: Sequence[bytes], sender: str, *, silent_code: int = 3) -
     except DamagedMessageError as error:
         raise EngineError(
             f"the facts of {sender} cannot be read: {error}; install the same wheel of "
-            "wil-campaign[cluster] with the same constraints there",
-            2,
+            "wil-campaign[cluster] with the same constraints there"
         ) from error
     if why := unfit_text(node_facts(), facts):
         raise EngineError(why, 2)

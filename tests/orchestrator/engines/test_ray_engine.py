@@ -169,7 +169,7 @@ def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
 
     path = write_hover(tmp_path)
     # Long enough that no run ends before the node of its worker is lost.
-    longer = "autonomy: {use: still.py:Still, with: {ticks: 600}}"
+    longer = "autonomy: {use: still.py:Still, with: {ticks: 1200}}"
     path.write_text(path.read_text().replace("autonomy: still.py:Still", longer))
     campaign = load_campaign(path, Options(repetitions=4))
     began_s = time.monotonic()

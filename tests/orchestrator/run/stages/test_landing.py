@@ -47,7 +47,9 @@ def test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air(
     assert all_landed(folder)
     assert result.verdict == "ERROR"
     said = [result.reason, *(one.reason for one in result.also)]
-    assert any("later that it is armed" in text for text in said), said
+    assert any(
+        "did not confirm within 3 s that all vehicles are disarmed" in text for text in said
+    ), said
 
 
 class Guard:
