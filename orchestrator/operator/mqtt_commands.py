@@ -19,6 +19,7 @@ from typing import Any, cast, get_args
 from orchestrator.operator.message_signing import SignatureError, command_key, verified
 from safety.guard.core.operator_command import OperatorCommand, OperatorKind
 from safety.guard.operator.operator_lines import RefusedLineError, checked_who
+from worlds.files.problems import is_encodable
 
 LONGEST_COMMAND_BYTES = 1 << 16
 OLDEST_S = 5.0
@@ -115,7 +116,7 @@ class CommandReader:
                 ("geofence" in fields) != (kind == "geofence"),
                 "geofence is required for the command geofence, and only there",
             ),
-            (not _is_encodable(_document(fields)), "geofence must be a text of whole characters"),
+            (not is_encodable(_document(fields)), "geofence must be a text of whole characters"),
             (
                 "run" in fields and fields["run"] not in list(self._flying()),
                 "for a run that is not in flight",
@@ -167,15 +168,6 @@ def _document(fields: dict[str, Any]) -> str:
     """Return the fence document of an MQTT command as text."""
     given = fields.get("geofence", "")
     return given if isinstance(given, str) else json.dumps(given)
-
-
-def _is_encodable(text: str) -> bool:
-    """Return whether UTF-8 has a form for a text: JSON may hold half a surrogate pair."""
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _is_fit(text: str, longest: int) -> bool:

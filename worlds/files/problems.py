@@ -101,3 +101,12 @@ def closest(word: str, known: Iterable[str]) -> str:
     lower = {candidate.lower(): candidate for candidate in words}
     found = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=_LIKE_ENOUGH)
     return lower[found[0]] if found else ""
+
+
+def is_encodable(text: str) -> bool:
+    """Return whether UTF-8 has a form for a text: JSON may hold half a surrogate pair."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, cast, get_args
 
 from safety.guard.core.operator_command import OperatorCommand, OperatorKind
+from worlds.files.problems import is_encodable
 
 LONGEST_LINE_BYTES = 1 << 16
 _LONGEST_WHO = 64
@@ -75,11 +76,9 @@ def _command(kind: OperatorKind, who: str, request: Mapping[str, Any]) -> Operat
 
 
 def _require_whole(what: str, text: str) -> None:
-    """Raise RefusedLineError for half a surrogate pair, which JSON may hold and UTF-8 may not."""
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        raise RefusedLineError(f"{what} must be texts of whole characters") from error
+    """Raise RefusedLineError for a text that cannot be encoded."""
+    if not is_encodable(text):
+        raise RefusedLineError(f"{what} must be texts of whole characters")
 
 
 def checked_who(who: Any) -> str:

@@ -13,7 +13,7 @@ from vehicles.mavlink.framing import FrameSplitter
 from vehicles.processes.codec import Message
 
 _LONGEST_BYTES = LONGEST_PACKET_BYTES // 2
-"""Of one message: a link hands over up to 64 KiB at once, and an impaired one more."""
+"""Of one message; what a link hands over beyond it at once goes in parts."""
 
 
 class ChannelLink:

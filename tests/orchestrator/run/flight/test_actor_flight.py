@@ -90,7 +90,12 @@ def test_an_actor_that_leaves_its_fence_lands_and_is_no_fault_of_the_subject(fly
 
 
 @pytest.mark.parametrize(
-    ("limit", "said"), [("max_delay_s=0.5", "behind its motion"), ("max_offset_m=0.01", "off its")]
+    ("limit", "said"),
+    [
+        ("max_delay_s=0.5", "behind its motion"),
+        ("max_offset_m=0.01", "off its"),
+        ("max_silence_s=0.001", "has sent no pose for 0.001 s (max_silence_s)"),
+    ],
 )
 def test_an_actor_that_does_not_fly_its_motion_makes_the_run_invalid(
     fly_run: Fly, limit: str, said: str
