@@ -5,10 +5,12 @@ import gc
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import IO
 
 import pytest
 from hypothesis import settings
@@ -84,10 +86,18 @@ FLIGHTS = (
     "vehicles/clients",
 )
 """What flies on the wall clock: vehicles, guard and orchestrator are processes that must all be in
-time. One such flight is in the air at a time. A test among them that is marked `no_turn`, with the
-reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or nothing flies. One
-that has its turn by the fixture `turn` gives it back itself, once what it waits for is no matter of
-the processor."""
+time. As many such flights are in the air as there are TURNS. A test among them that is marked
+`no_turn`, with the reason, needs no turn: time waits for whoever is late (docs/decisions/0028), or
+nothing flies. One that has its turn by the fixture `turn` gives it back itself, once what it waits
+for is no matter of the processor."""
+
+QUEUE = Path(__file__)
+TURNS = (ROOT / "kernels.py", ROOT / "test_order.py")
+"""The files of which a flight on the wall clock locks one: two are in the air at most.
+
+Each takes an eighth of a core. Who comes first has the next turn: the others wait for QUEUE.
+"""
+TURN_POLL_S = 0.1
 
 FLIGHT_TIMEOUT_S = 400
 """A hang is found by it; how long a flight takes is the machine's matter."""
@@ -155,9 +165,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
-    one begins with all flights on the wall clock, two others with what else waits on it and then
-    with the flights that need no turn: they are long. Further ones begin with what waits for
-    nothing, which fills the processor that the others leave idle.
+    two begin with the flights on the wall clock, one if there are few workers, two others with what
+    else waits on it and then with the flights that need no turn: they are long. Further ones begin
+    with what waits for nothing, which fills the processor that the others leave idle.
     """
     flights: list[pytest.Item] = []
     waiting: list[pytest.Item] = []
@@ -176,8 +186,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         else:
             (waiting if _is_among(path, WALL) else others).append(item)
     if (workers := _workers()) > 1:
-        waits = min(workers - 1, MOST_WAITING)
-        begun = [flights, *(waiting[k::waits] + long[k::waits] for k in range(waits))]
+        flies = len(TURNS) if workers >= len(TURNS) + MOST_WAITING else 1
+        waits = min(workers - flies, MOST_WAITING)
+        begun = [flights[k::flies] for k in range(flies)]
+        begun += [waiting[k::waits] + long[k::waits] for k in range(waits)]
         begun += [[] for _ in range(workers - len(begun))]
         items[:] = _shares(begun, others)
 
@@ -194,7 +206,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Have one flight on the wall clock in the air at a time, and all that waits for nothing yield.
+    """Have few flights on the wall clock in the air, and all that waits for nothing yield.
 
     A flight waits for its turn before its time counts. The kernel serves whoever is nicer last, so
     that searches and flights in virtual time fill what flights on the wall clock leave idle.
@@ -213,17 +225,31 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 @contextmanager
 def _in_turn() -> Iterator[Callable[[], None]]:
     """Wait for the turn of a flight on the wall clock; gives what gives it back sooner."""
-    with Path(__file__).open(encoding="utf-8") as turn:
-        fcntl.flock(turn, fcntl.LOCK_EX)
+    with ExitStack() as opened:
+        turns = [opened.enter_context(path.open(encoding="utf-8")) for path in TURNS]
+        with QUEUE.open(encoding="utf-8") as queue:
+            fcntl.flock(queue, fcntl.LOCK_EX)
+            while not any(map(_locks, turns)):
+                time.sleep(TURN_POLL_S)
 
         def give_back() -> None:
-            # What was forked meanwhile and lives on has this file open, too.
-            fcntl.flock(turn, fcntl.LOCK_UN)
+            # What was forked meanwhile and lives on has these files open, too.
+            for turn in turns:
+                fcntl.flock(turn, fcntl.LOCK_UN)
 
         try:
             yield give_back
         finally:
             give_back()
+
+
+def _locks(turn: IO[str]) -> bool:
+    """Lock an open file; return whether nobody else has it."""
+    try:
+        fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 @pytest.fixture

@@ -121,7 +121,8 @@ def flown_gate(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> P
 def fly_run(tmp_path: Path) -> Fly:
     """Return a function that flies one run of a shipped campaign in virtual time.
 
-    boots: vehicles are switched on with the run, as in campaigns; else they are on already.
+    cameras: their overrides; SMALL_CAMERAS where pictures are what is tested. boots: vehicles are
+    switched on with the run, as in campaigns; else they are on already.
     """
     flown = 0
 
@@ -136,11 +137,12 @@ def fly_run(tmp_path: Path) -> Fly:
         disturb: Disturb | None = None,
         report: Report = lambda _: None,
         has_cameras: bool = True,
+        cameras: tuple[str, ...] = FEW_PICTURES,
         boots: bool = False,
     ) -> Flown:
         nonlocal flown
         flown += 1
-        sets = (*(SMALL_CAMERAS if has_cameras else ()), *sets)
+        sets = (*(cameras if has_cameras else ()), *sets)
         options = Options(cases=(case,), modes=(mode,), seed=seed, sets=sets)
         file = ROOT / "campaigns" / f"{campaign}.yaml"
         if "\ncontrols:" in file.read_text("utf-8"):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from orchestrator.model.results import RunResult
+from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed
 from vehicles.readings import CameraReading
 from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStalledError
@@ -41,7 +42,9 @@ def source(path: Path | str) -> tuple[str, ...]:
 
 
 def test_a_film_of_a_wall_and_the_gate_that_is_not_there(fly_run: Fly, tmp_path: Path) -> None:
-    result, folder = fly_run(boots=True, sets=source(film(tmp_path / "wall.mp4", 40.0)))
+    result, folder = fly_run(
+        boots=True, cameras=SMALL_CAMERAS, sets=source(film(tmp_path / "wall.mp4", 40.0))
+    )
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.outside is not None
     (one,) = result.outside.sources
@@ -64,7 +67,7 @@ def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
         for k in range(12 * HZ):
             size = SIZE if k < 11 * HZ else (80, 60)
             cv2.imwrite(str(given / f"{k}.png"), np.full((size[1], size[0], 3), 90, np.uint8))
-    result, folder = fly_run(boots=True, sets=source(given))
+    result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source(given))
     assert result.verdict == "ERROR"
     assert said in result.reason
     assert all_landed(folder)
@@ -120,7 +123,7 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
         return FakeLive(intrinsics, error, after_s=18.0)
 
     monkeypatch.setattr("orchestrator.external.external_cameras.live_camera", opened)
-    result, folder = fly_run(boots=True, sets=source("rtp://127.0.0.1:5600"))
+    result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert result.verdict == verdict
     assert all_landed(folder)
     assert result.outside is not None

@@ -14,6 +14,7 @@ from orchestrator.cli import main
 from orchestrator.model.results import RunResult
 from orchestrator.offline.reading_difference import difference
 from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.run.perception.test_perception import Listening, recipe
 from tests.recipes.samples import beam, camera, cloud, plain, scan
 
@@ -59,7 +60,7 @@ def run_of(fly_run: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
 
     def fly(pictures: str) -> Path:
         sets = (*CARRIED, recipe(tmp_path, RECIPE), f"record.pictures={pictures}")
-        _, folder = fly_run(sets=sets)
+        _, folder = fly_run(cameras=SMALL_CAMERAS, sets=sets)
         return folder
 
     return fly

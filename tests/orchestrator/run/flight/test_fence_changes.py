@@ -7,7 +7,7 @@ import pytest
 
 from orchestrator.model.results import FenceChange, RunResult
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.conftest import BRIEF, FEW_PICTURES
+from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
 
 Fly = Callable[..., tuple[RunResult, Path]]
@@ -63,7 +63,7 @@ def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None
 
 
 def test_whoever_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:
-    result, folder = fly_run(boots=True, inbox=Asks(NARROW), sets=FEW_PICTURES)
+    result, folder = fly_run(boots=True, inbox=Asks(NARROW))
     assert result.verdict == "FAIL"
     assert [kind for kind, _ in guard_events(folder)][:2] == ["geofence", "fence"]
     assert all_landed(folder)

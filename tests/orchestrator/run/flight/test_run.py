@@ -19,7 +19,7 @@ from orchestrator.recording import run_recorder
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.conftest import BRIEF, FEW_PICTURES
+from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
 from vehicles.autonomy import Command, Telemetry
@@ -91,7 +91,7 @@ def assert_whole(folder: Path, result: RunResult) -> None:
 def test_the_pair_flies_through_the_virtual_gate_and_leaves_its_files(
     fly_run: Fly, campaign: str
 ) -> None:
-    result, folder = fly_run(campaign, boots=True)
+    result, folder = fly_run(campaign, boots=True, cameras=SMALL_CAMERAS)
     assert (result.verdict, result.reason) == ("PASS", "")
     oracles = {(o.name, o.vehicle): o for o in result.oracles}
     reached = oracles["reached", "real"]
@@ -142,7 +142,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
 
 
 def test_sim_flies_the_twin_alone_and_judges_it(fly_run: Fly) -> None:
-    result, folder = fly_run(mode="sim", sets=FEW_PICTURES)
+    result, folder = fly_run(mode="sim")
     assert result.verdict == "PASS"
     assert {oracle.vehicle for oracle in result.oracles} == {"twin"}
     assert result.mixing is None
@@ -150,9 +150,7 @@ def test_sim_flies_the_twin_alone_and_judges_it(fly_run: Fly) -> None:
 
 
 def test_touching_the_virtual_gate_fails_and_the_flight_goes_on(fly_run: Fly) -> None:
-    result, folder = fly_run(
-        sets=(*FEW_PICTURES, "world.objects.gate.shape.gate.inner_size_m=0.31")
-    )
+    result, folder = fly_run(sets=("world.objects.gate.shape.gate.inner_size_m=0.31",))
     assert result.verdict == "FAIL"
     contacts = [flag for flag in result.collisions if flag.vehicle == "real"]
     assert contacts
@@ -175,7 +173,7 @@ def test_a_thing_that_moves_starts_at_its_event(
         + start
         + ", waypoints: [{north_m: 0, east_m: 0, up_m: 0.25, speed_m_s: 30}]}}"
     )
-    result, folder = fly_run(mode="sim", sets=(*FEW_PICTURES, "world.objects.ram=" + ram))
+    result, folder = fly_run(mode="sim", sets=("world.objects.ram=" + ram,))
     (contact, *_) = [flag for flag in result.collisions if "ram" in flag.text]
     entered_s = {line["stage"]: line["t_s"] for line in log_of(folder) if line["event"] == "stage"}
     assert 0.0 < contact.t_s - entered_s[stage] - waits_s < 0.07
@@ -260,7 +258,6 @@ def test_limits_keep_a_reckless_autonomy_inside_of_the_fence(
     result, folder = fly_run(
         campaign,
         sets=(
-            *FEW_PICTURES,
             limits,
             "oracles.time_limit.limit_s=12",
             "collision_always=off",
@@ -294,7 +291,7 @@ def test_a_crash_of_the_autonomy_is_a_fail_with_its_place(
             raise ZeroDivisionError("one half of nothing")
 
     monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Crashing)
-    result, folder = fly_run(sets=FEW_PICTURES)
+    result, folder = fly_run()
     assert result.verdict == "FAIL"
     assert "the autonomy of" in result.reason
     assert "ZeroDivisionError" in result.reason
@@ -303,7 +300,7 @@ def test_a_crash_of_the_autonomy_is_a_fail_with_its_place(
 
 
 def test_an_autonomy_that_never_ends_runs_into_the_time_limit(fly_run: Fly) -> None:
-    result, folder = fly_run(sets=(*FEW_PICTURES, "oracles.time_limit.limit_s=2"))
+    result, folder = fly_run(sets=("oracles.time_limit.limit_s=2",))
     assert result.verdict == "FAIL"
     assert result.reason.startswith("reached of real failed: never flew through gate")
     assert any("not done 2 s after its goal" in late.reason for late in result.also)
@@ -347,7 +344,7 @@ def test_a_folder_that_somebody_removes_in_flight_lands_it_and_is_an_error(
 def test_an_autonomy_that_never_ends_has_a_time_out_whatever_is_judged(fly_run: Fly) -> None:
     result, folder = fly_run(
         mode="sim",
-        sets=(*FEW_PICTURES, "oracles={reached: {}}", "sync.goal_timeout_s=2", "accept=null"),
+        sets=("oracles={reached: {}}", "sync.goal_timeout_s=2", "accept=null"),
     )
     assert result.verdict == "FAIL"
     assert result.reason.startswith("reached of twin failed: never flew through gate")
@@ -360,7 +357,7 @@ def test_a_contact_fails_the_run_of_a_campaign_that_does_not_ask(fly_run: Fly) -
     result, _ = fly_run(
         mode="sim",
         sets=(
-            *(*FEW_PICTURES, "oracles={reached: {}}"),
+            "oracles={reached: {}}",
             "world.objects.gate.shape.gate.inner_size_m=0.26",
         ),
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.model.results import RunResult
+from tests.orchestrator.conftest import SMALL_CAMERAS
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -13,13 +14,13 @@ Fly = Callable[..., tuple[RunResult, Path]]
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(("campaign", "case"), [("follow", "walk"), ("avoid", "slow")])
 def test_the_scenario_passes_in_simulation(fly_run: Fly, campaign: str, case: str) -> None:
-    result, _ = fly_run(campaign, case, "sim")
+    result, _ = fly_run(campaign, case, "sim", cameras=SMALL_CAMERAS)
     assert (result.verdict, result.reason) == ("PASS", "")
 
 
 @pytest.mark.timeout(300)
 def test_the_twin_follows_an_evasion_within_its_fence(fly_run: Fly) -> None:
-    result, _ = fly_run("avoid", "slow", "wil")
+    result, _ = fly_run("avoid", "slow", "wil", cameras=SMALL_CAMERAS)
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.twin is not None
     assert result.twin.dropped_out is None

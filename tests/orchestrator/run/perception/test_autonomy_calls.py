@@ -17,7 +17,6 @@ from campaigns.api import rotate
 from campaigns.autonomies.straight import StraightAutonomy
 from orchestrator.model.results import RunResult
 from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
-from tests.orchestrator.conftest import FEW_PICTURES
 from vehicles.autonomy import Command
 from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 
@@ -227,7 +226,7 @@ def test_a_faulty_autonomy_fails_the_run_and_all_land(
 ) -> None:
     monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Doing)
     monkeypatch.setattr(Doing, "do", staticmethod(do), raising=False)
-    result, folder = fly_run(sets=(*FEW_PICTURES, "oracles={landed: {}, reached: {}}"))
+    result, folder = fly_run(sets=("oracles={landed: {}, reached: {}}",))
     assert result.verdict == "FAIL"
     assert result.reason.startswith(said)
     (landed,) = [o for o in result.oracles if (o.name, o.vehicle) == ("landed", "real")]

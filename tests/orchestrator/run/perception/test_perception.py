@@ -13,7 +13,7 @@ from orchestrator.model.results import CombinationResult, RunResult
 from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
 from orchestrator.run.perception import warm_up
 from orchestrator.state.run_setup import RunOrder, RunSetup
-from tests.orchestrator.conftest import FEW_PICTURES
+from tests.orchestrator.conftest import SMALL_CAMERAS
 from vehicles.autonomy import Command, Telemetry
 from vehicles.readings import CameraReading, Reading, sensor_type_of
 from vehicles.setpoints import VelocitySetpoint
@@ -139,7 +139,9 @@ def test_every_sensor_is_mixed_delivered_and_recorded(
     fly_run: Fly, tmp_path: Path, listening: list[Listening]
 ) -> None:
     free = ("vehicles.twin.coupling=free", "goal.altitude_m=0.5")
-    result, folder = fly_run(sets=(*CARRIED, *SMALLEST, *free, recipe(tmp_path, ALL)))
+    result, folder = fly_run(
+        cameras=SMALL_CAMERAS, sets=(*CARRIED, *SMALLEST, *free, recipe(tmp_path, ALL))
+    )
     assert result.mixing is not None
     combined = {one.name: one for one in result.mixing.combinations}
     names = ["depth", "scan", "points", "range", "gps", "pose", "imu", "sound"]
@@ -201,9 +203,7 @@ def test_an_autonomy_that_paints_on_its_images_changes_nobody_elses(
         monkeypatch.setattr(
             "campaigns.setup.autonomy_under_test.find_autonomy", lambda *_, kind=kind: kind
         )
-        _, folder = fly_run(
-            sets=(*FEW_PICTURES, "vehicles.twin.coupling=free", "goal.altitude_m=0.5")
-        )
+        _, folder = fly_run(sets=("vehicles.twin.coupling=free", "goal.altitude_m=0.5"))
         perceived = [one for one in flown(Listening.made) if one.heard]
         assert len(perceived) == 2
         images = [
@@ -250,7 +250,7 @@ def combination(result: RunResult) -> CombinationResult:
 def test_mixing_that_leaves_its_budget_makes_a_run_invalid(
     fly_run: Fly, tmp_path: Path, listening: list[Listening], text: str, said: str
 ) -> None:
-    result, _ = fly_run(sets=(recipe(tmp_path, text),))
+    result, _ = fly_run(cameras=SMALL_CAMERAS, sets=(recipe(tmp_path, text),))
     assert result.verdict == "INVALID"
     assert result.reason.startswith(said)
     if "hold" in text:
@@ -270,7 +270,7 @@ def test_an_exception_in_the_users_step_is_an_error_with_its_place(
     )
     text = GATE.replace("ALIGN", "interpolate").replace("SKEW", "60")
     text = text.replace("{isolate_color: {name: orange}}", "{use: 'mine.py:Fragile'}")
-    result, _ = fly_run(sets=(recipe(tmp_path, text),))
+    result, _ = fly_run(cameras=SMALL_CAMERAS, sets=(recipe(tmp_path, text),))
     assert result.verdict == "ERROR"
     where = f"{tmp_path / 'recipe.yaml'}:6: step mine.py:Fragile, frame 19: "
     assert result.reason == f"{where}KeyError: 'nothing' (mine.py line 6)"
@@ -286,7 +286,7 @@ def test_a_step_of_the_users_that_cannot_be_made_is_an_error_too(
     )
     text = GATE.replace("ALIGN", "interpolate").replace("SKEW", "60")
     text = text.replace("{isolate_color: {name: orange}}", "{use: 'mine.py:Never'}")
-    result, _ = fly_run(sets=(recipe(tmp_path, text),))
+    result, _ = fly_run(cameras=SMALL_CAMERAS, sets=(recipe(tmp_path, text),))
     assert result.verdict == "ERROR"
     assert "recipe.yaml:6: step mine.py:Never, frame 0: OSError: no model here" in result.reason
 
@@ -294,7 +294,9 @@ def test_a_step_of_the_users_that_cannot_be_made_is_an_error_too(
 def test_alone_a_vehicle_perceives_all_its_own_sensors(
     fly_run: Fly, listening: list[Listening]
 ) -> None:
-    result, folder = fly_run(mode="sim", sets=(*CARRIED, *SMALLEST, "goal.altitude_m=0.5"))
+    result, folder = fly_run(
+        mode="sim", cameras=SMALL_CAMERAS, sets=(*CARRIED, *SMALLEST, "goal.altitude_m=0.5")
+    )
     assert result.mixing is None
     (alone,) = flown(listening)
     assert {reading.sensor for reading in alone.heard} == {"camera", *SENSORS}

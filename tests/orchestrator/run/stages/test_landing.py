@@ -12,7 +12,6 @@ from orchestrator.model.results import RunResult
 from orchestrator.run.stages.landing import bring_down
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.contingency import Phase
-from tests.orchestrator.conftest import FEW_PICTURES
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
 from vehicles.mavlink.codec import Codec
@@ -39,7 +38,7 @@ def test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air(
         there.extend(pair.vehicles.values())
         says_it_is_disarmed(pair)
 
-    sets = (*FEW_PICTURES, "oracles={landed: {}, reached: {}}")
+    sets = ("oracles={landed: {}, reached: {}}",)
     result, folder = fly_run(campaign, disturb=at_stage("land", 2.2, lie), sets=sets)
     for vehicle in there:
         assert not vehicle.autopilot.flight.armed

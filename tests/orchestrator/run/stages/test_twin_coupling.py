@@ -10,7 +10,6 @@ from orchestrator.model.results import RunResult
 from orchestrator.model.twin_results import TwinResult
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState
-from tests.orchestrator.conftest import FEW_PICTURES
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.run.flight.test_run import at_stage
 from vehicles.setpoints import Setpoint, VelocitySetpoint
@@ -45,7 +44,7 @@ def flies_at(factor: float) -> Any:
 def test_a_slower_or_faster_twin_leaves_the_real_flight_as_it_is(
     fly_run: Fly, coupling: str, factor: float, near_m: float
 ) -> None:
-    sets = (*FEW_PICTURES, f"vehicles.twin.coupling={coupling}", *WIDE)
+    sets = (f"vehicles.twin.coupling={coupling}", *WIDE)
     result, folder = fly_run(sets=sets, disturb=flies_at(factor))
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.twin is not None
@@ -69,7 +68,7 @@ def test_nothing_flies_a_placed_twin(fly_run: Fly) -> None:
 
 
 def test_a_twin_beyond_the_bound_is_invalid_and_the_flight_goes_on(fly_run: Fly) -> None:
-    sets = (*FEW_PICTURES, "vehicles.twin.coupling=free", "sync.max_twin_distance_m=0.3", *WIDE)
+    sets = ("vehicles.twin.coupling=free", "sync.max_twin_distance_m=0.3", *WIDE)
     result, folder = fly_run(sets=sets, disturb=flies_at(0.5))
     assert result.verdict == "INVALID"
     assert result.reason.startswith("real and twin were 0.3")
@@ -81,7 +80,7 @@ def test_a_twin_beyond_the_bound_is_invalid_and_the_flight_goes_on(fly_run: Fly)
 
 
 def test_a_twin_that_leaves_its_fence_lands_alone(fly_run: Fly) -> None:
-    result, folder = fly_run(sets=(*FEW_PICTURES, "vehicles.twin.coupling=free", TWIN_BOX))
+    result, folder = fly_run(sets=("vehicles.twin.coupling=free", TWIN_BOX))
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.twin is not None
     assert result.twin.dropped_out is not None
@@ -106,7 +105,7 @@ def test_a_twin_that_dies_in_flight_is_reported(fly_run: Fly) -> None:
         twin: Any = pair.vehicles["twin"]
         twin.kill()
 
-    result, _ = fly_run(disturb=at_stage("goal", 1.0, kill), sets=FEW_PICTURES)
+    result, _ = fly_run(disturb=at_stage("goal", 1.0, kill))
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.twin is not None
     assert result.twin.dropped_out is not None
