@@ -15,6 +15,8 @@ from typing import IO
 import pytest
 from hypothesis import settings
 
+from tests.ports import free_port
+
 settings.register_profile("here", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
@@ -288,6 +290,12 @@ def _shares(begun: list[list[pytest.Item]], then: list[pytest.Item]) -> Iterator
         yield from then[:size]
         then = then[size:]
     yield from then
+
+
+@pytest.fixture
+def unused_tcp_port() -> int:
+    """A port that nobody else gets; that of pytest-asyncio, whose name it has, may be taken."""
+    return free_port()
 
 
 @pytest.fixture

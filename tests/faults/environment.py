@@ -21,8 +21,9 @@ from tests.faults import hostile
 from tests.faults.inspection import processes_of, vehicle_ports
 from tests.faults.real_draws import RealFault
 from tests.orchestrator.external.test_external_flights import FLY, drawn_by, sets, simulator
-from tests.orchestrator.operator.mosquitto import MOSQUITTO, free_port
+from tests.orchestrator.operator.mosquitto import MOSQUITTO
 from tests.orchestrator.wall_runs import ROOT, Program
+from tests.ports import free_port
 from vehicles.processes.identity import ProcessId
 
 _HOSTILE_S = 4.0

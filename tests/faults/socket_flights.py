@@ -38,8 +38,8 @@ from tests.faults.signals import (
     shown_by_none,
 )
 from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay
-from tests.orchestrator.campaign.test_attached_run import free_port
 from tests.orchestrator.wall_runs import ROOT, stages
+from tests.ports import free_port
 from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.mavlink.framing import Frame

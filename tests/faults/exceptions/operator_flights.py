@@ -30,8 +30,8 @@ from tests.faults.exceptions.injection import (
     protocols_pass_by,
 )
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
-from tests.orchestrator.operator.mosquitto import free_port
 from tests.orchestrator.operator.test_mqtt_operator import ACCESS, SECRETS, Person
+from tests.ports import free_port
 from vehicles.tasks import TaskAccount
 
 _PATIENCE_S = 10.0

@@ -10,11 +10,11 @@ import wil_campaign
 from orchestrator.api import flying, pytest_items
 from orchestrator.campaign.folder.bench_lock import held_benches
 from tests.orchestrator.api.test_pytest_plugin import ARGUMENTS
-from tests.orchestrator.campaign.test_attached_run import free_port
 from tests.orchestrator.conftest import workers_forked
 from tests.orchestrator.engines.bench.test_bench_engine import BENCH, write_bench, write_campaign
 from tests.orchestrator.engines.bench.test_bench_flight import vehicle_at
 from tests.orchestrator.hover import write_hover
+from tests.ports import free_port
 
 
 def refusal(fly: Callable[[], object]) -> tuple[str, int]:

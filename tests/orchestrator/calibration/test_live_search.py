@@ -14,6 +14,7 @@ from campaigns.values.external_setups import MocapSetup, SourceSetup
 from orchestrator.calibration import live_search
 from orchestrator.calibration.live_search import LiveOrder, search_live
 from orchestrator.external.motion_captures import MotionCaptures
+from tests.ports import free_port
 from tests.vehicles.calibration.board_images import CHARUCO, LENS, board_views
 from vehicles.calibration.boards import CalibrationError
 from vehicles.readings import CameraReading
@@ -69,9 +70,7 @@ async def capture(port: int) -> AsyncIterator[None]:
 
 @pytest.fixture
 def port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind((HOST, 0))
-        return int(one.getsockname()[1])
+    return free_port()
 
 
 def through(monkeypatch: pytest.MonkeyPatch, image: np.ndarray) -> list[dict[str, Any]]:

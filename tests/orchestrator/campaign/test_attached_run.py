@@ -16,17 +16,12 @@ import pytest
 from tests.faults.inspection import processes_of
 from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, make_tree
 from tests.orchestrator.wall_runs import ROOT, SHORT, Program, lines, stages
+from tests.ports import free_port
 from vehicles.driver import Driver
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.processes.identity import ProcessId
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def await_datagram(port: int) -> None:
@@ -134,7 +129,7 @@ async def _is_as_before(port: int) -> None:
 @pytest.mark.no_turn("flies nothing")
 async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
     build = make_px4_build(tmp_path)
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     sets = words(
         vehicles__real__link=f"tcpout://127.0.0.1:{port}",
         vehicles__real__pose_source="mavlink",

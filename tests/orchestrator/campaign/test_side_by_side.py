@@ -14,7 +14,7 @@ import pytest
 
 from tests.faults.inspection import processes_of
 from tests.orchestrator.hover import write_hover
-from tests.orchestrator.operator.mosquitto import free_port
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[3]
 _END_WITHIN_S = 240.0

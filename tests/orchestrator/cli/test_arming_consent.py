@@ -19,17 +19,12 @@ from campaigns.expansion.expansion import Campaign, Options, load_campaign
 from campaigns.setup.bench_file import load_benches
 from orchestrator.cli import arming_consent, main
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear, require_may_arm
+from tests.ports import free_port
 from vehicles.mavlink.codec import Codec
 
 ROOT = Path(__file__).parents[3]
 LINK = "vehicles.real.link=udpin://127.0.0.1:%d"
 MAVLINK = "vehicles.real.pose_source=mavlink"
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def campaign(*sets: str, mode: str = "wil") -> Campaign:

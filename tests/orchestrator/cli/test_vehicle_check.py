@@ -20,7 +20,8 @@ from orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from orchestrator.cli import main, vehicle_check
 from orchestrator.doctor.step_responses import Flown, OperatorAbortError
 from tests.orchestrator.api.test_mock_vehicle import wait
-from tests.orchestrator.cli.test_arming_consent import Speaker, free_port
+from tests.orchestrator.cli.test_arming_consent import Speaker
+from tests.ports import free_port
 from tests.test_house import ROOT
 from vehicles.driver.session.identity import Identity
 from vehicles.errors import VehicleError

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from orchestrator.model.progress import Progress
 from orchestrator.operator.flight_scope import FlightScope
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from tests.ports import free_port
 
 Client = TestClient[Request, Application]
 
@@ -80,9 +80,7 @@ async def console(
     tmp_path: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> AsyncIterator[Console]:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    made = Console(tmp_path, port)
+    made = Console(tmp_path, free_port())
     controller = make_controller(tmp_path, made.fleet)
     controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
     async with open_operator_channels(controller):

@@ -3,7 +3,6 @@
 import asyncio
 import hashlib
 import re
-import socket
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -23,6 +22,7 @@ from orchestrator.console.recorded_run import RecordedRun
 from orchestrator.operator.flight_scope import FlightScope
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
+from tests.ports import free_port
 
 PATIENCE_S = 60.0
 ARE_OLD = "document.querySelectorAll('.camera.stale').length === 4"
@@ -56,8 +56,7 @@ def space_image(page: Page, path: Path) -> Any:
 async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
     """Serve a recorded run, and look at it from a thread. look: is given the link."""
     access = ConsoleAccess()
-    with socket.create_server(("127.0.0.1", 0)) as end:
-        port = end.getsockname()[1]
+    port = free_port()
     hub = ConsoleHub(about={"mode": "recorded"}, access=access)
     sender = CommandSender(FlightScope())
     server = ConsoleServer(

@@ -2,7 +2,6 @@
 
 import asyncio
 import base64
-import socket
 import sys
 import threading
 import time
@@ -21,6 +20,7 @@ from orchestrator.delivery.image_delivery import Delivery, DeliveryCounts, Deliv
 from orchestrator.delivery.rtp import rtp_delivery
 from orchestrator.delivery.sdp import RtpAddress, h264_sdp, split_parameter_sets
 from orchestrator.delivery.threaded_delivery import ThreadedDelivery
+from tests.ports import free_port
 from vehicles.readings import CameraReading
 from worlds.camera import Intrinsics
 
@@ -68,12 +68,7 @@ def psnr_db(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.fixture
 def port() -> int:
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first:
-            first.bind(("127.0.0.1", 0))
-            number = int(first.getsockname()[1])
-            if number % 2 == 0:
-                return number
+    return free_port()
 
 
 async def published(delivery: ThreadedDelivery, receiving: Callable[[], bool]) -> int:

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import socket
 import subprocess
 import sys
 import time
@@ -20,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from orchestrator.delivery.image_delivery import DeliveryCounts
 from orchestrator.delivery.vehicle_camera import INTRINSICS, RATE_HZ, VehicleCamera
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from tests.vehicles.embedded.conftest import Rig
 from vehicles.cameras.camera_effects import CameraQuality
 from vehicles.cameras.rendered_cameras import inline
@@ -183,16 +183,6 @@ def test_a_client_finds_the_camera_beside_the_autopilot(tmp_path: Path, autopilo
                 assert len(r.heard) == since
 
     run_virtual(scenario())
-
-
-def free_port() -> int:
-    """Return an even port of loopback that is free now."""
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = int(probe.getsockname()[1])
-            if port % 2 == 0:
-                return port
 
 
 @pytest.fixture

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.orchestrator.campaign.test_attached_run import free_port, outside, words
+from tests.orchestrator.campaign.test_attached_run import outside, words
 from tests.orchestrator.wall_runs import SHORT, Program
+from tests.ports import free_port
 from tests.vehicles.sources.readings.publisher import Publisher, publishing
 from vehicles.autopilots.autopilot import MessageRate, TelemetryRates
 from vehicles.driver import Driver

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import signal
-import socket
 import subprocess
 import sys
 import textwrap
@@ -12,6 +11,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
+from tests.ports import free_port
 from tests.vehicles.sources.pumping import pump
 from vehicles.perception.blobs import BlobFinder
 from vehicles.perception.hsv import NAMED_COLORS
@@ -20,15 +20,6 @@ from vehicles.sources.cameras.camera_factory import live_camera
 from worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)
-
-
-def free_even_port() -> int:
-    while True:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-            one.bind(("127.0.0.1", 0))
-            port = int(one.getsockname()[1])
-        if port % 2 == 0:
-            return port
 
 
 @asynccontextmanager
@@ -74,7 +65,7 @@ async def watch(port: int, seen: list[CameraReading]) -> None:
 async def test_a_simulator_draws_the_twins_world_and_a_second_program_sees_the_mixture(
     tmp_path: Path,
 ) -> None:
-    port, seen = free_even_port(), list[CameraReading]()
+    port, seen = free_port(), list[CameraReading]()
     async with simulator() as (address, _):
         watching = asyncio.create_task(watch(port, seen))
         given = (

@@ -15,6 +15,7 @@ import pytest
 from campaigns.values.external_setups import MocapSetup
 from orchestrator.external.motion_captures import MotionCaptures
 from tests.orchestrator.external.rigs import until
+from tests.ports import free_port
 from vehicles.readings import PoseReading, Source
 from vehicles.sources.camera_source import SourceError
 
@@ -23,9 +24,7 @@ HOST = "127.0.0.1"
 
 @pytest.fixture
 def port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind((HOST, 0))
-        return int(one.getsockname()[1])
+    return free_port()
 
 
 def wanted(port: int, *, stall_s: float = 0.5) -> Mapping[Source, MocapSetup]:

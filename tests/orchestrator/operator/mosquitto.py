@@ -61,12 +61,6 @@ def make_certificates(folder: Path) -> None:
         )
 
 
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
-
-
 @contextmanager
 def mosquitto(folder: Path, port: int) -> Iterator[None]:
     """Run a broker whose certificates stand in the folder."""

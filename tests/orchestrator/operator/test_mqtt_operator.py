@@ -26,17 +26,12 @@ from orchestrator.operator.message_signing import signed_command, status_key, ve
 from orchestrator.operator.mqtt import MqttOperator, MqttSecrets, mqtt_operating
 from orchestrator.operator.operator_channels import open_operator_channels
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from tests.ports import free_port
 from vehicles.tasks import TaskAccount
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 ACCESS = BrokerAccess.new("wil/gate")
 SECRETS = MqttSecrets(token=TOKEN, password=ACCESS.passwords["wil"])
-
-
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 class Person:

@@ -19,11 +19,11 @@ from tests.orchestrator.operator.mosquitto import (
     PASSWORD,
     UNNAMED,
     USER,
-    free_port,
     make_certificates,
     mosquitto,
     needs_mosquitto,
 )
+from tests.ports import free_port
 
 pytestmark = needs_mosquitto
 TOKEN = "of the test"  # noqa: S105 - opens nothing

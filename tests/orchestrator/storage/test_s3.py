@@ -11,8 +11,8 @@ import pytest
 
 from orchestrator.storage.store import Store, StoreError, StoreLimits, open_store
 from orchestrator.storage.stored_runs import begin_run, fetch_run, send_run
-from tests.orchestrator.campaign.test_attached_run import free_port
 from tests.orchestrator.storage.test_stored_runs import FILES, contents, ignore
+from tests.ports import free_port
 
 for name in ("s3fs", "moto", "flask_cors"):
     pytest.importorskip(name, reason="needs the extras storage and test")

@@ -6,7 +6,6 @@ so that none takes longer than it must.
 
 import asyncio
 import os
-import socket
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -17,18 +16,13 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.ports import free_port
 from vehicles.embedded.process.process_settings import ProcessSettings
 
 HERE = Path(__file__).parent
 ROOT = Path(__file__).parents[3]
 SPEED = 8.0
 WITHIN_S = 100.0
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @asynccontextmanager
@@ -107,8 +101,7 @@ async def is_down_in_the_north(url: str) -> None:
     [("px4", "udp", "udpin://127.0.0.1:{}"), ("ardupilot", "tcp", "tcpout://127.0.0.1:{}")],
 )
 async def test_mavsdk(autopilot: str, over: str, url: str) -> None:
-    kind = socket.SOCK_DGRAM if over == "udp" else socket.SOCK_STREAM
-    port = free_port(kind)
+    port = free_port()
     link = f"udpout://127.0.0.1:{port}" if over == "udp" else f"tcpin://127.0.0.1:{port}"
     async with vehicle(link, autopilot):
         said = await flown_by("mavsdk_client.py", url.format(port), autopilot)
@@ -121,8 +114,7 @@ async def test_mavsdk(autopilot: str, over: str, url: str) -> None:
     [("px4", "tcp", "tcp:127.0.0.1:{}"), ("ardupilot", "udp", "udpin:127.0.0.1:{}")],
 )
 async def test_scripts_with_pymavlink(autopilot: str, over: str, url: str) -> None:
-    kind = socket.SOCK_DGRAM if over == "udp" else socket.SOCK_STREAM
-    port = free_port(kind)
+    port = free_port()
     link = f"udpout://127.0.0.1:{port}" if over == "udp" else f"tcpin://127.0.0.1:{port}"
     async with vehicle(link, autopilot):
         said = await flown_by("pymavlink_client.py", url.format(port), autopilot)
@@ -131,7 +123,7 @@ async def test_scripts_with_pymavlink(autopilot: str, over: str, url: str) -> No
 
 
 async def test_mavproxy(tmp_path: Path) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     async with vehicle(f"tcpin://127.0.0.1:{port}", "ardupilot"):
         await flown_by("mavproxy_client.py", f"tcp:127.0.0.1:{port}", "ardupilot", str(tmp_path))
         await is_down_in_the_north(f"tcp:127.0.0.1:{port}")

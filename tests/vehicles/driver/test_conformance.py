@@ -5,7 +5,6 @@ wall's; mavsdk's own goes with the wall.
 """
 
 import asyncio
-import socket
 import time
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from vehicles.autopilots.autopilot import AutopilotName, Mode
 from vehicles.clocks.paced_loop import PacedLoop
 from vehicles.clocks.sim_clock_controller import Segment
@@ -60,20 +60,14 @@ class Flown:
 Script = Callable[[Flown], Awaitable[None]]
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def link_pair(kind: LinkKind) -> tuple[Link, Link]:
     """Return our end of a link, and the vehicle's."""
     if kind == "udp":
-        port = free_port(socket.SOCK_DGRAM)
+        port = free_port()
         ours, theirs = f"udpin://127.0.0.1:{port}", f"udpout://127.0.0.1:{port}"
         return open_link(parse_link(ours)), open_link(parse_link(theirs))
     if kind == "tcp":
-        port = free_port(socket.SOCK_STREAM)
+        port = free_port()
         ours, theirs = f"tcpout://127.0.0.1:{port}", f"tcpin://127.0.0.1:{port}"
         return open_link(parse_link(ours)), open_link(parse_link(theirs))
     near, far = memory_pair(latency_s=0.003)

@@ -3,13 +3,13 @@
 import asyncio
 import itertools
 import math
-import socket
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
 
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
 from vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
@@ -328,9 +328,7 @@ def test_the_same_seed_gives_the_same_flight() -> None:
 
 @BOTH
 async def test_over_udp_on_the_wall_clock(autopilot: AutopilotName) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     ours = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
     theirs = open_link(parse_link(f"udpout://127.0.0.1:{port}"))
     config = EmbeddedConfig(autopilot=autopilot)

@@ -1,7 +1,6 @@
 """The driver against a peer that misbehaves: every wait ends, and the error says why."""
 
 import asyncio
-import socket
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -9,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from vehicles.driver import Driver
 from vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
 from vehicles.errors import (
@@ -169,10 +169,7 @@ def test_a_link_is_not_blamed_for_what_this_program_read_late(late_s: float, wor
 
 
 async def test_a_closed_udp_port_is_reported() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    link = UdpLink(address=parse_link(f"udpout://127.0.0.1:{port}"))
+    link = UdpLink(address=parse_link(f"udpout://127.0.0.1:{free_port()}"))
     async with Driver(name="real", link=link) as driver:
         with pytest.raises(IdentifyError, match=r"(?i)nothing arrived .*refused"):
             await driver.identify(0.3)

@@ -1,11 +1,11 @@
 """What comes over a link, for tests on the wall clock."""
 
 import asyncio
-import socket
 from collections.abc import Callable
 
 import pytest
 
+from tests.ports import free_port
 from vehicles.links.link import Link
 
 
@@ -35,9 +35,7 @@ async def until(condition: Callable[[], bool], within_s: float = 5.0) -> None:
 
 @pytest.fixture
 def free_tcp_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    return free_port()
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -12,6 +11,7 @@ from typing import Any, Self
 import pytest
 
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.clocks.lockstep import Lockstep
 from vehicles.clocks.paced_loop import PacedLoop
@@ -110,19 +110,13 @@ class FlappingLink:
             await self._open()
 
 
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
 def test_a_flight_by_a_link_that_flaps(
     autopilot: AutopilotName, kind: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.WARNING)
-    port = free_port(socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
+    port = free_port()
     events: list[VehicleEvent] = []
 
     async def flight() -> int:
@@ -186,7 +180,7 @@ def test_a_peer_that_resets_every_connection_is_tried_for_less_and_less(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.WARNING)
-    port, counted = free_port(socket.SOCK_STREAM), list[float]()
+    port, counted = free_port(), list[float]()
 
     async def tried() -> None:
         link = open_link(parse_link(f"tcpout://127.0.0.1:{port}"))

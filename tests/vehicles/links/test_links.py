@@ -1,7 +1,6 @@
 """Links: order and latency in memory, sockets over UDP."""
 
 import asyncio
-import socket
 from types import SimpleNamespace
 from typing import Self
 
@@ -9,19 +8,13 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from vehicles.links.link import LinkError, TellsTrouble
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.links.memory import memory_pair
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.codec import Codec
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.08])
@@ -68,7 +61,7 @@ def test_memory_refuses_negative_latency() -> None:
 
 
 async def test_udp_answers_its_senders() -> None:
-    port = _free_port()
+    port = free_port()
     listening = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
     speaking = open_link(parse_link(f"udpout://127.0.0.1:{port}"))
     heard: asyncio.Queue[tuple[bytes, float]] = asyncio.Queue()
@@ -186,7 +179,7 @@ async def test_with_signatures_everybody_is_received_for_they_settle_who_is_beli
 
 
 async def test_udp_busy_port_says_so() -> None:
-    port = _free_port()
+    port = free_port()
     async with UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)):
         with pytest.raises(LinkError, match=f"{port} is in use"):
             await UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=port)).__aenter__()
@@ -207,7 +200,7 @@ async def test_udp_foreign_address_says_so() -> None:
 
 
 async def test_udp_remembers_a_refused_connection() -> None:
-    link = UdpLink(address=LinkAddress("udpout", host="127.0.0.1", port=_free_port()))
+    link = UdpLink(address=LinkAddress("udpout", host="127.0.0.1", port=free_port()))
     assert isinstance(link, TellsTrouble)
     async with link:
         link.write(b"anybody?")

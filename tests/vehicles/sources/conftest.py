@@ -1,6 +1,5 @@
 """Streams that tests watch: a sender of known pictures over RTP, from a thread."""
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from tests.ports import free_port
 
 Picture = NDArray[np.uint8]
 RATE_HZ = 50
@@ -82,16 +83,9 @@ class Sender:
         return container, stream
 
 
-@pytest.fixture
-def free_port() -> int:
-    """Return an even port that is free, and the next one with it."""
-    for _ in range(50):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first:
-            first.bind(("127.0.0.1", 0))
-            port = int(first.getsockname()[1])
-            if port % 2 == 0:
-                return port
-    raise OSError("no even port is free")
+@pytest.fixture(name="free_port")
+def _free_port() -> int:
+    return free_port()
 
 
 @pytest.fixture

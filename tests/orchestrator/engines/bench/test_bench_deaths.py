@@ -30,11 +30,11 @@ from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
 from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.progress import Progress
 from orchestrator.model.results_reader import read_result
-from tests.orchestrator.campaign.test_attached_run import free_port
 from tests.orchestrator.engines.bench.test_bench_engine import PLACE, write_bench, write_campaign
 from tests.orchestrator.engines.bench.test_bench_flight import MortalBenchAgent, served, vehicle_at
 from tests.orchestrator.engines.fake_ray import FakeRay
 from tests.orchestrator.wall_runs import ROOT, stages
+from tests.ports import free_port
 from vehicles.links.link_strings import parse_link
 
 SERVE = """\

@@ -23,10 +23,11 @@ from orchestrator.engines.bench.bench_messages import SOCKET_VARIABLE
 from orchestrator.engines.bench.bench_server import BenchServer
 from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
 from orchestrator.model.progress import Progress
-from tests.orchestrator.campaign.test_attached_run import await_datagram, free_port
+from tests.orchestrator.campaign.test_attached_run import await_datagram
 from tests.orchestrator.engines.bench.test_bench_engine import PLACE, write_bench, write_campaign
 from tests.orchestrator.engines.fake_ray import FakeRay
 from tests.orchestrator.wall_runs import ROOT, stages
+from tests.ports import free_port
 from vehicles.embedded.process.process_settings import ProcessSettings
 
 IN_FLIGHT = {"takeoff", "at_height", "goal"}

@@ -16,6 +16,7 @@ import pytest
 
 from tests.orchestrator.sitl_programs import make_arducopter
 from tests.orchestrator.wall_runs import ROOT, Landed, Program, lines, until
+from tests.ports import free_port
 from vehicles.driver import Driver
 from vehicles.embedded.process.process_settings import ProcessSettings, Start
 from vehicles.links.link_factory import open_link
@@ -32,12 +33,6 @@ ANSWERED = "preflight.override={separation: A. Pilot}"
 def words(*sets: str) -> list[str]:
     given = ("controls={}", BLIND, "oracles.geofence.required=false", *sets)
     return [word for one in given for word in ("--set", one)]
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(autouse=True)

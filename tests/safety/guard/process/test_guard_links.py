@@ -2,7 +2,6 @@
 
 import asyncio
 import shutil
-import socket
 import tempfile
 import time
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from hypothesis import strategies as st
 from safety.guard.core.events import GuardedVehicle
 from safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
 from safety.guard.process.remote_guard import RemoteGuard
+from tests.ports import free_port
 from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
 from vehicles.autopilots.autopilot import Target, own_heartbeat
 from vehicles.autopilots.px4 import Px4
@@ -54,12 +54,6 @@ async def test_one_link_goes_dark_for_a_while_and_the_other_does_not(tmp_path: P
         await until(lambda: flight.heard["real"] > dark)
         flight.guard.bring_down("done")
         assert await flight.guard.all_down(15.0)
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def signed_config(folder: Path, port: int) -> GuardConfig:

@@ -3,7 +3,6 @@ and over UDP."""
 
 import asyncio
 import math
-import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pyulog import ULog  # type: ignore[import-untyped]  # ships no types
 
 from orchestrator.model.clock import run_virtual
+from tests.ports import free_port
 from vehicles.autopilots.autopilot import AutopilotName, Target
 from vehicles.driver import Driver
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
@@ -166,9 +166,7 @@ def test_fence_mission_and_parameters(autopilot: AutopilotName, bad: Impairment,
 async def test_all_of_it_over_udp_on_the_wall_clock(
     autopilot: AutopilotName, tmp_path: Path
 ) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     ours = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
     theirs = open_link(parse_link(f"udpout://127.0.0.1:{port}"))
     async with (

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from tests.ports import free_port
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
 from vehicles.embedded.process.embedded_launch import FeedClient
 from vehicles.embedded.process.embedded_process import main
@@ -18,12 +19,6 @@ from vehicles.links.link import LinkError
 from vehicles.links.link_strings import parse_link
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.codec import Codec
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def alive(pid: int) -> bool:

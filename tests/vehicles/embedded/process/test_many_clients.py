@@ -2,7 +2,6 @@
 
 import asyncio
 import random
-import socket
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Self
@@ -10,6 +9,7 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.ports import free_port
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.links.link import LinkError
@@ -21,12 +21,6 @@ WITHIN_S = 60.0
 CLIENTS = 20
 ASKED = mavlink.MAV_CMD_GET_MESSAGE_INTERVAL
 GARBAGE = random.Random(1).randbytes(3000)  # noqa: S311 - repeatable
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def question(codec: Codec, vehicle: int = 1) -> bytes:
@@ -75,7 +69,7 @@ async def disturb(client: TcpClient) -> bool:
 
 
 async def test_one_tcp_client_is_served_and_nineteen_others_are_turned_away() -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     settings = ProcessSettings(autopilot="ardupilot", link=f"tcpin://127.0.0.1:{port}", seed=1)
     async with EmbeddedProcess(settings=settings) as process, asyncio.timeout(WITHIN_S):
         async with TcpClient(port) as first:
@@ -115,7 +109,7 @@ async def until(condition: Callable[[], bool], then: Callable[[], None] = lambda
 
 
 async def test_twenty_udp_clients_at_once_end_nothing_and_the_first_are_answered() -> None:
-    port = free_port(socket.SOCK_DGRAM)
+    port = free_port()
     settings = ProcessSettings(autopilot="px4", link=f"udpin://127.0.0.1:{port}", seed=1)
     async with EmbeddedProcess(settings=settings) as process:
         links = [await udp_client(port) for _ in range(CLIENTS)]
@@ -137,7 +131,7 @@ async def test_twenty_udp_clients_at_once_end_nothing_and_the_first_are_answered
 
 
 async def test_two_vehicles_at_one_port_of_a_client_are_distinguished() -> None:
-    port = free_port(socket.SOCK_DGRAM)
+    port = free_port()
     link, codec = await udp_client(port, "udpin"), Codec(system_id=255, component_id=190)
     messages = counted(link, codec)
     both = [
@@ -157,7 +151,7 @@ async def test_two_vehicles_at_one_port_of_a_client_are_distinguished() -> None:
 
 
 async def test_a_second_vehicle_at_a_port_to_listen_at_is_refused() -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     settings = ProcessSettings(autopilot="ardupilot", link=f"tcpin://127.0.0.1:{port}", seed=1)
     async with EmbeddedProcess(settings=settings), TcpClient(port) as client:
         with pytest.raises(LinkError, match=f"port {port} is in use by another program"):
@@ -166,7 +160,7 @@ async def test_a_second_vehicle_at_a_port_to_listen_at_is_refused() -> None:
 
 
 async def test_a_udp_client_that_dies_and_returns_is_answered_again() -> None:
-    port = free_port(socket.SOCK_DGRAM)
+    port = free_port()
     settings = ProcessSettings(autopilot="px4", link=f"udpout://127.0.0.1:{port}", seed=1)
     async with EmbeddedProcess(settings=settings) as process:
         for _ in range(3):
