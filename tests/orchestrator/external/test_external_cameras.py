@@ -14,12 +14,12 @@ from campaigns.values.sensor_setups import CameraSetup
 from orchestrator.external.external_cameras import ExternalCamera
 from orchestrator.model.clock import run_virtual
 from tests.orchestrator.external.rigs import until
-from tests.vehicles.sources.conftest import Sender, free_port, sending
+from tests.vehicles.sources.conftest import Sender, given_port, sending
 from vehicles.readings import CameraReading, Reading
 from vehicles.sources.camera_source import ImageChangedError, SourceError
 from worlds.camera import CameraMount, Intrinsics
 
-__all__ = ["free_port", "sending"]
+__all__ = ["given_port", "sending"]
 
 Sending = Callable[..., Sender]
 

@@ -84,7 +84,7 @@ class Sender:
 
 
 @pytest.fixture(name="free_port")
-def _free_port() -> int:
+def given_port() -> int:
     return free_port()
 
 
