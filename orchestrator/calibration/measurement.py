@@ -32,19 +32,23 @@ _THRICE = 3.0
 class MeasurementOptions:
     """Options of a measurement. optics: from an earlier one, to keep; None to measure them.
 
-    flown_latency_s: the latency that was already subtracted from the images' stamps.
+    flown_latency_s: the latency that was already subtracted from the images' stamps; None where
+    images and poses have clocks of their own, whose offset is no latency of the camera.
     """
 
     board: Board
     coefficients: int = 4
     optics: CalibrationPart | None = None
-    flown_latency_s: float = 0.0
+    flown_latency_s: float | None = 0.0
 
 
 def measure_camera(
     seen: BoardViews, path: BodyPath | None, how: MeasurementOptions
 ) -> CalibrationPart:
-    """Return the measured calibration; mount and latency only with a path."""
+    """Return the measured calibration; mount and latency only with a path.
+
+    No latency where images and poses have clocks of their own.
+    """
     given = how.optics
     if given is None:
         fit = fit_optics(seen.sightings, seen.size, coefficients=how.coefficients)
@@ -68,14 +72,15 @@ def measure_camera(
     if path is None:
         return found
     mounting = fit_mounting(seen.sightings, path, camera.intrinsics())
+    flown_s = how.flown_latency_s
     return found.model_copy(
         update={
             "mount": _mount(mounting.mount),
-            "latency_ms": _latency_ms(mounting, how.flown_latency_s),
+            "latency_ms": None if flown_s is None else _latency_ms(mounting, flown_s),
             "spread": SpreadPart(
                 mount_m=round(mounting.spread_m, 5),
                 mount_deg=round(math.degrees(mounting.spread_rad), 4),
-                latency_ms=round(1000.0 * mounting.spread_s, 3),
+                latency_ms=None if flown_s is None else round(1000.0 * mounting.spread_s, 3),
             ),
         }
     )

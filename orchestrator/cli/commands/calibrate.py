@@ -48,7 +48,7 @@ class PoseOptions:
         Poses of the camera's body during the recording: a CSV file, or the address of motion
         capture (udp://HOST:PORT). A run's folder has its own.
     poses_latency_ms
-        The latency of the motion capture system, from its data sheet.
+        The latency of the motion capture system, from its data sheet; for a live camera.
     body
         The body's name in motion capture.
     vehicle
@@ -58,7 +58,7 @@ class PoseOptions:
     """
 
     poses: str | None = None
-    poses_latency_ms: float = 0.0
+    poses_latency_ms: float | None = None
     body: str = "real"
     vehicle: Literal["real", "twin"] = "real"
     sensor: str = "camera"
@@ -143,12 +143,17 @@ def calibrate(
 
 def _search_images(
     images: str, board: Board, where: PoseOptions, live: Live
-) -> tuple[BoardViews, BodyPath | None, float]:
+) -> tuple[BoardViews, BodyPath | None, float | None]:
     """Return the board's views, the body's path, and the latency as flown, to calibrate."""
+    poses, latency_ms = where.poses, where.poses_latency_ms
     if not images.startswith(_LIVE) and not images.endswith(".sdp"):
-        return _search_recording(Path(images), board, where.poses, where.vehicle, where.sensor)
-    poses = where.poses
-    mocap = None if poses is None else _mocap(poses, where.body, where.poses_latency_ms)
+        if latency_ms is not None:
+            raise OfflineError(
+                f"--poses-latency-ms {latency_ms:g}: is for the motion capture of a live camera; "
+                "shift t_s in a CSV file instead"
+            )
+        return _search_recording(Path(images), board, poses, where.vehicle, where.sensor)
+    mocap = None if poses is None else _mocap(poses, where.body, latency_ms or 0.0)
     order = _live(images, live.size, live.seconds, mocap)
     err(f"taking images of {images} for {live.seconds:g} s: move the board, or the body")
     views, path = asyncio.run(search_live(order, board))
@@ -164,14 +169,16 @@ def _name_file(images: str, file: Path | None) -> Path:
 
 def _search_recording(
     file: Path, board: Board, poses: str | None, vehicle: str, sensor: str
-) -> tuple[BoardViews, BodyPath | None, float]:
-    """Return a recording's board views, its body's path, and its latency as flown."""
-    path, flown_s = None, 0.0
-    if poses is not None:
-        path = path_in_csv(Path(poses))
-    elif is_run(file):
+) -> tuple[BoardViews, BodyPath | None, float | None]:
+    """Return a recording's board views, its body's path, and its latency as flown.
+
+    None for the latter without a run: a video and a CSV file have clocks of their own.
+    """
+    path, flown_s = None if poses is None else path_in_csv(Path(poses)), None
+    if is_run(file):
         folder = file if file.is_dir() else file.parent
-        path, flown_s = path_in_run(folder, vehicle), flown_latency_s(folder, vehicle, sensor)
+        flown_s = flown_latency_s(folder, vehicle, sensor)
+        path = path_in_run(folder, vehicle) if path is None else path
     return search_file(file, board, sensor=sensor, vehicle=vehicle), path, flown_s
 
 
@@ -236,7 +243,10 @@ def _as_text(calibration: CalibrationPart, views: BoardViews, path: Path) -> str
             f"{mount.pitch_deg:.2f}, yaw {mount.yaw_deg:.2f} degrees (± {spread.mount_deg:.3f})"
         )
         lines.append(
-            f"latency: {calibration.latency_ms:.1f} ms (± {spread.latency_ms:.2f}), middle of the "
-            "exposure to arrival"
+            "latency: not measured, since images and poses have clocks of their own; take it from "
+            "a live camera with motion capture, or from a run's recording"
+            if calibration.latency_ms is None
+            else f"latency: {calibration.latency_ms:.1f} ms (± {spread.latency_ms:.2f}), middle of "
+            "the exposure to arrival"
         )
     return "\n".join([*lines, f"written to {path}; name it as a camera's `calibration`"])
