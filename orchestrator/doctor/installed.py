@@ -12,6 +12,7 @@ from vehicles.processes.linux import usable_cores
 TOPIC = "installed"
 _OLDEST = (3, 11)
 _PACKAGE = "wil-campaign"
+MAVSDK_REMEDY = "vehicles with driver: mavsdk need it: pip install 'mavsdk>=4.1,<5'"
 Version = Callable[[str], str]
 """Returns the version of an installed package; raises PackageNotFoundError."""
 Requirements = Callable[[str], list[str] | None]
@@ -56,9 +57,8 @@ def drivers(find: Version = version) -> Iterator[Finding]:
     try:
         yield Finding(TOPIC, "good", f"mavsdk {find('mavsdk')}, for vehicles with driver: mavsdk")
     except PackageNotFoundError:
-        remedy = "vehicles with driver: mavsdk need it: pip install 'mavsdk>=4.1,<5'"
         text = "mavsdk is not installed; the driver mavlink does not need it"
-        yield Finding(TOPIC, "note", text, remedy)
+        yield Finding(TOPIC, "note", text, MAVSDK_REMEDY)
 
 
 def foreign_packages(find: Version = version) -> Iterator[Finding]:

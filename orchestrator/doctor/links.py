@@ -1,12 +1,16 @@
-"""Checks whether the links in campaign files can be opened."""
+"""Checks what campaign files name: links can be opened, driver and broker are there."""
 
 import asyncio
+import socket
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 from campaigns.expansion.expansion import load_campaign
+from campaigns.values.broker_address import BrokerAddress
 from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles, flown_vehicles
 from orchestrator.doctor.findings import Finding
+from orchestrator.doctor.installed import MAVSDK_REMEDY
 from vehicles.links.link import LinkError
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress
@@ -17,7 +21,7 @@ _OPEN_S = 5.0
 
 
 def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
-    """Yield findings on campaign files: whether they are valid and their links open."""
+    """Yield findings on campaign files: whether they are valid and what they name is there."""
     for file in files:
         try:
             campaign = load_campaign(file)
@@ -33,6 +37,26 @@ def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
         for vehicle in attached:
             for address in vehicle.addresses:
                 yield asyncio.run(_open_link(f"{file}: {vehicle.name}", address))
+        by_mavsdk = {one.name for one in flown_vehicles(campaign) if one.driver == "mavsdk"}
+        if by_mavsdk and find_spec("mavsdk") is None:
+            text = f"{file}: {', '.join(sorted(by_mavsdk))}: the driver mavsdk is not installed"
+            yield Finding(TOPIC, "trouble", text, MAVSDK_REMEDY)
+        if campaign.mqtt is not None:
+            yield from _reach_broker(file, campaign.mqtt.broker)
+
+
+def _reach_broker(file: Path, broker: BrokerAddress) -> Iterator[Finding]:
+    """Yield the finding on a campaign's MQTT broker; none on one that the campaign starts."""
+    if broker.embedded:
+        return
+    try:
+        with socket.create_connection((broker.host, broker.port), timeout=_OPEN_S):
+            pass
+    except OSError as error:
+        text = f"{file}: the broker {broker} does not answer: {error.strerror or error}"
+        yield Finding(TOPIC, "trouble", text, "start it, or check its address and the network")
+    else:
+        yield Finding(TOPIC, "good", f"{file}: a program answers at the broker's {broker}")
 
 
 async def _open_link(vehicle: str, address: LinkAddress) -> Finding:

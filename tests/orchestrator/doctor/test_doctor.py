@@ -16,6 +16,8 @@ from orchestrator.cli import main
 from orchestrator.doctor import installed, links, machine, ports, programs
 from orchestrator.doctor.findings import Finding, as_text
 from safety.guard.process.orphaned_processes import GuardRecord
+from tests.orchestrator.wall import write_wall
+from tests.ports import free_port
 from vehicles.processes.identity import ProcessId
 
 ROOT = Path(__file__).parents[3]
@@ -235,3 +237,20 @@ def test_the_command_tells_it_as_json_too(
     assert {one["topic"] for one in findings} >= {"installed", "ports", "autopilots", "clock"}
     assert main(["doctor", "--out", str(tmp_path), str(tmp_path / "missing.yaml")]) == 3
     assert "wil-campaign validate" in capsys.readouterr().out
+
+
+def test_what_a_campaign_names_and_this_machine_lacks_keeps_it_from_flying(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, file = free_port(), write_wall(tmp_path)
+    text = file.read_text().replace(
+        "autopilot: ardupilot}", "autopilot: ardupilot, driver: mavsdk}"
+    )
+    file.write_text(f"{text}operator: {{mqtt: {{broker: 'mqtt://127.0.0.1:{port}'}}}}\n")
+    with socket.create_server(("127.0.0.1", port)):
+        assert [one.grade for one in links.campaign_links([file])] == ["good", "good"]
+    monkeypatch.setattr(links, "find_spec", lambda _: None)
+    _, driver, broker = links.campaign_links([file])
+    assert (driver.grade, broker.grade) == ("trouble", "trouble")
+    assert driver.text == f"{file}: twin: the driver mavsdk is not installed"
+    assert f"{file}: the broker mqtt://127.0.0.1:{port} does not answer" in broker.text
