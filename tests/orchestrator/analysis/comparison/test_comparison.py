@@ -1,6 +1,7 @@
 """compare: worse beyond chance and size, and what cannot be compared."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -208,6 +209,36 @@ def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Captu
     assert "10 and 5" in text
     assert main([*command, "--last", "3"]) == 0
     assert "15 and 5" in capsys.readouterr().out
+
+
+def test_a_repeated_flight_counts_once(tmp_path: Path, capsys: Capture) -> None:
+    for day in range(1, 6):
+        write_flown(
+            tmp_path / f"results/2026110{day}",
+            flights("a", "wil", "PPPPP", TEN[:5]),
+            started_utc=f"2026-11-0{day}T10:00:00Z",
+            with_motion=False,
+        )
+    now = write_flown(tmp_path / "now", flights("a", "wil", "FFPPP", TEN[:5]), with_motion=False)
+    command = ["compare", str(tmp_path / "results"), str(now)]
+    assert main(command) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if "pass rate" in line)
+    assert row.split()[-5:] == ["5", "and", "5", "0.22", "undecided"]
+    assert main([*command, "--margin-by", "0.001"]) == 0
+    assert capsys.readouterr().out.count(" 5 and 5 ") == 2, "margins too"
+
+
+def test_flights_of_other_seeds_are_no_repeats() -> None:
+    one = flights("a", "wil", "PPPPP", TEN[:5])
+    other = [replace(each, seed=200 + each.rep) for each in one]
+    (change,) = compared([*one, *other], flights("a", "wil", "PPPPP", TEN[:5])).changes
+    assert change.flights == (10, 5)
+
+
+def test_repeats_of_one_flight_are_equal_runs() -> None:
+    one = flights("a", "sim", "P")
+    (change,) = compared([*one, *one], flights("a", "sim", "FF")).changes
+    assert (change.flights, change.p, change.outcome) == ((1, 2), 0.0, "worse")
 
 
 @pytest.mark.parametrize(
