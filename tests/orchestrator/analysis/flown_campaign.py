@@ -11,6 +11,7 @@ from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult, Stop, SyncResult
 from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from orchestrator.search.ledger import Ledger
 from safety.model.oracle_results import OracleResult, Verdict
 from safety.model.samples import PoseSample, StageSample
 from vehicles.setpoints import VelocitySetpoint
@@ -138,6 +139,16 @@ def write_flown(
         "document": dict(document or {"campaign": name}),
     }
     (folder / "campaign.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def write_searched(home: Path, *, started_utc: str) -> Path:
+    """Write the folder of a search with one batch beneath a campaign's results, and return it."""
+    folder = home / "search" / started_utc.replace(":", "").replace("-", "")
+    batch = folder / "flights" / "0001"
+    write_flown(batch, flights("v1", "sim", "PF"), started_utc=started_utc, with_motion=False)
+    (folder / "campaign.json").write_bytes((batch / "campaign.json").read_bytes())
+    Ledger.new(folder, at_once=1)
     return folder
 
 
