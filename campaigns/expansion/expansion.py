@@ -196,7 +196,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             for case, mode in selected.runs
             if (case, mode) in selected.shares
         ),
-        left_out=left_out(original, part, flown, selected.shares),
+        left_out=left_out(original, read.document, part, flown, selected.shares),
         mqtt=selected.mqtt,
         # With a real vehicle a person has to find out first what went wrong.
         retries=part.retries if bench is None else 0,

@@ -8,20 +8,26 @@ from campaigns.expansion.controls import modes_of
 from campaigns.schema import CampaignPart
 from campaigns.values.acceptance import DECIDED, Share, parse_share
 from worlds.files.documents import Document, check
+from worlds.files.yaml_nodes import mapping_node
+
+_REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
+"""Keys of a campaign file that say what it requires."""
 
 
 def left_out(
     original: Document,
+    document: Document,
     part: CampaignPart,
     chosen: Collection[tuple[str, str]],
     shares: Mapping[tuple[str, str], Share],
 ) -> tuple[str, ...]:
     """Return the omissions of a run: what the file requires and the options leave out.
 
-    original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
-    the cases and controls, with their modes, to be flown. shares: the required share of each.
+    original: the file as it is written. document, part: with --set, --seed and --repetitions, and
+    with what its bench defines. chosen: the cases and controls, with their modes, to be flown.
+    shares: the required share of each.
     """
-    was = collect_problems([], partial(check, original, CampaignPart)) or part
+    was = _as_written(original, document, part)
     left = list(_runs(was, part, chosen, shares))
     fewer = was.most_repetitions - part.most_repetitions
     if fewer > 0:
@@ -36,6 +42,34 @@ def left_out(
     ]
     left += [f"the oracle {name}" for name in was.oracles if name not in part.oracles]
     return tuple(left)
+
+
+def _as_written(original: Document, document: Document, part: CampaignPart) -> CampaignPart:
+    """Return the campaign with what its file requires as it is written.
+
+    A value that is valid only with the options requires nothing by itself.
+    """
+    for key in _REQUIRING:
+        if original.get((key,)) != document.get((key,)):
+            written = _with_key_of(original, document, key)
+            found = collect_problems([], partial(check, written, CampaignPart))
+            if found is not None:
+                part = part.model_copy(update={key: getattr(found, key)})
+    return part
+
+
+def _with_key_of(original: Document, document: Document, key: str) -> Document:
+    """Return a document whose top-level key is as in another one: its value, or not there."""
+    keys = {name: document.entry((name,)) for name in _names(document) if name != key}
+    if key in _names(original):
+        keys[key] = original.entry((key,))
+    return Document(document.path, mapping_node(keys, document.root.place))
+
+
+def _names(document: Document) -> tuple[str, ...]:
+    """Return the top-level keys of a document."""
+    value = document.root.value
+    return tuple(value) if isinstance(value, dict) else ()
 
 
 def _runs(
