@@ -104,6 +104,7 @@ def _part_options(own: Document, part: CompositionPart, options: "Options") -> "
         seed=part.seed if options.seed is None else options.seed,
         sets=(*sets, *options.sets),
         benches=() if own.get(("bench",)) is None else options.benches,
+        composition=part,
     )
 
 

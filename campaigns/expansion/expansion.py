@@ -17,13 +17,14 @@ from campaigns.expansion.controls import (
     files_of_controls,
     modes_of,
 )
-from campaigns.expansion.omissions import left_out
+from campaigns.expansion.omissions import as_required, left_out
 from campaigns.expansion.requirements import required_shares, unknown_published
 from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
 from campaigns.schema.bench import BenchRequestPart
 from campaigns.schema.between_runs import BetweenRunsPart
+from campaigns.schema.composition import CompositionPart
 from campaigns.setup.bench_file import Bench
-from campaigns.setup.bench_resolution import bench_request, choose_bench, with_bench
+from campaigns.setup.bench_resolution import bench_request, choose_bench, completion_of
 from campaigns.setup.case_files import (
     CaseFiles,
     Override,
@@ -49,6 +50,7 @@ class Options:
     is_autonomy_isolated: whether the autonomy is tried in a child process, for a limited time.
     loads_code: False: neither the autonomy nor the user's own steps are loaded; such a campaign
     cannot be flown. benches: those on which the campaign may be flown, where it asks for one.
+    composition: of which the campaign is a part, if it is one; its values are in the other fields.
     """
 
     cases: tuple[str, ...] = ()
@@ -59,6 +61,7 @@ class Options:
     is_autonomy_isolated: bool = False
     loads_code: bool = True
     benches: tuple[Bench, ...] = ()
+    composition: CompositionPart | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,6 +182,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     injected = [f"fault injected: {one}" for name in selected.cases for one in setups[name].faults]
     warnings = list(_warnings(part, {name: files[name] for name in selected.names}, setups))
     warnings += control_warnings(read.document, part)
+    required = as_required(original, read.document, part, options.composition)
     flown = {*selected.runs, *((plan.case, plan.mode) for plan in selected.controls)}
     return Campaign(
         name=part.campaign,
@@ -196,7 +200,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             for case, mode in selected.runs
             if (case, mode) in selected.shares
         ),
-        left_out=left_out(original, part, flown, selected.shares),
+        left_out=left_out(required, part, flown, selected.shares),
         mqtt=selected.mqtt,
         # With a real vehicle a person has to find out first what went wrong.
         retries=part.retries if bench is None else 0,
@@ -283,11 +287,6 @@ def requested_bench(path: Path, options: Options) -> tuple[Document, BenchReques
     document = _with_overrides(original, _option_overrides(options))
     request = bench_request(document)
     return None if request is None else (document, request)
-
-
-def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
-    """Return a function that completes a campaign's document with what its bench defines."""
-    return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
 
 
 def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:

@@ -6,46 +6,98 @@ from functools import partial
 from campaigns.expansion.case_reader import collect_problems
 from campaigns.expansion.controls import modes_of
 from campaigns.schema import CampaignPart
+from campaigns.schema.composition import CompositionPart
 from campaigns.values.acceptance import DECIDED, Share, parse_share
 from worlds.files.documents import Document, check
+from worlds.files.yaml_nodes import mapping_node
+
+_REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
+"""Keys of a campaign file that say what it requires."""
 
 
 def left_out(
-    original: Document,
+    required: CampaignPart,
     part: CampaignPart,
     chosen: Collection[tuple[str, str]],
     shares: Mapping[tuple[str, str], Share],
 ) -> tuple[str, ...]:
     """Return the omissions of a run: what the file requires and the options leave out.
 
-    original, part: the file as it is written, and with --set, --seed and --repetitions. chosen:
-    the cases and controls, with their modes, to be flown. shares: the required share of each.
+    required, part: the campaign as its file requires it, and with the options. chosen: the cases
+    and controls, with their modes, to be flown. shares: the required share of each.
     """
-    was = collect_problems([], partial(check, original, CampaignPart)) or part
-    left = list(_runs(was, part, chosen, shares))
-    fewer = was.most_repetitions - part.most_repetitions
+    left = list(_runs(required, part, chosen, shares))
+    fewer = required.most_repetitions - part.most_repetitions
     if fewer > 0:
-        left.append(f"{fewer} of {was.most_repetitions} repetitions")
-    if part.sequential_test != was.sequential_test and was.sequential_test is not None:
+        left.append(f"{fewer} of {required.most_repetitions} repetitions")
+    test = required.sequential_test
+    if test is not None and part.sequential_test != test:
         left.append("the sequential test of the repetitions")
     left += [
         f"the control {name}/{mode}"
-        for name, control in was.controls.items()
-        for mode in modes_of(was, control)
+        for name, control in required.controls.items()
+        for mode in modes_of(required, control)
         if (name, mode) not in chosen
     ]
-    left += [f"the oracle {name}" for name in was.oracles if name not in part.oracles]
+    left += [f"the oracle {name}" for name in required.oracles if name not in part.oracles]
     return tuple(left)
 
 
+def as_required(
+    original: Document,
+    document: Document,
+    part: CampaignPart,
+    composition: CompositionPart | None,
+) -> CampaignPart:
+    """Return a campaign with all that its own file and the composition that names it require.
+
+    original: the file as it is written. document, part: with the options, and with what its bench
+    defines. A value of the file that is valid only with the options requires nothing by itself.
+    """
+    for key in _REQUIRING:
+        if original.get((key,)) != document.get((key,)):
+            written = _with_key_of(original, document, key)
+            found = collect_problems([], partial(check, written, CampaignPart))
+            if found is not None:
+                part = part.model_copy(update={key: getattr(found, key)})
+    return part if composition is None else _with_composition(part, composition)
+
+
+def _with_composition(part: CampaignPart, composition: CompositionPart) -> CampaignPart:
+    """Return a part of a composition with the modes and repetitions of both."""
+    given = composition.repetitions or 0
+    own = part.repetitions
+    most = max(given, part.most_repetitions)
+    return part.model_copy(
+        update={
+            "modes": list(dict.fromkeys([*part.modes, *(composition.modes or ())])),
+            "repetitions": most if isinstance(own, int) else own.model_copy(update={"most": most}),
+        }
+    )
+
+
+def _with_key_of(original: Document, document: Document, key: str) -> Document:
+    """Return a document whose top-level key is as in another one: its value, or not there."""
+    keys = {name: document.entry((name,)) for name in _names(document) if name != key}
+    if key in _names(original):
+        keys[key] = original.entry((key,))
+    return Document(document.path, mapping_node(keys, document.root.place))
+
+
+def _names(document: Document) -> tuple[str, ...]:
+    """Return the top-level keys of a document."""
+    value = document.root.value
+    return tuple(value) if isinstance(value, dict) else ()
+
+
 def _runs(
-    was: CampaignPart,
+    required: CampaignPart,
     part: CampaignPart,
     chosen: Collection[tuple[str, str]],
     shares: Mapping[tuple[str, str], Share],
 ) -> Iterator[str]:
     """Yield required cases and modes that the command line's options omit or weaken."""
-    for (case, mode), share in _required_shares(was).items():
+    for (case, mode), share in _required_shares(required).items():
         now = shares.get((case, mode))
         if now is None or (case, mode) not in chosen:
             yield f"{case}/{mode}"

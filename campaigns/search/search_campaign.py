@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from campaigns.expansion.case_reader import read_setup
-from campaigns.expansion.expansion import Campaign, RunPlan, completion_of
+from campaigns.expansion.expansion import Campaign, RunPlan
 from campaigns.schema import Mode
 from campaigns.schema.search import ParameterValue, SearchPart
 from campaigns.search.model import Batch, Flight, SearchProblem, Variant
 from campaigns.search.objective import Objective
 from campaigns.search.space import Space, Values
 from campaigns.setup.bench_file import Bench
+from campaigns.setup.bench_resolution import completion_of
 from campaigns.setup.case_files import CaseFiles, Override, case_files
 from campaigns.setup.case_setup import Setup
 from campaigns.values.seeds import run_seed

@@ -11,7 +11,6 @@ from campaigns.expansion.composition import is_composition
 from campaigns.expansion.expansion import (
     Campaign,
     Options,
-    completion_of,
     load_campaign,
     requested_bench,
 )
@@ -22,6 +21,7 @@ from campaigns.search.coverage import admissible_shares
 from campaigns.search.objective import Objective, lacks_margin
 from campaigns.search.search_campaign import SearchCampaign
 from campaigns.search.space import Parameter, Space
+from campaigns.setup.bench_resolution import completion_of
 from campaigns.setup.case_files import (
     CaseFiles,
     Override,

@@ -4,8 +4,9 @@ Pure: documents in, a document out. A key may be in one of the two files, never 
 neither file hides a value of the other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from campaigns.schema.bench import BenchRequestPart, PropertyValue
@@ -89,6 +90,11 @@ def with_bench(campaign: Document, bench: Bench) -> Document:
     if merger.problems:
         raise BadInput(merger.problems)
     return Document(campaign.path, root)
+
+
+def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
+    """Return a function that completes a campaign's document with what its bench defines."""
+    return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
 
 
 def departure(campaign: Document, bench: Bench) -> str:

@@ -6,6 +6,7 @@ Times are on the run clock, seconds; positions NED metres in the world's local f
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from campaigns.values.acceptance import Requirement
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.results import RunResult
 from worlds.files.documents import Data
@@ -49,7 +50,8 @@ class RunEntry:
 class CampaignDocuments:
     """A campaign. summary, manifest: None and empty where they cannot be read.
 
-    entries: its runs and controls in order. problems: what is missing or unreadable.
+    entries: its runs and controls in order. requirements: of its cases and modes, at the flight.
+    problems: what is missing or unreadable.
     """
 
     name: str
@@ -57,6 +59,7 @@ class CampaignDocuments:
     entries: tuple[RunEntry, ...]
     summary: Summary | None = None
     manifest: Mapping[str, Data] = field(default_factory=dict)
+    requirements: tuple[Requirement, ...] = ()
     problems: tuple[str, ...] = ()
 
     @property

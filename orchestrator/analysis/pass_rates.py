@@ -100,6 +100,14 @@ def are_equal(runs: Sequence[RunResult]) -> bool:
     return len(runs) > 1 and len({_measured(run) for run in runs}) == 1
 
 
+def distinct(runs: Iterable[RunResult]) -> list[RunResult]:
+    """Return the runs without repeats: those of a seed that measured the same count once."""
+    found: dict[tuple[object, ...], RunResult] = {}
+    for run in runs:
+        found.setdefault((run.seed, _measured(run)), run)
+    return list(found.values())
+
+
 def is_proven(run: RunResult) -> bool:
     """Return whether a run proves anything: a PASS or a FAIL."""
     return run.verdict in {"PASS", "FAIL"}

@@ -19,6 +19,8 @@ from orchestrator.model.document_writer import sync_folder, to_json, write_whole
 from orchestrator.search.errors import SearchError
 
 FILE_NAME = "ledger.jsonl"
+_LONGEST_FIRST_LINE = 1000
+"""In characters; the ledger of a campaign on a cluster has the same file name."""
 
 
 @cache
@@ -65,6 +67,16 @@ def read_ledger(text: str) -> LedgerContents:
     if contents is None:
         raise SearchError(f"{FILE_NAME} is empty: start the search again without --resume")
     return contents
+
+
+def is_search_folder(folder: Path) -> bool:
+    """Return whether a folder is that of a search: its ledger begins like that of a search."""
+    try:
+        with (folder / FILE_NAME).open(encoding="utf-8") as stream:
+            first = json.loads(stream.readline(_LONGEST_FIRST_LINE))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(first, dict) and "at_once" in first
 
 
 class Ledger:

@@ -8,6 +8,7 @@ from orchestrator.analysis.errors import ComparisonError, ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.model.results import RunResult
+from orchestrator.search.ledger import is_search_folder
 
 _DOCUMENTS = ("campaign.json", "summary.json")
 """A results folder has at least one of them, unless both were lost."""
@@ -55,40 +56,51 @@ def read_flown(folder: Path) -> FlownSet:
 
 
 def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
-    """Return the flights of a results folder, or of the last campaigns beneath it before another.
+    """Return the flights of a results folder, or of the last ones beneath it before another.
 
-    last: the largest number of campaigns, newest by start time; `before` itself is excluded.
-    Raises ResultsFolderError, ComparisonError.
+    last: the largest number of results folders of the campaign of `before`, newest by start time;
+    `before` itself is excluded. Raises ResultsFolderError, ComparisonError.
     """
     if is_results_folder(folder) or not folder.is_dir():
         return read_flown(folder)
-    limit = _started(read_campaign(before)) or "~"
+    judged = read_campaign(before)
+    limit = _started(judged) or "~"
+    folders = results_folders(folder)
     campaigns = [
         (path, campaign)
-        for path in results_folders(folder)
+        for path in folders
         if path.resolve() != before.resolve()
-        if (campaign := _readable(path)) is not None and (_started(campaign) or "") < limit
+        if (campaign := _readable(path)) is not None and campaign.name == judged.name
+        if (_started(campaign) or "") < limit
     ]
     campaigns.sort(key=lambda pair: _started(pair[1]) or "")
-    if not campaigns and not results_folders(folder):
+    if not folders:
         raise ResultsFolderError(
             f"{folder} is not the results folder of a campaign, and contains none"
         )
     if not campaigns:
-        raise ComparisonError(f"{folder} contains no campaign that was flown before {before}")
+        raise ComparisonError(
+            f"{folder} contains no campaign '{judged.name}' that was flown before {before}"
+        )
     chosen: Sequence[tuple[Path, CampaignDocuments]] = campaigns[-last:]
     return FlownSet(tuple(path for path, _ in chosen), tuple(one for _, one in chosen))
 
 
 def results_folders(folder: Path) -> list[Path]:
-    """Return the results folders at or beneath a folder, three levels deep at most."""
+    """Return the results folders at or beneath a folder, three levels deep at most.
+
+    Those of searches are left out, with what was flown for them.
+    """
     found = {
         path.parent
         for depth in range(4)
         for name in _DOCUMENTS
         for path in folder.glob("*/" * depth + name)
     }
-    return sorted(found)
+    searches = [path for path in found if is_search_folder(path)]
+    return sorted(
+        path for path in found if not any(path.is_relative_to(search) for search in searches)
+    )
 
 
 def is_results_folder(folder: Path) -> bool:

@@ -9,7 +9,7 @@ from campaigns.statistics.exact_tests import Counts, fisher_exact
 from campaigns.statistics.multiple_tests import holm
 from campaigns.statistics.permutation_test import permutation_p
 from orchestrator.analysis.errors import ComparisonError
-from orchestrator.analysis.pass_rates import are_equal, is_proven
+from orchestrator.analysis.pass_rates import are_equal, distinct, is_proven
 from orchestrator.model.results import RunResult
 
 Outcome = Literal["worse", "not worse", "undecided"]
@@ -32,9 +32,10 @@ class Limits:
 class Change:
     """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
 
-    before, after: pass rates, or median margins in `unit`; flights: their numbers. loss: positive
-    is worse. p: one-sided, corrected for the number of tests; 0 where equal runs of both
-    sides differ, which chance cannot explain; None where untestable; `why` has the reason.
+    before, after: pass rates, or median margins in `unit`; flights: their numbers, with a repeated
+    flight once. loss: positive is worse. p: one-sided, corrected for the number of tests; 0 where
+    equal runs of both sides differ, which chance cannot explain; None where untestable; `why` has
+    the reason.
     """
 
     case: str
@@ -160,9 +161,10 @@ def _cell_changes(
     cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult], limits: Limits
 ) -> list[Change]:
     """Return the changes of a case and mode, with uncorrected p."""
-    counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in (old, new)]
+    once = [distinct(runs) for runs in (old, new)]
+    counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in once]
     was, now = (one.passed / one.flown for one in counts)
-    flights = (len(old), len(new))
+    flights = (len(once[0]), len(once[1]))
     p, why = _testable(old, new, was != now)
     if not why and p is None:
         p = fisher_exact(counts[1], counts[0], "less")
@@ -170,7 +172,7 @@ def _cell_changes(
     found = [Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)]
     if limits.margin is None:
         return found
-    margins = [_margins(runs) for runs in (old, new)]
+    margins = [_margins(runs) for runs in once]
     for name, (unit, values) in margins[0].items():
         if name not in margins[1] or margins[1][name][0] != unit:
             continue

@@ -8,8 +8,13 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from campaigns.values.acceptance import Requirement
 from orchestrator.analysis.errors import ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
+from orchestrator.analysis.reading.flown_requirements import (
+    RequirementsError,
+    flown_requirements,
+)
 from orchestrator.campaign.resuming.run_ledger import open_orders
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.results_reader import result_model, summary_model
@@ -42,6 +47,7 @@ def read_campaign(folder: Path) -> CampaignDocuments:
     manifest = {} if found is None else found
     if found is not None:
         problems += _manifest_problems(found)
+    requirements = _read_requirements(manifest, problems)
     summary = _read_document(
         folder / "summary.json", lambda text: _validate(summary_model(), text), problems
     )
@@ -59,6 +65,7 @@ def read_campaign(folder: Path) -> CampaignDocuments:
         entries=entries,
         summary=summary,
         manifest=manifest,
+        requirements=requirements,
         problems=tuple(problems),
     )
 
@@ -88,7 +95,7 @@ def _entries(folder: Path, manifest: dict[str, Any], summary: Summary | None) ->
     flown = () if summary is None else (*summary.runs, *summary.controls)
     summarised = {f"{run.case}/{run.mode}/{run.rep}": run for run in flown}
     planned = [*_names_in(manifest)]
-    if summary is not None and _stops_early(manifest):
+    if summary is not None and _names_missing(summary):
         planned = [name for name in planned if name in {*summarised, *summary.not_flown}]
     orders = _open_orders(folder)
     names = [*planned, *summarised, *_run_names_on_disk(folder)]
@@ -125,10 +132,12 @@ def _names_in(manifest: dict[str, Any]) -> Iterator[str]:
             yield run["run"]
 
 
-def _stops_early(manifest: dict[str, Any]) -> bool:
-    """Return whether the campaign planned more repetitions than it may need."""
-    document = manifest.get("document")
-    return isinstance(document, dict) and isinstance(document.get("repetitions"), dict)
+def _names_missing(summary: Summary) -> bool:
+    """Return whether a summary names all due runs without a result; earlier versions did not.
+
+    The others are not due: those after a decision, for example.
+    """
+    return summary.broken is not None or bool(summary.not_flown)
 
 
 def _run_names_on_disk(folder: Path) -> Iterator[str]:
@@ -166,6 +175,14 @@ def _manifest_problems(manifest: dict[str, Any]) -> Iterator[str]:
             f"campaign.json has {count} runs that are not named case/mode/repetition"
             f"{f': {examples}' if examples else ''}; they are left out"
         )
+
+
+def _read_requirements(manifest: dict[str, Any], problems: list[str]) -> tuple[Requirement, ...]:
+    try:
+        return flown_requirements(manifest)
+    except RequirementsError as error:
+        problems.append(f"campaign.json is damaged or of another version: {error}")
+        return ()
 
 
 def _read_document(path: Path, parse: Callable[[str], T], problems: list[str]) -> T | None:

@@ -7,6 +7,7 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
         "versions": {"python": platform.python_version(), **_versions(imported.packages)},
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
+        "requirements": [asdict(one) for one in campaign.requirements],
         "document": campaign.document.data,
     }
 

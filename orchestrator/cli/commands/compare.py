@@ -40,8 +40,8 @@ def compare(
     Parameters
     ----------
     before
-        The results folder of a campaign, or a folder of several: then the last of them that
-        started before AFTER are the baseline together.
+        The results folder of a campaign, or a folder of several: then the last flights of the
+        campaign of AFTER that started before it are the baseline together.
     after
         The results folder of the campaign that is judged.
     worse_by
@@ -52,7 +52,7 @@ def compare(
     confidence
         The confidence, of all tests together, that a reported loss is not chance.
     last
-        How many campaigns the baseline has, where `before` holds several.
+        How many results folders the baseline has, where `before` holds several.
     removed
         Accept that cases and oracles of BEFORE are missing in AFTER.
     json_

@@ -3,9 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from campaigns.schema.campaign import UntilDecidedPart
 from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import Requirement, Share, parse_share
+from campaigns.values.acceptance import Requirement, Share
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.model.acceptance_texts import (
     left_out_text,
@@ -78,16 +77,8 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
 
 def _not_accepted_because(campaign: CampaignDocuments, summary: Summary) -> list[str]:
     """Return which required cases passed too rarely, and which controls were not met."""
-    places = dict.fromkeys((run.case, run.mode) for run in summary.runs if run.required)
-    test = _sequential_test(campaign)
-    wanted = []
-    for case, mode in places:
-        share = _share(campaign, case, mode)
-        if test is not None:
-            flown = sum((run.case, run.mode) == (case, mode) for run in summary.runs)
-            wanted.append(Requirement(case, mode, Share(flown, flown), test))
-        elif share is not None:
-            wanted.append(Requirement(case, mode, share))
+    places = {(run.case, run.mode) for run in summary.runs if run.required}
+    wanted = [one for one in campaign.requirements if (one.case, one.mode) in places]
     return [*shortfall_texts(summary.runs, wanted), *summary.unmet]
 
 
@@ -191,25 +182,15 @@ def _standing(
     """Return the required passes of a case and mode, and the verdict on them."""
     if not any(run.required for run in runs):
         return NOTHING, "reported"
-    if (test := _sequential_test(campaign)) is not None:
-        return _decision_text(test, runs)
-    share = _share(campaign, case, mode) or Share(len(runs), len(runs))
+    places = {(one.case, one.mode): one for one in campaign.requirements}
+    wanted = places.get((case, mode)) or Requirement(case, mode, Share(len(runs), len(runs)))
+    if wanted.test is not None:
+        return _decision_text(wanted.test, runs)
+    share = wanted.share
     proven = all(run.verdict in {"PASS", "FAIL"} for run in runs)
     if passed >= share.passes and proven:
         return str(share), "PASS"
     return str(share), next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
-
-
-def _sequential_test(campaign: CampaignDocuments) -> SequentialTest | None:
-    """Return the test that decides the number of repetitions; None for a fixed number."""
-    document = campaign.manifest.get("document")
-    part = document.get("repetitions") if isinstance(document, dict) else None
-    if not isinstance(part, dict):
-        return None
-    try:
-        return UntilDecidedPart.model_validate(part).test
-    except ValueError:
-        return None
 
 
 def _decision_text(test: SequentialTest, runs: Sequence[RunResult]) -> tuple[str, str]:
@@ -217,21 +198,6 @@ def _decision_text(test: SequentialTest, runs: Sequence[RunResult]) -> tuple[str
     decision, _ = test.decided_after(proven)
     verdict = {"at least": "PASS", "below": "FAIL"}.get(decision, "INVALID")
     return f"{test.at_least:g} against {test.against:g}: {decision}", verdict
-
-
-def _share(campaign: CampaignDocuments, case: str, mode: str) -> Share | None:
-    """Return the share of passes that the campaign file requires, for its repetitions."""
-    document = campaign.manifest.get("document")
-    accept = document.get("accept") if isinstance(document, dict) else None
-    shares = accept.get(case) if isinstance(accept, dict) else None
-    text = shares.get(mode) if isinstance(shares, dict) else None
-    repetitions = document.get("repetitions", 1) if isinstance(document, dict) else 1
-    if not isinstance(text, str) or not isinstance(repetitions, int):
-        return None
-    try:
-        return parse_share(text).scaled(repetitions)
-    except ValueError:
-        return None
 
 
 def _real_text(summary: Summary) -> str:

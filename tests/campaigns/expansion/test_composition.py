@@ -87,6 +87,31 @@ def test_controls_are_flown_or_named_as_left_out(both: Any) -> None:
     assert any("controls of other" in said for said in without.left_out)
 
 
+def test_what_the_composition_requires_and_the_options_leave_out_is_named(both: Any) -> None:
+    more = "repetitions: 10\n"
+    assert load(both, more).left_out == ()
+    assert load(both, more, repetitions=1).left_out == (
+        "one: 9 of 10 repetitions",
+        "other: 9 of 10 repetitions",
+    )
+    accept = "accept: {large: {sim: 3/3, wil: 2/3}}\n"
+    other = both.folder / "other.yaml"
+    other.write_text(other.read_text().replace(accept, ""))
+    more = "modes: [sim, wil, real]\n"
+    assert load(both, more).left_out == ()
+    # The other part names what must pass, and real is not among it.
+    assert load(both, more, modes=("sim", "wil")).left_out == (
+        "other: large/real",
+        "other: small/real",
+    )
+
+
+def test_what_the_composition_leaves_out_of_its_parts_is_named(both: Any) -> None:
+    said = ("one: large/wil", "one: 1 of 3 repetitions")
+    whole = load(both, "modes: [sim]\nrepetitions: 2\n")
+    assert whole.left_out == (*said, "other: large/wil", "other: 1 of 3 repetitions")
+
+
 def test_faults_stand_where_they_are(both: Any) -> None:
     assert "both.yaml:5:10: campaign file 'other.yaml' does not exist" in str(
         (both.folder / "other.yaml").unlink() or faults(both)

@@ -145,6 +145,17 @@ def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
     )
 
 
+def test_a_file_that_needs_an_option_is_compared_with_what_is_flown(files: Any) -> None:
+    files.change("world: world.yaml\n", "")
+    world = "world=world.yaml"
+    assert files.load(sets=(world,)).left_out == ()
+    assert files.load(sets=(world,), repetitions=1).left_out == ("2 of 3 repetitions",)
+    files.change("modes: [sim, wil]\n", "")
+    given = (world, "modes=[sim, wil]", "oracles={reached: {}}")
+    fewer = ("the oracle collision", "the oracle time_limit", "the oracle geofence")
+    assert files.load(sets=given).left_out == fewer
+
+
 def test_a_selection_does_not_change_the_seeds(files: Any) -> None:
     seeds = {run.name: run.seed for run in files.load().runs}
     for run in files.load(cases=("small",), repetitions=2).runs:

@@ -1,6 +1,7 @@
 """Bench files: their faults with places, and which bench a campaign is flown on, with what."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -97,6 +98,29 @@ def test_a_campaign_takes_vehicle_and_fence_of_its_bench(asking: Files) -> None:
         assert set(setup.fences) == {"real", "twin"}
     flown = campaign.runs[0].setup()
     assert flown.vehicles == setup.vehicles
+
+
+@pytest.mark.parametrize(
+    ("options", "left_out"),
+    [
+        ({}, ()),
+        ({"repetitions": 1}, ("2 of 3 repetitions",)),
+        (
+            {"sets": ("modes=[sim]", "accept={large: {sim: 3/3}}")},
+            ("large/wil", "the control low/wil"),
+        ),
+        (
+            {"sets": ("oracles={reached: {}, collision: {}, geofence: }",)},
+            ("the oracle time_limit",),
+        ),
+        ({"sets": ("controls={}",)}, ("the control low/sim", "the control low/wil")),
+    ],
+)
+def test_what_options_leave_out_of_a_campaign_on_a_bench_is_named(
+    asking: Files, options: dict[str, Any], left_out: tuple[str, ...]
+) -> None:
+    asking.append("controls:\n  low: {set: {goal.altitude_m: 1.0}, expect: {oracle: reached}}\n")
+    assert asking.load(benches=(bench_of(BENCH),), **options).left_out == left_out
 
 
 @pytest.mark.parametrize(

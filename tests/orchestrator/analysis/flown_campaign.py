@@ -2,15 +2,17 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from campaigns.values.acceptance import Requirement
 from orchestrator.model.campaign_results import Summary, summarize
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult, Stop, SyncResult
 from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from orchestrator.search.ledger import Ledger
 from safety.model.oracle_results import OracleResult, Verdict
 from safety.model.samples import PoseSample, StageSample
 from vehicles.setpoints import VelocitySetpoint
@@ -89,10 +91,11 @@ def summary_of(
     *,
     stopped: Stop | None = None,
     broken: bool | None = False,
+    requirements: Sequence[Requirement] = (),
 ) -> Summary:
     return summarize(
         [one.result() for one in given],
-        (),
+        requirements,
         campaign=name,
         clock="virtual" if clock == "virtual" else "wall",
         surrogate=True,
@@ -116,8 +119,14 @@ def write_flown(
     documents: Callable[[Flight], str] = lambda _: "sha256:0",
     stopped: Stop | None = None,
     broken: bool | None = False,
+    requirements: Sequence[Requirement] | None = None,
+    planned: int = 0,
 ) -> Path:
-    """Write the results folder of flights, and return it."""
+    """Write the results folder of flights, and return it.
+
+    requirements: None writes the manifest of an earlier version, which has none. planned: how many
+    repetitions the manifest has at least.
+    """
     folder.mkdir(parents=True)
     for one in given:
         place = folder / one.name
@@ -125,19 +134,38 @@ def write_flown(
         (place / "result.json").write_text(to_json(one.result()))
         if with_motion:
             _write_motion(place, one)
-    summary = summary_of(given, name, clock, stopped=stopped, broken=broken)
+    summary = summary_of(
+        given, name, clock, stopped=stopped, broken=broken, requirements=requirements or ()
+    )
     (folder / "summary.json").write_text(to_json(summary))
-    manifest = {
+    cells = {(one.case, one.mode): one for one in given}.values()
+    more = [replace(one, rep=rep) for one in cells for rep in range(1, planned + 1)]
+    runs = {one.name: one for one in (*given, *more)}
+    manifest: dict[str, object] = {
         "campaign": name,
         "started_utc": started_utc,
         "clock": clock,
         "versions": {"wil-campaign": version},
         "files": {"gate.yaml": "sha256:0"},
         "host": {"name": "here", "machine": "x86_64", "cores": 2},
-        "runs": [{"run": one.name, "seed": 1, "documents": documents(one)} for one in given],
+        "runs": [
+            {"run": name, "seed": 1, "documents": documents(one)} for name, one in runs.items()
+        ],
         "document": dict(document or {"campaign": name}),
     }
+    if requirements is not None:
+        manifest["requirements"] = [asdict(one) for one in requirements]
     (folder / "campaign.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def write_searched(home: Path, *, started_utc: str) -> Path:
+    """Write the folder of a search with one batch beneath a campaign's results, and return it."""
+    folder = home / "search" / started_utc.replace(":", "").replace("-", "")
+    batch = folder / "flights" / "0001"
+    write_flown(batch, flights("v1", "sim", "PF"), started_utc=started_utc, with_motion=False)
+    (folder / "campaign.json").write_bytes((batch / "campaign.json").read_bytes())
+    Ledger.new(folder, at_once=1)
     return folder
 
 

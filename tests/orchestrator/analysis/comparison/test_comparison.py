@@ -1,6 +1,7 @@
 """compare: worse beyond chance and size, and what cannot be compared."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 
 from orchestrator.analysis.comparison.comparison import Comparison, Limits, cells_of, compare
 from orchestrator.cli import main
-from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
+from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown, write_searched
 
 Capture = pytest.CaptureFixture[str]
 TEN = tuple(n / 100 for n in range(10))
@@ -210,6 +211,57 @@ def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Captu
     assert "15 and 5" in capsys.readouterr().out
 
 
+def test_the_baseline_has_neither_searches_nor_other_campaigns(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    results = tmp_path / "results"
+    for day, name in ((1, "gate"), (2, "gate"), (3, "box")):
+        write_flown(
+            results / f"{name}/2026110{day}",
+            flights("a", "wil", "PP", (day / 50, day / 40)),
+            name=name,
+            started_utc=f"2026-11-0{day}T10:00:00Z",
+            with_motion=False,
+        )
+    write_searched(results / "gate", started_utc="2026-11-04T10:00:00Z")
+    now = write_flown(tmp_path / "now", flights("a", "wil", "PP", TEN[:2]), with_motion=False)
+    for folder in (results, results / "gate"):
+        assert main(["compare", str(folder), str(now), "--last", "2"]) == 0
+        outcome = capsys.readouterr()
+        assert outcome.out.startswith("now against 20261101, 20261102\n")
+        assert outcome.err == ""
+
+
+def test_a_repeated_flight_counts_once(tmp_path: Path, capsys: Capture) -> None:
+    for day in range(1, 6):
+        write_flown(
+            tmp_path / f"results/2026110{day}",
+            flights("a", "wil", "PPPPP", TEN[:5]),
+            started_utc=f"2026-11-0{day}T10:00:00Z",
+            with_motion=False,
+        )
+    now = write_flown(tmp_path / "now", flights("a", "wil", "FFPPP", TEN[:5]), with_motion=False)
+    command = ["compare", str(tmp_path / "results"), str(now)]
+    assert main(command) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if "pass rate" in line)
+    assert row.split()[-5:] == ["5", "and", "5", "0.22", "undecided"]
+    assert main([*command, "--margin-by", "0.001"]) == 0
+    assert capsys.readouterr().out.count(" 5 and 5 ") == 2, "margins too"
+
+
+def test_flights_of_other_seeds_are_no_repeats() -> None:
+    one = flights("a", "wil", "PPPPP", TEN[:5])
+    other = [replace(each, seed=200 + each.rep) for each in one]
+    (change,) = compared([*one, *other], flights("a", "wil", "PPPPP", TEN[:5])).changes
+    assert change.flights == (10, 5)
+
+
+def test_repeats_of_one_flight_are_equal_runs() -> None:
+    one = flights("a", "sim", "P")
+    (change,) = compared([*one, *one], flights("a", "sim", "FF")).changes
+    assert (change.flights, change.p, change.outcome) == ((1, 2), 0.0, "worse")
+
+
 @pytest.mark.parametrize(
     ("kind", "code", "words"),
     [
@@ -219,7 +271,8 @@ def test_the_baseline_is_the_last_campaigns_before(tmp_path: Path, capsys: Captu
         ("nothing shared", 2, "the campaigns have no case and mode in common: b/wil; and a/wil"),
         ("other version", 3, "a/wil/1: result.json is truncated, damaged or of another version"),
         ("unproven", 3, ""),
-        ("nothing before", 2, "contains no campaign that was flown before"),
+        ("nothing before", 2, "contains no campaign 'gate' that was flown before"),
+        ("another campaign", 2, "contains no campaign 'gate' that was flown before"),
     ],
 )
 def test_what_cannot_be_compared(
@@ -241,6 +294,9 @@ def test_what_cannot_be_compared(
         write_flown(other, flights("a", "wil", "II", TEN[:2]), with_motion=False)
     elif kind == "nothing before":
         write_flown(other / "x", flights("a", "wil", "PP"), started_utc="2027", with_motion=False)
+    elif kind == "another campaign":
+        flown = flights("a", "wil", "PP")
+        write_flown(other / "x", flown, name="box", started_utc="2025", with_motion=False)
     assert main(["compare", str(other), str(now)]) == code
     outcome = capsys.readouterr()
     assert words in outcome.err

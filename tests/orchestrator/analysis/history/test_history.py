@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from orchestrator.cli import main
-from tests.orchestrator.analysis.flown_campaign import flights, write_flown
+from tests.orchestrator.analysis.flown_campaign import flights, write_flown, write_searched
 
 Capture = pytest.CaptureFixture[str]
 HOSTILE = "<script>alert(1)</script>\x1b[31m"
@@ -46,6 +46,20 @@ def test_campaigns_stand_in_their_order_with_their_figures(tmp_path: Path, capsy
     ]
     assert rows[0]["margin"] == pytest.approx(0.29)
     assert rows[0]["duration_s"] == pytest.approx(10.01)
+
+
+@pytest.mark.parametrize("folder", ["results", "results/gate", "results/gate/search"])
+def test_a_search_is_no_campaign_of_the_history(
+    tmp_path: Path, capsys: Capture, folder: str
+) -> None:
+    flown(tmp_path, 1, "PPP")
+    write_searched(tmp_path / "results/gate", started_utc="2026-11-02T10:00:00Z")
+    if folder.endswith("search"):
+        assert main(["history", str(tmp_path / folder)]) == 2
+        assert "no flights of a campaign in" in capsys.readouterr().err
+    else:
+        rows = shown(capsys, tmp_path / folder)["rows"]
+        assert [(row["case"], row["passed"]) for row in rows] == [("a", 3)]
 
 
 def test_flaky_is_the_same_seed_and_stochastic_is_another(tmp_path: Path, capsys: Capture) -> None:

@@ -48,6 +48,11 @@ def outcome(capsys: Capture, command: str, folder: Path) -> tuple[int, str]:
         (lambda document: document.clear(), "it lacks campaign, started_utc, runs, document"),
         (lambda document: document.update(started_utc=7), "it lacks started_utc"),
         (lambda document: document.update(runs={}), "it lacks runs"),
+        (lambda document: document.update(requirements=7), "requirements: Input should be a valid"),
+        (
+            lambda document: document.update(requirements=[{"case": "a", "mode": "wil"}]),
+            "requirements.0.share: Field required",
+        ),
         (
             lambda document: document["runs"].extend(
                 [{"run": "../../etc"}, {"run": "a\ud800/wil/" + "1" * 300}, {"run": 5}, None]

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.analysis.reading.flown_requirements import flown_requirements
 from orchestrator.campaign.folder.manifest import judging_manifest, manifest, world_digest
 from orchestrator.campaign.folder.manifest_changes import changes_since_flight
 from tests.orchestrator.conftest import ROOT
@@ -37,6 +38,17 @@ def test_which_runs_were_chosen_is_no_change_of_their_files(
     assert changes(before, file, repetitions=2) == []
     before["runs"][0]["documents"] = "sha256:0"
     assert changes(before, file) == [f"the files of {before['runs'][0]['run']} changed"]
+
+
+@pytest.mark.parametrize("file", ["gate.yaml", "table1.yaml"])
+@pytest.mark.parametrize("repetitions", [1, None])
+def test_what_was_required_is_read_back_also_of_a_composition(
+    file: str, repetitions: int | None
+) -> None:
+    campaign = load(file, repetitions=repetitions)
+    written = flown(file, repetitions=repetitions)
+    assert campaign.requirements
+    assert flown_requirements(written) == campaign.requirements
 
 
 @pytest.mark.parametrize("file", ["gate.yaml", "follow.yaml", "avoid.yaml", "table1.yaml"])

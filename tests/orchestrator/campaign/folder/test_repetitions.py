@@ -101,6 +101,24 @@ def test_a_campaign_stops_when_it_is_decided(hover: Path, capsys: Capture) -> No
     assert "2 flights when all pass, 2 when all fail, 5 at most" in capsys.readouterr().out
 
 
+def test_readers_know_that_a_composition_stops_when_it_is_decided(
+    hover: Path, capsys: Capture
+) -> None:
+    both = hover.parent / "both.yaml"
+    text = "schema: wil/campaign/1\ncampaign: both\ncampaigns: {one: %s, other: %s}\n"
+    both.write_text(text % (hover.name, hover.name))
+    out = hover.parent / "out"
+    assert main(["run", str(both), "--out", str(out), "--jobs", "1"]) == 0
+    (folder,) = (out / "both").iterdir()
+    page = (folder / "report.html").read_text()
+    assert page.count("0.9 against 0.2: at least") == 2
+    assert "have no result" not in page
+    capsys.readouterr()
+    for command in (["report", folder], ["history", out], ["compare", folder, folder]):
+        assert (command, main(list(map(str, command)))) == (command, 0)
+        assert capsys.readouterr().err == ""
+
+
 def test_a_campaign_with_a_fixed_number_needs_them_all(campaign: Campaign) -> None:
     fixed = replace(campaign, test=None)
     assert len(runs_due(fixed.plans, fixed.test, results("PP"))) == 5

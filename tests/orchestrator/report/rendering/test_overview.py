@@ -1,0 +1,107 @@
+"""The table of the overview: what was required of each case and mode, and the verdict on it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from campaigns.statistics.sequential_test import SequentialTest
+from campaigns.values.acceptance import Requirement, Share
+from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.report.rendering.overview import case_rows, verdict_of
+from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
+
+COMPOSED: dict[str, Any] = {"campaign": "both", "campaigns": {"one": "gate.yaml"}}
+"""The document of a composition has neither `accept` nor the repetitions of its parts."""
+TEST = SequentialTest(at_least=0.9, against=0.2, most=5)
+PLAIN: dict[str, Any] = {
+    "accept": {"one.a": {"wil": "4/5"}},
+    "repetitions": 5,
+}
+DECIDED: dict[str, Any] = {
+    "repetitions": {"until": "decided", "at_least": 0.9, "against": 0.2, "most": 5}
+}
+
+
+def row_of(folder: Path, given: list[Flight], **more: Any) -> tuple[str, str, str]:
+    (row,) = case_rows(read_campaign(write_flown(folder, given, with_motion=False, **more)))
+    return row.passed, row.required, row.verdict
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "share", "required", "verdict"),
+    [
+        ("PPPPF", Share(4, 5), "4/5", "PASS"),
+        ("PPPFF", Share(4, 5), "4/5", "FAIL"),
+        ("PPPPF", Share(5, 5), "5/5", "FAIL"),
+        ("PPP", Share(5, 5), "5/5", "ERROR"),
+    ],
+)
+def test_the_share_of_a_part_of_a_composition_is_that_of_its_flight(
+    tmp_path: Path, verdicts: str, share: Share, required: str, verdict: str
+) -> None:
+    found = row_of(
+        tmp_path / "both",
+        flights("one.a", "wil", verdicts),
+        document=COMPOSED,
+        requirements=[Requirement("one.a", "wil", share)],
+    )
+    assert found == (f"{verdicts.count('P')}/{len(verdicts)}", required, verdict)
+
+
+def test_why_a_composition_is_not_accepted_names_the_share(tmp_path: Path) -> None:
+    folder = write_flown(
+        tmp_path / "both",
+        flights("one.a", "wil", "PPPFF"),
+        document=COMPOSED,
+        requirements=[Requirement("one.a", "wil", Share(4, 5))],
+        with_motion=False,
+    )
+    text = verdict_of(read_campaign(folder)).sentence
+    assert "Not accepted because one.a/wil is 3/5 (needs 4/5)." in text
+
+
+def test_a_decided_part_of_a_composition_lacks_no_run(tmp_path: Path) -> None:
+    given = flights("one.a", "wil", "PP")
+    test = Requirement("one.a", "wil", Share(5, 5), TEST)
+    folder = write_flown(
+        tmp_path / "both",
+        given,
+        document=COMPOSED,
+        requirements=[test],
+        planned=5,
+        with_motion=False,
+    )
+    campaign = read_campaign(folder)
+    assert (campaign.problems, campaign.run_problems) == ((), ())
+    (row,) = case_rows(campaign)
+    assert (row.passed, row.required, row.verdict) == (
+        "2/2",
+        "0.9 against 0.2: at least",
+        "PASS",
+    )
+
+
+@pytest.mark.parametrize(
+    ("document", "verdicts", "required", "verdict"),
+    [
+        (PLAIN, "PPPPF", "4/5", "PASS"),
+        (DECIDED, "PP", "0.9 against 0.2: at least", "PASS"),
+        (DECIDED, "FF", "0.9 against 0.2: below", "FAIL"),
+        ({}, "PPF", "3/3", "FAIL"),
+        ({"accept": {"one.a": {"wil": "9/5"}}, "repetitions": 5}, "PPF", "3/3", "FAIL"),
+        ({"accept": {"one.a": 7}, "repetitions": 5}, "PPF", "3/3", "FAIL"),
+        ({"repetitions": {"until": "decided"}}, "PPF", "3/3", "FAIL"),
+    ],
+)
+def test_a_folder_of_an_earlier_version_is_read_by_its_campaign_file(
+    tmp_path: Path, document: dict[str, Any], verdicts: str, required: str, verdict: str
+) -> None:
+    found = row_of(tmp_path / "old", flights("one.a", "wil", verdicts), document=document)
+    assert found[1:] == (required, verdict)
+
+
+def test_a_run_without_a_result_is_missing_where_the_summary_names_none(tmp_path: Path) -> None:
+    given = flights("a", "wil", "PP")
+    folder = write_flown(tmp_path / "cut", given, planned=3, broken=None, with_motion=False)
+    assert "1 of 3 runs have no readable result" in read_campaign(folder).problems
