@@ -79,10 +79,15 @@ def _skew_problems(
     """Yield sensors of the twin so slow that some real readings have no partner within the skew.
 
     Without `register` the twin's readings are streamed. Whatever the phase, some real reading is
-    (T - P) / 2 away from both of its neighbours, with T the twin's period and P the mixture's.
+    (T - P) / 2 away from both of its neighbours, with T the twin's period and P the mixture's. Of
+    sound the part of the same time is used, however long the blocks are.
     """
     timed = any(step.parameters.timed for step in combination.steps)
-    if timed or any(step.kind.name == "register" for step in combination.steps):
+    if (
+        combination.sensor.kind == "microphone"
+        or timed
+        or any(step.kind.name == "register" for step in combination.steps)
+    ):
         return
     name = combination.sensor.name
     real_hz = _rates_hz(setup.vehicles["real"]).get(name)

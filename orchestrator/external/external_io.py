@@ -123,9 +123,13 @@ class ExternalIo:
         )
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
-        """Attach the vehicles whose autopilots receive injections, and send readings."""
+        """Attach the vehicles whose autopilots receive injections, and carry external sensors."""
         setup, contexts = self._setup, tuple(contexts)
         self.readings.attach(contexts)
+        for context in contexts:
+            for (vehicle, _), camera in self.cameras.items():
+                if vehicle == context.name:
+                    camera.attach(context)
         scene_poses = ScenePoses(
             setup.virtual_scene if setup.mode != "real" else setup.real_scene,
             setup.campaign.world.frame,

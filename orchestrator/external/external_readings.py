@@ -7,14 +7,13 @@ from pathlib import Path
 
 from campaigns.values.external_setups import ReadingSourceSetup
 from campaigns.values.sensor_setups import LidarSetup, RangingSetup, SourcedSetup
-from orchestrator.external.external_sources import Deliver, ExternalSource
+from orchestrator.external.external_sources import ExternalSource
 from orchestrator.model.external_results import SourceResult
 from orchestrator.recording.topic_readings import TopicReadings
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.readings import Reading, Source
 from vehicles.sources.camera_source import ReadingSource, SourceError
-from vehicles.sources.readings.frozen_readings import FrozenReadings
 from vehicles.sources.readings.live_readings import LiveReadings
 from vehicles.sources.readings.mavlink_messages import Beams, StatedReach
 from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
@@ -38,11 +37,7 @@ _OTHER_REMEDY = "let the autopilot send it on this link, or name another by `mes
 
 
 class ExternalReadings(ExternalSource):
-    """One sensor of a vehicle with external readings; a Stream of them.
-
-    A sensor that repeats the same reading while its vehicle moves counts as stalled, and those
-    readings are not delivered.
-    """
+    """One sensor of a vehicle with external readings; a Stream of them."""
 
     def __init__(self, *, sensor: SourcedSetup, source: ReadingSourceSetup, side: Source) -> None:
         super().__init__(
@@ -50,14 +45,11 @@ class ExternalReadings(ExternalSource):
         )
         self._setup = sensor
         self._from_setup = source
-        self._context: VehicleContext | None = None
-        self._frozen = FrozenReadings()
-        self._is_frozen = False
         self._live = self._make_live()
 
     def attach(self, context: VehicleContext) -> None:
         """Attach the vehicle whose sensor this is; before it is identified."""
-        self._context = context
+        super().attach(context)
         if self._from_setup.kind == "mavlink":
             feed = MavlinkReadings(sensor=self._mavlink_sensor(), side=self._side, into=self._live)
             feed.attach(context.driver)
@@ -84,22 +76,6 @@ class ExternalReadings(ExternalSource):
         fault = rest_fault(self._live.newest, pose=pose, frame=frame)
         if fault is not None:
             raise SourceError(f"{self._live.name}: {fault}")
-
-    async def run(self, deliver: Deliver) -> None:
-        """Deliver the external readings until cancelled. Raises SourceError at their end."""
-
-        def deliver_unless_frozen(reading: Reading) -> None:
-            pose = None if self._context is None else self._context.poses.at(reading.t_s).pose
-            fault = (
-                None if self._from_setup.shown_as == "file" else self._frozen.take(reading, pose)
-            )
-            if fault is None:
-                deliver(reading)
-            else:
-                self._stall(fault, again=self._is_frozen)
-            self._is_frozen = fault is not None
-
-        await super().run(deliver_unless_frozen)
 
     @property
     def _mount(self) -> Pose:

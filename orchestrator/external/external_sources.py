@@ -1,4 +1,4 @@
-"""The base of a sensor with external readings: it opens, counts and reports stalls."""
+"""The base of a sensor with external readings: it opens, counts, reports stalls and freezing."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from campaigns.values.external_setups import ShownAs
 from orchestrator.model.external_results import SourceResult
+from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.readings import Reading, Source
 from vehicles.sources.camera_source import (
     ReadingSource,
@@ -14,6 +15,7 @@ from vehicles.sources.camera_source import (
     SourceError,
     SourceStalledError,
 )
+from vehicles.sources.readings.frozen_readings import FrozenReadings
 
 Deliver = Callable[[Reading], None]
 
@@ -23,7 +25,8 @@ class ExternalSource:
 
     It is opened with the run, so that an unavailable source is known before the flight. `run`
     delivers the readings since its own beginning: a live source is open already, a recording
-    starts then. make: returns the source, not opened yet.
+    starts then. A live sensor that repeats the same reading while its vehicle moves counts as
+    stalled, and those readings are not delivered. make: returns the source, not opened yet.
     """
 
     def __init__(
@@ -44,6 +47,13 @@ class ExternalSource:
         self._trouble = ""
         self._before = SourceCounts()
         self._has_begun = False
+        self._context: VehicleContext | None = None
+        self._frozen = FrozenReadings()
+        self._is_frozen = False
+
+    def attach(self, context: VehicleContext) -> None:
+        """Attach the vehicle whose sensor this is; before it is identified."""
+        self._context = context
 
     async def open(self, stack: AsyncExitStack) -> None:
         """Open an external source, live or recorded. Raises SourceError."""
@@ -101,11 +111,21 @@ class ExternalSource:
                     if reading.arrived_s < since_s:
                         continue
                     self._begin_counting(source.counts)
-                    deliver(reading)
+                    if source.kind == "file" or not self._report_frozen(reading):
+                        deliver(reading)
             except SourceStalledError as error:
                 self._stall(str(error))
             else:
                 raise SourceError(f"{source.name}: the recording is over")
+
+    def _report_frozen(self, reading: Reading) -> bool:
+        """Return whether a live sensor is frozen; report it as stalled then."""
+        pose = None if self._context is None else self._context.poses.at(reading.t_s).pose
+        fault = self._frozen.take(reading, pose)
+        if fault is not None:
+            self._stall(fault, again=self._is_frozen)
+        self._is_frozen = fault is not None
+        return self._is_frozen
 
     def _begin_counting(self, counts: SourceCounts) -> None:
         """Exclude readings before the first delivered one from the counts."""

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.pipeline import Mixer
-from vehicles.readings import CameraReading, Reading
+from vehicles.readings import CameraReading, Reading, end_s
 
 _NEAR_READINGS = 64
 
@@ -55,7 +55,7 @@ class StreamedTwins:
 
     def match(self, real: Reading) -> Reading | None:
         """Return the twin's reading nearest to the real one in time."""
-        while not self._near or self._near[-1].t_s < real.t_s:
+        while not self._near or end_s(self._near[-1]) < end_s(real):
             following = next(self._readings, None)
             if following is None:
                 break

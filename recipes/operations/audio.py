@@ -4,13 +4,15 @@ Filters are windowed sinc (Blackman), of linear phase, so that they only delay;
 see Smith, "The Scientist and Engineer's Guide to Digital Signal Processing" (1997), chapter 16.
 """
 
+import math
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recipes.working import CannotMixError
-from vehicles.readings import MicrophoneReading, samples_from_pressure
+from vehicles.readings import MicrophoneReading, end_s, samples_from_pressure
 
 Sound = NDArray[np.float64]
 
@@ -73,34 +75,73 @@ _GAP_SAMPLES = 1.5
 
 
 class TimeLine:
-    """A buffer of the last audio blocks of a microphone, readable at any time."""
+    """A buffer of the last seconds of a microphone's sound, readable at any time."""
 
     def __init__(self) -> None:
-        self._blocks: list[MicrophoneReading] = []
+        self._blocks: deque[MicrophoneReading] = deque()
 
     def add(self, block: MicrophoneReading) -> None:
-        """Add an audio block; one not newer than the last changes nothing."""
-        if not self._blocks or block.t_s > self._blocks[-1].t_s:
-            self._blocks.append(block)
-            del self._blocks[:-_HELD_BLOCKS]
+        """Add an audio block; one not newer than the last changes nothing.
 
-    def during(self, like: MicrophoneReading) -> Sound:
-        """Return the audio pressure (Pa) at the sample times of another block, (samples,).
-
-        Silence where there is no block. Raises CannotMixError for another sample rate.
+        With a block of another sample rate the line begins anew.
         """
-        rate, count = like.sample_rate_hz, len(like.samples)
-        pressure_pa = np.zeros(count)
-        for block in self._blocks:
-            if block.sample_rate_hz != rate:
-                raise CannotMixError(
-                    "mismatch", f"sound of {block.sample_rate_hz} Hz over sound of {rate} Hz"
-                )
-            first = round((block.t_s - like.t_s) * rate)
-            begin, end = max(0, first), min(count, first + len(block.samples))
+        if self._blocks and block.t_s <= self._blocks[-1].t_s:
+            return
+        if self._blocks and block.sample_rate_hz != self._blocks[-1].sample_rate_hz:
+            self._blocks.clear()
+        self._blocks.append(block)
+        while end_s(self._blocks[0]) < block.t_s - _HELD_S:
+            self._blocks.popleft()
+
+    def block_during(self, real: MicrophoneReading, like: MicrophoneReading) -> MicrophoneReading:
+        """Return the line's audio block for exactly the time of a real one.
+
+        It has the line's sample rate, number and full scale of another block. Blocks of consecutive
+        times join: each sample of the line is in one of them. Raises CannotMixError for sound that
+        is not known.
+        """
+        rate = self._blocks[-1].sample_rate_hz
+        count = _index(end_s(real), rate) - _index(real.t_s, rate)
+        samples = samples_from_pressure(self.sound_from(real.t_s, count), like.full_scale_pa)
+        return replace(like, t_s=real.t_s, sample_rate_hz=rate, samples=samples)
+
+    def sound_from(self, begin_s: float, count: int, *, is_whole: bool = True) -> Sound:
+        """Return the audio pressure (Pa) of so many samples from a time on, (samples,).
+
+        is_whole: raises CannotMixError where more is missing than the jitter of time stamps leaves
+        between two blocks; else that is silence.
+        """
+        pressure_pa, known, missing = np.zeros(count), count, 0
+        for block in reversed(self._blocks):
+            rate = block.sample_rate_hz
+            first = _index(block.t_s, rate) - _index(begin_s, rate)
+            begin, end = max(0, first), min(known, first + len(block.samples))
             if begin < end:
                 pressure_pa[begin:end] = block.pressure_pa[begin - first : end - first]
+                missing += _hole(known - end)
+                known = begin
+            if first <= 0:
+                break
+        missing += _hole(known)
+        if is_whole and missing > 0:
+            share = math.floor(100 * (1.0 - missing / count))
+            raise CannotMixError("no_twin", f"the twin's sound covers {share} % of the block")
         return pressure_pa
 
 
-_HELD_BLOCKS = 32
+def _index(t_s: float, rate_hz: int) -> int:
+    """Return the number of the audio sample at a time.
+
+    Halves are rounded up whatever the last digits of the time, so that blocks keep their distance.
+    """
+    return math.floor(t_s * rate_hz + 0.501)
+
+
+def _hole(samples: int) -> int:
+    """Return how many audio samples are missing in a hole; 0 where it is jitter of time stamps."""
+    return samples if samples > _JITTER_SAMPLES else 0
+
+
+_JITTER_SAMPLES = 2
+_HELD_S = 10.0
+"""How much sound a line holds: longer than a block and its latency."""

@@ -7,15 +7,18 @@ from vehicles.readings import (
     DepthReading,
     LidarPointsReading,
     LidarScanReading,
+    MicrophoneReading,
     Reading,
 )
 
 
 def autonomy_reading(reading: Reading, real: Reading, now_s: float, sensor: str) -> Reading:
-    """Return a mixture as the autonomy receives it: the real's time, and sensor values only."""
-    mixed = replace(
-        reading, t_s=real.t_s, arrived_s=now_s, seq=real.seq, source="mixed", sensor=sensor
-    )
+    """Return a mixture as the autonomy receives it: the real's time, and sensor values only.
+
+    Mixed sound keeps the time of its first sample.
+    """
+    t_s = reading.t_s if isinstance(reading, MicrophoneReading) else real.t_s
+    mixed = replace(reading, t_s=t_s, arrived_s=now_s, seq=real.seq, source="mixed", sensor=sensor)
     if isinstance(mixed, CameraReading | DepthReading):
         rendered = isinstance(real, CameraReading | DepthReading) and real.rendered
         mixed = replace(mixed, rendered=rendered)

@@ -10,6 +10,7 @@ from typing import TypeVar, cast
 
 from recipes.model.recipe import Combination, Recipe
 from recipes.model.registry import Context
+from recipes.operations.audio import TimeLine
 from recipes.pipeline.autonomy_readings import autonomy_reading
 from recipes.pipeline.intake import Intake
 from recipes.pipeline.mixture import MixCounts, Mixed, Provenance, StageTime
@@ -24,7 +25,7 @@ from recipes.working import (
     PoseRequest,
     Side,
 )
-from vehicles.readings import Reading
+from vehicles.readings import MicrophoneReading, Reading
 
 __all__ = ["Mixer", "Stopwatch", "compile_recipe"]
 
@@ -102,6 +103,8 @@ class Mixer:
         self._real, self._twin = (
             Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
         )
+        is_sound = all(sensor.kind_of(side) == "microphone" for side in SIDES)
+        self._twin_sound = TimeLine() if is_sound else None
         self._frames = 0
         self._mixed = 0
         self._dropped: Counter[DropReason] = Counter()
@@ -125,12 +128,15 @@ class Mixer:
     def offer(self, side: Side, reading: Reading) -> str | None:
         """Offer an arriving reading to the pipeline; a step or the pairing may select it later.
 
-        Readings that are passed to `mix` need not be offered. Returns the fault of a bad one in
-        words; it is counted, and must not be mixed.
+        Readings that are passed to `mix` need not be offered, except the twin's blocks of sound:
+        `mix` uses what sounded during the real block. Returns the fault of a bad one in words; it
+        is counted, and must not be mixed.
         """
         intake = self._real if side == "real" else self._twin
         fault = intake.fault_of(reading)
-        if fault is None:
+        if fault is None and side == "twin" and self._twin_sound is not None:
+            self._twin_sound.add(cast("MicrophoneReading", reading))
+        elif fault is None:
             passed: Reading | None = reading
             for stage in self._stages:
                 # Steps that select by time come before all others, so none is left out here.
@@ -198,13 +204,27 @@ class Mixer:
         elif (bad := self._twin.fault_of(twin)) is not None:
             fault = CannotMixError("bad_twin", bad)
         else:
-            run.sides["twin"] = Masked(twin)
+            try:
+                run.sides["twin"] = Masked(self._of_real_time(twin, real))
+            except CannotMixError as hole:
+                fault = hole
         try:
             fault = run.apply() or fault
             fault = self._overdue(run.sides, now_s) or fault
             return run.merged(fault)
         except CannotMixError as error:
             return None, error
+
+    def _of_real_time(self, twin: Reading, real: Reading) -> Reading:
+        """Return the twin's reading to mix: of sound the part that sounded during the real block.
+
+        Raises CannotMixError where that is not known.
+        """
+        if self._twin_sound is None:
+            return twin
+        block = cast("MicrophoneReading", twin)
+        self._twin_sound.add(block)
+        return self._twin_sound.block_during(cast("MicrophoneReading", real), like=block)
 
     def _overdue(self, sides: dict[Side, AnyMasked], now_s: float) -> CannotMixError | None:
         """Remove the twin's reading from the frame when its skew or age exceeds the limit."""

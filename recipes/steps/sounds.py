@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from recipes.model.registry import Context, SidedParameters, StepParameters, step
 from recipes.operations.audio import Filter, TimeLine, band_pass_kernel, low_pass
-from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Operator, Sides
+from recipes.working import SIDES, AnyMasked, CannotMixError, Masked, Merge, Operator, Side, Sides
 from vehicles.readings import MicrophoneReading, samples_from_pressure
 
 Work = Masked[MicrophoneReading]
@@ -107,17 +107,32 @@ class AddParameters(StepParameters):
 def add(parameters: AddParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Add the sounds of both sides, in pascals, each at the time at which it sounded.
 
-    samples (samples,) int16 of the real block, at its full scale, cut off where they exceed it.
-    The twin's blocks may begin at other times; another sample rate is a mismatch.
+    samples (samples,) int16 as many as of the real block, at its full scale, cut off where they
+    exceed it; t_s is that of the side that begins earlier, as a filter or delay on one side makes
+    it. Consecutive sums join without loss. Another sample rate of the twin's is a mismatch; where
+    the twin's sound is not known for the whole time, the sum is left out ("no_twin").
     """
-    line = TimeLine()
+    lines: dict[Side, TimeLine] = {side: TimeLine() for side in SIDES}
+    late_s = 0.0
 
     def merge(sides: Sides) -> MicrophoneReading:
+        nonlocal late_s
         real: MicrophoneReading = sides["real"].reading
-        pressure = real.pressure_pa * parameters.real_gain
+        lines["real"].add(real)
         if "twin" in sides:
-            line.add(sides["twin"].reading)
-            pressure = pressure + line.during(real) * parameters.twin_gain
-        return replace(real, samples=samples_from_pressure(pressure, real.full_scale_pa))
+            twin: MicrophoneReading = sides["twin"].reading
+            if twin.sample_rate_hz != real.sample_rate_hz:
+                rates = f"sound of {twin.sample_rate_hz} Hz over sound of {real.sample_rate_hz} Hz"
+                raise CannotMixError("mismatch", rates)
+            lines["twin"].add(twin)
+            late_s = max(0.0, real.t_s - twin.t_s)
+        # Also alone, so that the real sound goes on without a break where the twin's is missing.
+        begin_s, count = real.t_s - late_s, len(real.samples)
+        pressure_pa = lines["real"].sound_from(begin_s, count, is_whole=False)
+        pressure_pa *= parameters.real_gain
+        if "twin" in sides:
+            pressure_pa += lines["twin"].sound_from(begin_s, count) * parameters.twin_gain
+        samples = samples_from_pressure(pressure_pa, real.full_scale_pa)
+        return replace(real, t_s=begin_s, samples=samples)
 
     return merge

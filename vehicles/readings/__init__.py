@@ -14,7 +14,7 @@ from vehicles.readings.images import (
     IdImage,
     Source,
 )
-from vehicles.readings.kinds import SENSOR_TYPES, Reading, SensorType, sensor_type_of
+from vehicles.readings.kinds import SENSOR_TYPES, Reading, SensorType, end_s, sensor_type_of
 from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
 from vehicles.readings.ranging import (
     LidarPointsReading,
@@ -46,6 +46,7 @@ __all__ = [
     "Reading",
     "SensorType",
     "Source",
+    "end_s",
     "samples_from_pressure",
     "sensor_type_of",
 ]

@@ -57,3 +57,9 @@ _NAMES: Mapping[type[Reading], str] = MappingProxyType(
 def sensor_type_of(reading: Reading) -> str:
     """Return the sensor type that gives this kind of reading."""
     return _NAMES[type(reading)]
+
+
+def end_s(reading: Reading) -> float:
+    """Return when a reading ends: a block of sound after its last sample, any other at its time."""
+    length_s = reading.duration_s if isinstance(reading, MicrophoneReading) else 0.0
+    return reading.t_s + length_s

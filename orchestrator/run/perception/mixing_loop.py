@@ -13,7 +13,14 @@ from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.pipeline import Mixer
 from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
 from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, Reading
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    MicrophoneReading,
+    Reading,
+    end_s,
+)
 from vehicles.sensors.sensor_streams import OnDemand
 
 _POSE_POLL_S = 0.002
@@ -217,18 +224,33 @@ class MixingLoop:
         """
         if self._has_twin_come():
             return
-        give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
         try:
-            async with asyncio.timeout_at(give_up_s):
+            async with asyncio.timeout_at(self._give_up_s()):
                 while not self._has_twin_come():
                     self._arrived.clear()
                     await self._arrived.wait()
         except TimeoutError:
             return
 
+    def _give_up_s(self) -> float:
+        """Return the time until which the oldest due reading waits for the twin's.
+
+        A block of sound waits as long as the twin's block that ends after it takes to come.
+        """
+        give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
+        newest = self._twin_readings[-1] if self._twin_readings else None
+        if isinstance(newest, MicrophoneReading):
+            comes_s = self._oldest_due_end_s() + newest.duration_s
+            give_up_s = max(give_up_s, comes_s + _PAIR_WAIT_S)
+        return give_up_s
+
     def _has_twin_come(self) -> bool:
-        oldest_s = next(one.reading.t_s for one in self._waiting if one.is_due)
-        return bool(self._twin_readings) and self._twin_readings[-1].t_s >= oldest_s - _EARLY_S
+        if not self._twin_readings:
+            return False
+        return end_s(self._twin_readings[-1]) >= self._oldest_due_end_s() - _EARLY_S
+
+    def _oldest_due_end_s(self) -> float:
+        return next(end_s(one.reading) for one in self._waiting if one.is_due)
 
     def _nearest(self, t_s: float) -> Reading | None:
         return min(self._twin_readings, key=lambda reading: abs(reading.t_s - t_s), default=None)

@@ -133,3 +133,13 @@ def test_a_twin_that_is_asked_need_not_come_often(files: Any) -> None:
     assert len(files.faults()) == 1
     transform(files, "{register: {pose: real, align: interpolate}}")
     files.load()
+
+
+def test_blocks_of_sound_may_be_of_any_length(files: Any) -> None:
+    for samples in (512, 8192):
+        path = files.folder / "campaign.yaml"
+        ear = f"ear: {{type: microphone, block_samples: {samples}}}\n"
+        path.write_text(path.read_text().replace(SIZE, ear, 1))
+    text = "schema: wil/recipe/1\nsensors: {ear: {type: microphone}}\ncombine:\n"
+    (files.folder / "recipe.yaml").write_text(text + "  - {sensor: ear, merge: add}\n")
+    files.load()

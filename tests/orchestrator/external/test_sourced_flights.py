@@ -1,4 +1,4 @@
-"""Whole flights whose real camera is a recording: on the virtual clock, like any other."""
+"""Whole flights whose real camera is recorded or live: on the virtual clock, like any other."""
 
 import asyncio
 from collections.abc import Callable
@@ -74,17 +74,26 @@ def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
 
 
 class FakeLive:
-    """A live camera that takes grey pictures, until it does something else."""
+    """A live camera that takes grey pictures with noise, until it fails or repeats the last one."""
 
     kind: Literal["live"] = "live"
 
-    def __init__(self, intrinsics: Any, error: SourceError, after_s: float) -> None:
+    def __init__(
+        self, intrinsics: Any, after_s: float, error: SourceError | None = None, *, freezes: bool
+    ) -> None:
         self.name = "rtp://127.0.0.1:5600"
         self.intrinsics = intrinsics
         self.counts = SourceCounts()
         self._error: SourceError | None = error
         self._after_s = after_s
+        self._freezes = freezes
+        self._rng = np.random.default_rng(1)
+        self._picture = self._taken()
         self._seq = 0
+
+    def _taken(self) -> Any:
+        size = (self.intrinsics.height_px, self.intrinsics.width_px, 3)
+        return self._rng.normal(110.0, 2.0, size).astype(np.uint8)
 
     async def __aenter__(self) -> Self:
         return self
@@ -104,8 +113,12 @@ class FakeLive:
                 await asyncio.sleep(2.0)
             raise error
         self._seq += 1
-        grey = np.full((self.intrinsics.height_px, self.intrinsics.width_px, 3), 110, np.uint8)
-        return CameraReading(now_s - 0.05, now_s, self._seq, "real", grey, self.intrinsics)
+        if not self._freezes or now_s < self._after_s:
+            self._picture = self._taken()
+        picture = self._picture.copy()
+        return CameraReading(
+            now_s - 0.05, now_s, self._seq, "real", picture, self.intrinsics, rendered=False
+        )
 
 
 @pytest.mark.parametrize(
@@ -120,7 +133,7 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
 ) -> None:
     def opened(address: str, *, intrinsics: Any, **_: Any) -> FakeLive:
         assert address == "rtp://127.0.0.1:5600"
-        return FakeLive(intrinsics, error, after_s=18.0)
+        return FakeLive(intrinsics, 18.0, error, freezes=False)
 
     monkeypatch.setattr("orchestrator.external.external_cameras.live_camera", opened)
     result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
@@ -131,3 +144,24 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
     assert str(error) in result.outside.sources[0].trouble
     if verdict == "ERROR":
         assert str(error) in result.reason
+
+
+@pytest.mark.parametrize("freezes", [True, False])
+def test_a_live_camera_that_repeats_its_last_image_with_new_stamps_proves_nothing(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, freezes: bool
+) -> None:
+    def opened(_: str, *, intrinsics: Any, **__: Any) -> FakeLive:
+        return FakeLive(intrinsics, 18.0, freezes=freezes)
+
+    monkeypatch.setattr("orchestrator.external.external_cameras.live_camera", opened)
+    result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
+    assert all_landed(folder)
+    assert result.outside is not None
+    (camera,) = result.outside.sources
+    if not freezes:
+        assert (result.verdict, result.reason, camera.stalls) == ("PASS", "", 0)
+        return
+    assert result.verdict == "INVALID"
+    assert result.reason.startswith("real camera: its last ")
+    assert result.reason.endswith("meanwhile: the sensor is frozen")
+    assert camera.stalls == 1

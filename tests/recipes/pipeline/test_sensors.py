@@ -68,18 +68,20 @@ def at(reading: Any, t_s: float) -> Any:
 def test_every_sensor_is_mixed(sensor: str) -> None:
     make, merge = SENSORS[sensor]
     one = mixer(sensor, f"merge: {merge}")
+    # Of sound the part of the same time is used.
+    skew_s = 0.0 if sensor == "microphone" else 0.01
     for k in range(3):
         t_s = 1.0 + k / 10
-        mixed = one.mix(at(make(source="real"), t_s), at(make(), t_s + 0.01), now_s=t_s + 0.05)
+        mixed = one.mix(at(make(source="real"), t_s), at(make(), t_s + skew_s), now_s=t_s + 0.05)
         assert mixed.provenance.dropped is None
-        assert mixed.provenance.skew_ms == pytest.approx(10.0)
+        assert mixed.provenance.skew_ms == pytest.approx(1000.0 * skew_s)
         assert mixed.reading is not None
         assert (mixed.reading.source, mixed.reading.t_s) == ("mixed", t_s)
         assert mixed.reading.arrived_s == t_s + 0.05
     assert one.counts().mixed == 3
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", [one for one in SENSORS if one != "microphone"])
 def test_every_sensor_is_delayed_and_held(sensor: str) -> None:
     make, merge = SENSORS[sensor]
     body = f"transform: [{{delay: 100}}, {{resample: hold}}], merge: {merge}, max_skew_ms: 200"

@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from orchestrator.model.clock import run_virtual
@@ -20,7 +21,7 @@ from recipes.pipeline.pipeline import compile_recipe
 from recipes.visibility.coverage import Coverage
 from recipes.visibility.model import FrameVisibility, ObjectVisibility
 from recipes.working import StepError
-from tests.recipes.samples import beam, camera
+from tests.recipes.samples import beam, camera, sound
 from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import Reading
@@ -151,6 +152,73 @@ def test_a_recipe_may_be_slower_than_its_source() -> None:
     assert len(rig.frames) == pytest.approx(40, abs=1)
     assert rig.loop.statistics.replaced == 0
     assert rig.loop.statistics.rate_hz == pytest.approx(20.0, rel=0.02)
+
+
+def played(
+    real: int,
+    twin: int,
+    *,
+    ahead_s: float = 0.0,
+    body: str = "merge: add",
+    lost: range = range(0),
+) -> Rig:
+    """Return a rig that was played two constant sounds in blocks of so many samples, as they came.
+
+    ahead_s: by how much the twin's blocks begin earlier. lost: the twin's blocks that never come.
+    """
+    rate = 16_000
+
+    def feed(rig: Rig) -> None:
+        for k in range(rate // real):
+            block = sound(np.full(real, 1000), "real", rate)
+            rig.real(1.0 + k * real / rate, late_s=real / rate, made=block)
+        for k in range(rate // twin + 2):
+            if k not in lost:
+                block = sound(np.full(twin, 500), "twin", rate)
+                rig.twin(1.0 - ahead_s + k * twin / rate, late_s=twin / rate + 0.01, made=block)
+
+    return flown(lambda: Rig(body, sensor="microphone", period_s=real / rate), feed, 2.5)
+
+
+@pytest.mark.parametrize("ahead_s", [0.0, 0.012, 0.00003])
+@pytest.mark.parametrize(
+    ("real", "twin"), [(512, 512), (1024, 512), (512, 1024), (512, 4096), (1000, 160)]
+)
+def test_all_of_the_twins_sound_is_in_the_mixtures(real: int, twin: int, ahead_s: float) -> None:
+    rig = played(real, twin, ahead_s=ahead_s)
+    assert len(rig.frames) == 16_000 // real
+    first_s = 1.0 - ahead_s + twin / 16_000 + 0.01
+    mixed: list[Any] = [frame.mixed for t_s, frame in rig.frames if t_s >= first_s]
+    assert len(mixed) > 16_000 // real - 10
+    assert {one.provenance.dropped for one in mixed} == {None}
+    assert all((one.reading.samples == 1500).all() for one in mixed)
+    assert max(one.provenance.skew_ms for one in mixed) == 0.0
+    # A block waits for the one of the twin that ends after it.
+    waits_ms = 1000.0 * (real + twin) / 16_000 + 10.0
+    assert all(one.provenance.latency_ms <= waits_ms + 0.1 for one in mixed)
+
+
+def test_a_filter_of_the_twins_sound_hears_all_of_it() -> None:
+    passes = "filter: [{band_pass: {high_hz: 4000}}], merge: add"
+    rig = played(1024, 512, body=passes)
+    blocks: list[Any] = [frame.mixed.reading for _, frame in rig.frames]
+    assert {one.dropped for one in rig.provenances} == {None}
+    assert all(abs(one.samples - 1500).max() <= 1 for one in blocks[1:])
+    # From the second on, each begins where the last one ended.
+    times = [one.t_s for one in blocks]
+    assert times == pytest.approx([1.0 - 200 / 16_000 + 0.064 * k for k in range(15)])
+
+
+def test_sound_of_the_twin_that_is_lost_is_counted_and_delays_nothing() -> None:
+    rig = played(1024, 512, lost=range(7, 9))
+    dropped = {k: one.detail for k, one in enumerate(rig.provenances) if one.dropped}
+    said = "the twin's sound covers 50 % of the block"
+    assert dropped == {3: said, 4: said}
+    assert dict(rig.loop.mixer.counts().dropped) == {"no_twin": 2}
+    assert (len(rig.frames), rig.loop.statistics.replaced) == (15, 0)
+    silent = played(512, 512, lost=range(10, 100))
+    assert [one.dropped for one in silent.provenances] == [None] * 10 + ["no_twin"] * 21
+    assert max(one.latency_ms for one in silent.provenances) < 120.0
 
 
 class Slow:

@@ -10,6 +10,7 @@ import pytest
 
 from orchestrator.model.clock import run_virtual
 from vehicles.readings import (
+    CameraReading,
     GpsReading,
     ImuReading,
     LidarScanReading,
@@ -21,6 +22,7 @@ from vehicles.sources.camera_source import SourceStalledError
 from vehicles.sources.readings.frozen_readings import FrozenReadings
 from vehicles.sources.readings.live_readings import LiveReadings
 from vehicles.sources.readings.rest_check import rest_fault
+from worlds.camera import Intrinsics
 from worlds.frames import Pose, quat_from_euler
 from worlds.geodesy import LocalFrame
 
@@ -193,3 +195,29 @@ def test_a_microphone_that_says_the_same_block_is_frozen_and_silence_is_not() ->
             for k in range(20)
         ]
         assert any(said) is is_frozen
+
+
+def image(t_s: float, picture: Any) -> CameraReading:
+    lens = Intrinsics.from_fov(16, 12, 1.2)
+    return CameraReading(t_s, t_s, 0, "real", picture.copy(), lens, rendered=False)
+
+
+def test_images_that_stay_while_the_vehicle_moves_or_turns_are_frozen() -> None:
+    picture = np.random.default_rng(1).integers(0, 255, (12, 16, 3)).astype(np.uint8)
+    going, turning, hovering = FrozenReadings(), FrozenReadings(), FrozenReadings()
+    said = [going.take(image(0.1 * k, picture), at(0.06 * k)) for k in range(12)]
+    assert said[:9] == [None] * 9
+    assert "moved 0.54 m and turned 0 deg meanwhile: the sensor is frozen" in str(said[9])
+    for k in range(12):
+        turned = Pose.of(0.0, 0.0, -1.0, yaw_rad=math.radians(3.0 * k))
+        fault = turning.take(image(0.1 * k, picture), turned)
+        assert (fault is not None) is (k >= 9)
+        assert hovering.take(image(0.1 * k, picture), at(0.02 * (k % 2))) is None
+
+
+def test_a_camera_with_noise_or_that_sends_each_image_twice_is_not_frozen() -> None:
+    rng, noisy, twice = np.random.default_rng(1), FrozenReadings(), FrozenReadings()
+    pictures = [rng.normal(110.0, 2.0, (12, 16, 3)).astype(np.uint8) for _ in range(30)]
+    for k, picture in enumerate(pictures):
+        assert noisy.take(image(0.1 * k, picture), at(0.3 * k)) is None
+        assert twice.take(image(0.1 * k, pictures[k // 2]), at(0.3 * k)) is None
