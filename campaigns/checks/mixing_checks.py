@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from campaigns.schema import Mode
+from campaigns.setup.blank_readings import blank_reading
 from campaigns.setup.case_files import CaseFiles
 from campaigns.setup.case_setup import Setup, VehicleSetup
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup, LidarSetup, SensorSetup
+from campaigns.values.sensor_setups import SensorSetup
 from recipes.model.recipe import Combination, Recipe
 from recipes.pipeline.shape_check import shape_mismatch
 from recipes.working import SIDES, Side
@@ -112,7 +111,7 @@ def _shape_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterato
         for side in SIDES:
             sensor = _sensor_named(setup.vehicles[side], combination.sensor.name)
             is_fit = sensor is not None and sensor.kind == combination.sensor.kind_of(side)
-            reading = _blank_reading(sensor, side) if sensor is not None and is_fit else None
+            reading = blank_reading(sensor, side) if sensor is not None and is_fit else None
             if reading is not None:
                 blank[side] = reading
         if len(blank) < len(SIDES):
@@ -130,33 +129,6 @@ def _rates_hz(vehicle: VehicleSetup) -> dict[str, float | None]:
 
 def _sensor_named(vehicle: VehicleSetup, name: str) -> SensorSetup | None:
     return next((sensor for sensor in vehicle.sensors if sensor.name == name), None)
-
-
-def _blank_reading(sensor: SensorSetup, side: Side) -> Reading | None:
-    """Return an empty reading as large as those of a sensor; None for one without a shape."""
-    if isinstance(sensor, CameraSetup):
-        size = (sensor.intrinsics.height_px, sensor.intrinsics.width_px)
-        image = np.zeros((*size, 3), np.uint8)
-        return CameraReading(0.0, 0.0, 0, side, image, sensor.intrinsics, sensor=sensor.name)
-    if isinstance(sensor, DepthSetup):
-        size = (sensor.intrinsics.height_px, sensor.intrinsics.width_px)
-        depth_m = np.full(size, np.inf, np.float32)
-        return DepthReading(0.0, 0.0, 0, side, depth_m, sensor.intrinsics, sensor=sensor.name)
-    if isinstance(sensor, LidarSetup):
-        pattern = sensor.pattern
-        return LidarScanReading(
-            t_s=0.0,
-            arrived_s=0.0,
-            seq=0,
-            source=side,
-            ranges_m=np.full(pattern.beams, np.inf, np.float32),
-            start_angle_rad=pattern.start_angle_rad,
-            step_rad=pattern.step_rad,
-            range_min_m=0.0,
-            range_max_m=np.inf,
-            sensor=sensor.name,
-        )
-    return None
 
 
 def _shape_text(reading: Reading) -> str:

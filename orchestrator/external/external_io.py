@@ -8,6 +8,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from typing import Self
 
+from campaigns.setup.perceived_cameras import perceived_cameras
 from campaigns.values.external_setups import MocapSetup
 from campaigns.values.sensor_setups import CameraSetup
 from orchestrator.delivery.camera_component import CameraComponent, VideoStream
@@ -331,9 +332,11 @@ class ExternalIo:
             name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
             if name not in there:
                 continue
-            # The mixed image has the size of the real vehicle's image, which it replaces.
-            owner = there.get("real", there[name]) if perceived else there[name]
-            camera = next(one for one in owner.cameras if one.name == outlet.sensor)
+            cameras = {camera.name: camera for camera in there[name].cameras}
+            if perceived:
+                shown = perceived_cameras(self._setup.campaign, self._setup.mode, name)
+                cameras |= {camera.name: camera for camera in shown}
+            camera = cameras[outlet.sensor]
             sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
             delivery = image_delivery(outlet, camera, sdp_path=sdp)
             yield Outlet(delivery, outlet.sensor, name, perceived)

@@ -10,7 +10,6 @@ from typing import Self
 
 from campaigns.setup.autonomy_under_test import UnderTest
 from campaigns.values.sensor_setups import CameraSetup
-from orchestrator.delivery.image_delivery import Delivery
 from orchestrator.delivery.rtp import rtp_delivery
 from orchestrator.delivery.sdp import RtpAddress
 from orchestrator.external.autonomy_program import (
@@ -19,6 +18,7 @@ from orchestrator.external.autonomy_program import (
     autonomy_environment,
 )
 from orchestrator.external.command_filter import SETPOINTS, CommandFilter
+from orchestrator.external.program_video import ProgramVideo
 from orchestrator.model.external_results import ProgramResult
 from orchestrator.state.run_state import RunState
 from orchestrator.state.vehicle_context import VehicleContext
@@ -28,7 +28,7 @@ from vehicles.links.tapped import TappedLink
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.framing import FrameSplitter
 from vehicles.processes.supervisor import supervised
-from vehicles.readings import CameraReading, Reading
+from vehicles.readings import Reading
 from vehicles.tasks import start, stop
 
 _HOST = "127.0.0.1"
@@ -41,7 +41,9 @@ _POLL_S = 0.25
 class ProgramRunner:
     """Runs one autonomy program on one vehicle during the run; an async context manager.
 
-    It speaks MAVLink on its own UDP port, and receives what the vehicle perceives as an RTP stream.
+    It speaks MAVLink on its own UDP port, and receives what the vehicle perceives as an RTP stream:
+    the images of `camera`, which has their size and rate. Where too few of them can be sent while
+    the goal is flown, the run is INVALID, as a blind program proves nothing.
     Its setpoints are passed from the goal on; it is done when it ends with exit code 0. Any other
     end is a FAIL of the run, like the crash of any autonomy. Wall clock only.
     """
@@ -69,7 +71,8 @@ class ProgramRunner:
         self._gate = CommandFilter(target=target)
         self._splitter = FrameSplitter()
         self._udp = UdpLink(address=LinkAddress(kind="udpin", host=_HOST, port=0))
-        self._video: Delivery | None = None
+        self._video: ProgramVideo | None = None
+        self._is_blind = False
         self._program: ExternalAutonomy | None = None
         self._ending: asyncio.Task[ProgramExit] | None = None
         self._started: Callable[[str, float], None] | None = None
@@ -84,7 +87,8 @@ class ProgramRunner:
             await stack.enter_async_context(self._udp)
             sdp = self._folder / f"{self.context.name}-perceived.sdp"
             if self._camera is not None:
-                self._video = await stack.enter_async_context(_video(self._camera, sdp))
+                self._video = _video(self._camera, sdp)
+                await stack.enter_async_context(self._video.delivery)
             self._program = ExternalAutonomy(
                 command=supervised(
                     self._under_test.program or (), parent=os.getpid(), grace_s=_GRACE_S
@@ -96,7 +100,7 @@ class ProgramRunner:
             await stack.enter_async_context(self._program)
             self._ending = start(self._program.ended(), name="program's end")
             self._ending.add_done_callback(self._on_program_end)
-            watching = start(self._watch_memory(self._program), name="program's memory")
+            watching = start(self._watch(self._program), name="program's memory and video")
             stack.push_async_callback(stop, watching)
             self._stack = stack.pop_all()
         return self
@@ -119,6 +123,7 @@ class ProgramRunner:
             exit="was not started" if ended is None else str(ended),
             refused=self._gate.refused,
             trouble=self._gate.trouble,
+            video=None if self._video is None else self._video.result,
         )
 
     def on_first_setpoint(self, started: Callable[[str, float], None]) -> None:
@@ -126,9 +131,9 @@ class ProgramRunner:
         self._started = started
 
     def perceive(self, reading: Reading) -> None:
-        """Send an image to the program."""
-        if self._video is not None and isinstance(reading, CameraReading):
-            self._video.deliver(reading)
+        """Send an image of its camera to the program."""
+        if self._video is not None:
+            self._video.perceive(reading)
 
     def perceive_raw(self, reading: Reading) -> None:
         """Ignore a mixture's inputs: the program has one stream."""
@@ -136,14 +141,25 @@ class ProgramRunner:
     async def fly(self) -> None:
         """Pass the program's setpoints on until cancelled or done."""
         self._gate.flying = True
+        if self._video is not None:
+            self._video.begin(asyncio.get_running_loop().time())
         try:
             await self.done.wait()
             await self._run_state.reaching("end")
         finally:
             self._gate.flying = False
+            if self._video is not None:
+                self._decide_blind(self._video.fault_in_all())
 
-    async def _watch_memory(self, program: ExternalAutonomy) -> None:
-        """End a program that exceeds its memory limit: the run is an ERROR."""
+    def _decide_blind(self, fault: str) -> None:
+        """Decide INVALID, once, when the program was not sent what its vehicle perceived."""
+        if fault and not self._is_blind:
+            self._is_blind = True
+            text = f"the autonomy of {self.context.name} was blind: {fault}"
+            self._run_state.decide("INVALID", text, source=f"video/{self.context.name}")
+
+    async def _watch(self, program: ExternalAutonomy) -> None:
+        """Watch whether it gets its video; end it when it exceeds its memory limit: an ERROR."""
         limits, name = self._under_test.limits, self.context.name
         while program.running:
             excess = limits.excess("the program and its children hold", program.resident_mb)
@@ -154,6 +170,8 @@ class ProgramRunner:
                     self._ending.remove_done_callback(self._on_program_end)
                 program.kill()
                 return
+            if self._video is not None and self._gate.flying:
+                self._decide_blind(self._video.fault(asyncio.get_running_loop().time()))
             await asyncio.sleep(_POLL_S)
 
     def _on_program_end(self, ending: "asyncio.Task[ProgramExit]") -> None:
@@ -205,16 +223,17 @@ class ProgramRunner:
             self._link.write(frame.raw)
 
 
-def _video(camera: CameraSetup, sdp: Path) -> Delivery:
-    """Return the RTP delivery of a camera to the program."""
+def _video(camera: CameraSetup, sdp: Path) -> ProgramVideo:
+    """Return the video of a camera for the program, by RTP."""
     size = camera.intrinsics
-    return rtp_delivery(
+    delivery = rtp_delivery(
         width_px=size.width_px,
         height_px=size.height_px,
         rate_hz=camera.rate_hz,
         address=RtpAddress(_HOST, _free_even_port()),
         sdp_path=sdp,
     )
+    return ProgramVideo(sensor=camera.name, delivery=delivery)
 
 
 def _free_even_port() -> int:

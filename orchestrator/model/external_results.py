@@ -69,13 +69,15 @@ class InjectedResult:
 class ProgramResult:
     """The result of an external autonomy program. exit: how it ended, in words.
 
-    refused: its frames that were not passed on to the vehicle. trouble: its last error.
+    refused: its frames that were not passed on to the vehicle. trouble: its last error. video: the
+    images that it was sent; None without a camera.
     """
 
     vehicle: str
     exit: str
     refused: int
     trouble: str = ""
+    video: OutletResult | None = None
 
 
 @dataclass(frozen=True, slots=True)

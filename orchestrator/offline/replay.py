@@ -1,6 +1,6 @@
 """Replays the mixing of a recorded run: the same readings in the same order, by any recipe."""
 
-from collections import Counter, OrderedDict
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -125,6 +125,7 @@ class _Replay:
         self._mixers = mixers
         self._on_mixture = on_mixture
         self._recent: dict[Key, OrderedDict[int, Reading]] = {}
+        self._not_offered: dict[str, deque[Reading]] = {name: deque() for name in mixers}
         self._inexact: set[Key] = set()
         self._recorded: dict[str, tuple[Reading, bool]] = {}
         self._replayed = {name: Replayed(name) for name in mixers}
@@ -143,10 +144,16 @@ class _Replay:
         recent[reading.seq] = reading
         while len(recent) > _most(reading):
             recent.popitem(last=False)
-        if reading.source == "twin":
-            for mixer in self._mixers.values():
-                if mixer.sensor == item.sensor and mixer.pose_request is None:
-                    mixer.offer("twin", reading)
+        for name, mixer in self._mixers.items():
+            if mixer.sensor != item.sensor:
+                continue
+            if reading.source == "real":
+                waiting = self._not_offered[name]
+                waiting.append(reading)
+                if len(waiting) > _most(reading):
+                    mixer.offer("real", waiting.popleft())
+            elif mixer.pose_request is None:
+                mixer.offer("twin", reading)
 
     def mixture(self, item: RecordedProvenance) -> None:
         """Repeat a recorded mixture, and compare the result with the recording."""
@@ -174,6 +181,7 @@ class _Replay:
     ) -> None:
         real = self._recorded_input("real", mixer.sensor, provenance.get("given_real_seq"))
         twin = self._recorded_input("twin", mixer.sensor, provenance.get("given_twin_seq"))
+        self._offer_readings_before(real, name, mixer)
         mixed: Mixed[Reading] = mixer.mix(
             real, twin, now_s=provenance["mixed_s"], alignment=provenance["alignment"]
         )
@@ -183,6 +191,17 @@ class _Replay:
         if real is not None and self._on_mixture is not None:
             self._on_mixture(name, MixedPair(real, twin, mixed))
         self._compare(replayed, frame, mixed, provenance, recorded)
+
+    def _offer_readings_before(self, mixed: Reading | None, name: str, mixer: Mixer) -> None:
+        """Offer the real readings that came before the one to be mixed, as the flight did.
+
+        Those that came after it wait: a step that selects by time sees all in their order.
+        """
+        waiting = self._not_offered[name]
+        if all(one is not mixed for one in waiting):
+            return
+        while (reading := waiting.popleft()) is not mixed:
+            mixer.offer("real", reading)
 
     def _recorded_input(self, source: str, sensor: str, seq: int | None) -> Reading | None:
         recent = self._recent.get((source, sensor))

@@ -77,7 +77,7 @@ class Mixer:
     """The mixing pipeline of one sensor.
 
     Not reentrant: its steps keep buffers. The result shares no buffer with it, but may be the real
-    reading itself, unchanged, where nothing is laid over it.
+    reading itself, unchanged, where nothing is laid over it. observer: as in `compile_recipe`.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Mixer:
         self._stages = stages
         self._merging = merging
         self._stopwatch = stopwatch
-        self._observer = observer
+        self.observer = observer
         sensor = combination.sensor
         self._real, self._twin = (
             Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
@@ -159,7 +159,7 @@ class Mixer:
         in the provenance. alignment: how the pose of the twin's reading was determined, or what is
         missing ("no pose for the exposure"). Raises StepError when a step itself fails.
         """
-        run = _Frame(self._stages, self._merging, self._stopwatch, self._frames, self._observer)
+        run = _Frame(self._stages, self._merging, self._stopwatch, self._frames, self.observer)
         self._frames += 1
         reading, fault = self._run(run, real, twin, now_s, alignment)
         if fault is None:

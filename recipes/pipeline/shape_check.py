@@ -1,4 +1,4 @@
-"""Check that readings of given sizes pass the steps of a combination and fit each other; pure.
+"""Sizes of readings in a combination: whether they pass its steps, and that of the mixture; pure.
 
 It runs the operators of the flight on blank readings, so that both agree on what fits.
 """
@@ -11,7 +11,7 @@ from typing import TypeVar, cast
 
 from recipes.model.recipe import Combination, Step
 from recipes.model.registry import OWN_STEP, Context
-from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Operator, Side
+from recipes.working import SIDES, AnyMasked, CannotMixError, Masked, Merge, Operator, Side
 from vehicles.readings import Reading
 from worlds.files.documents import Path
 
@@ -36,18 +36,59 @@ def shape_mismatch(
     conversion into another type, the shape is unknown and nothing is checked.
     """
     steps = (*combination.steps, combination.merge)
-    sensor = combination.sensor
-    converted = any(sensor.kind_of(side) != sensor.kind for side in blank)
-    if converted or any(step.kind.name == OWN_STEP for step in steps):
+    if _is_converted(combination) or any(step.kind.name == OWN_STEP for step in steps):
         return None
-    context = Context(folder=folder)
+    sides = _reshaped(combination, blank, folder)
+    merged = sides if isinstance(sides, ShapeMismatch) else _merged(combination, sides, folder)
+    return merged if isinstance(merged, ShapeMismatch) else None
+
+
+def blank_mixture(
+    combination: Combination, blank: Mapping[Side, Reading], folder: FilePath
+) -> Reading:
+    """Return a reading as large as the mixtures of readings of these sizes.
+
+    blank, folder: as of `shape_mismatch`. Steps of the user's own count as keeping the size; where
+    that is not enough to know the mixture's, it is that of the real reading.
+    """
+    if _is_converted(combination):
+        return blank["real"]
+    sides = _reshaped(combination, blank, folder)
+    if isinstance(sides, ShapeMismatch):
+        return blank["real"]
+    real: Reading = sides["real"].reading
+    if combination.merge.kind.name == OWN_STEP:
+        return real
+    merged = _merged(combination, sides, folder)
+    return real if merged is None or isinstance(merged, ShapeMismatch) else merged
+
+
+def _is_converted(combination: Combination) -> bool:
+    """Return whether a step converts a side's readings into another type, of unknown shape."""
+    sensor = combination.sensor
+    return any(sensor.kind_of(side) != sensor.kind for side in SIDES)
+
+
+def _reshaped(
+    combination: Combination, blank: Mapping[Side, Reading], folder: FilePath
+) -> dict[Side, AnyMasked] | ShapeMismatch:
+    """Return both sides after the combination's steps that change shapes; or the mismatch."""
     sides: dict[Side, AnyMasked] = {side: Masked(one) for side, one in blank.items()}
     for step in combination.steps:
-        if step.parameters.reshapes and (mismatch := _reshape(step, sides, context)) is not None:
-            return mismatch
-    merge = cast("Merge", combination.merge.kind.build(combination.merge.parameters, context))
-    merged = _attempt(combination.merge, partial(merge, sides))
-    return merged if isinstance(merged, ShapeMismatch) else None
+        if step.parameters.reshapes:
+            mismatch = _reshape(step, sides, Context(folder=folder))
+            if mismatch is not None:
+                return mismatch
+    return sides
+
+
+def _merged(
+    combination: Combination, sides: Mapping[Side, AnyMasked], folder: FilePath
+) -> Reading | ShapeMismatch | None:
+    """Return the merge of both sides, its mismatch, or None where blank ones have no result."""
+    step = combination.merge
+    merge = cast("Merge", step.kind.build(step.parameters, Context(folder=folder)))
+    return _attempt(step, partial(merge, sides))
 
 
 def _reshape(step: Step, sides: dict[Side, AnyMasked], context: Context) -> ShapeMismatch | None:

@@ -56,7 +56,8 @@ class SensorStream:
     """A stream of a sensor that samples the vehicle's truth at start + k / rate_hz.
 
     A reading is delivered at its arrival time, in order, and never before it was made; one whose
-    truth is not known is left out, and its number with it.
+    truth is not known is left out, and its number with it. truth_delay_s: how long after a tick its
+    truth is looked up, for truth that arrives late.
     """
 
     def __init__(
@@ -67,7 +68,9 @@ class SensorStream:
         rate_hz: float,
         rng: np.random.Generator,
         compute: Compute = inline,
+        truth_delay_s: float = TRUTH_DELAY_S,
     ) -> None:
+        self._truth_delay_s = truth_delay_s
         self._sensor = sensor
         self._track = track
         self._rate_hz = rate_hz
@@ -87,13 +90,13 @@ class SensorStream:
         start_s, tick = loop.time(), 0
         while True:
             t_s = start_s + tick / self._rate_hz
-            await sleep_until(t_s + TRUTH_DELAY_S)
+            await sleep_until(t_s + self._truth_delay_s)
             truth = self._track.at(t_s)
             if truth is None:
                 self.left_out += 1
             else:
                 ready.put_nowait(replace(await self._sample(truth, t_s), seq=tick))
-            behind_s = loop.time() - TRUTH_DELAY_S - start_s
+            behind_s = loop.time() - self._truth_delay_s - start_s
             following = max(tick + 1, next_tick(behind_s, self._rate_hz))
             self.left_out += following - tick - 1
             tick = following

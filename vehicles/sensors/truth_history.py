@@ -1,10 +1,11 @@
 """The history of a vehicle's true state over the last second, interpolated in time."""
 
 from bisect import bisect_right
+from dataclasses import replace
 
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.sensors.truth import Truth, motor_speeds
-from worlds.frames import Vec3, add, scale
+from worlds.frames import Pose, Vec3, add, scale
 
 _HORIZON_S = 1.0
 _MAX_GAP_S = 0.2
@@ -32,14 +33,16 @@ class TruthHistory:
     def at(self, t_s: float) -> Truth | None:
         """Return the truth at a moment; None before the history, and after a long silence.
 
-        After the last sample, for as long as a gap may be, it is the last sample's.
+        After the last sample, for as long as a gap may be, it is the last sample's, moved on by its
+        velocity.
         """
         after = bisect_right(self._times, t_s)
         if after == 0:
             return None
         before = self._samples[after - 1]
         if after == len(self._times):
-            return truth_of(before) if t_s - before.t_s <= _MAX_GAP_S else None
+            ahead_s = t_s - before.t_s
+            return _predict_truth(before, ahead_s) if ahead_s <= _MAX_GAP_S else None
         following = self._samples[after]
         gap_s = following.t_s - before.t_s
         if gap_s > _MAX_GAP_S:
@@ -56,6 +59,14 @@ def truth_of(sample: TruthSample) -> Truth:
         specific_force_frd_m_s2=sample.specific_force_frd_m_s2,
         motor_speeds_rad_s=motor_speeds(sample.thrusts_n),
     )
+
+
+def _predict_truth(sample: TruthSample, ahead_s: float) -> Truth:
+    """Return the truth a moment after a sample: with its attitude, moved on by its velocity."""
+    truth = truth_of(sample)
+    moved_ned_m = scale(sample.velocity_ned_m_s, ahead_s)
+    position_ned_m = add(truth.pose.position_ned_m, moved_ned_m)
+    return replace(truth, pose=Pose(position_ned_m, truth.pose.q_wxyz))
 
 
 def _interpolate_truth(before: TruthSample, after: TruthSample, share: float) -> Truth:

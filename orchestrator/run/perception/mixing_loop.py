@@ -75,7 +75,8 @@ class MixingLoop:
 
     A real reading that comes when too many wait replaces the oldest, which counts as replaced. One
     for which the twin's source returns no image within the recipe's max_latency_ms counts as
-    missed: a camera, too, loses a frame now and then. Raises StepError when a step fails.
+    missed: a camera, too, loses a frame now and then. Both are still offered to the mixer in their
+    turn, as steps that select by time see all real readings. Raises StepError when a step fails.
     """
 
     def __init__(
@@ -127,15 +128,23 @@ class MixingLoop:
         self._arrived.set()
 
     def _make_way(self, *, is_due: bool, is_big: bool) -> None:
-        """Drop the oldest waiting reading of the same kind if the queue is full."""
+        """Let the oldest waiting reading of the same kind go if the queue is full.
+
+        One that was due is still offered in its turn; one that was not is dropped.
+        """
         if is_due:
             most = _WAITING_BIG if is_big else _WAITING_SMALL
         else:
             most = _MOST_KEPT_BIG if is_big else _MOST_KEPT_SMALL
         alike = [one for one in self._waiting if one.is_due is is_due]
-        if len(alike) >= most:
+        if len(alike) < most:
+            return
+        if is_due:
+            self._make_way(is_due=False, is_big=is_big)
+            self._waiting[self._waiting.index(alike[0])] = replace(alike[0], is_due=False)
+            self.statistics.replaced += 1
+        else:
             self._waiting.remove(alike[0])
-            self.statistics.replaced += is_due
 
     def _is_due(self, reading: Reading) -> bool:
         """Return whether a reading is due for mixing: on average at the recipe's rate.
@@ -193,6 +202,7 @@ class MixingLoop:
                 twin, alignment = await self._request_twin(self._twin, real)
             except NoImageError as error:
                 self.statistics.miss(str(error))
+                self.mixer.offer("real", real)
                 return
         now_s = asyncio.get_running_loop().time()
         if self.probe is not None:

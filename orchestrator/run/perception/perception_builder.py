@@ -151,12 +151,7 @@ class _PerceptionBuilder:
             return ()
         ids = {thing.name: thing.object_id for thing in self._setup.virtual_scene.objects}
         watch = asyncio.get_running_loop().time if self._setup.clock != "virtual" else None
-        return compile_recipe(
-            self._setup.campaign.recipe,
-            object_ids=ids,
-            stopwatch=watch,
-            observer=self._probes.views,
-        )
+        return compile_recipe(self._setup.campaign.recipe, object_ids=ids, stopwatch=watch)
 
     def _mix(self, mixer: Mixer, name: str) -> None:
         real = _sensor_setup(self._setup.vehicle("real"), mixer.sensor)

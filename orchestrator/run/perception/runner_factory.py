@@ -3,6 +3,7 @@
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 
+from campaigns.setup.perceived_cameras import perceived_cameras
 from orchestrator.external.program_runner import ProgramRunner
 from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy
 from orchestrator.run.perception.autonomy_memory import MemoryMeter
@@ -88,14 +89,14 @@ def _build_autonomy(setup: RunSetup, name: str, memory: MemoryMeter) -> Autonomy
 def _program_runner(
     setup: RunSetup, pair: Pair, context: VehicleContext, run_state: RunState
 ) -> ProgramRunner:
-    # The mixture that is perceived in mode wil has the size of the real image that it replaces.
-    owner = setup.vehicle("real" if setup.mode == "wil" else context.name)
+    vehicle = setup.vehicle(context.name)
+    cameras = perceived_cameras(setup.campaign, setup.mode, vehicle.name)
     return ProgramRunner(
         under_test=setup.campaign.under_test,
         context=context,
         link=pair.links[context.name],
-        target=Target(setup.vehicle(context.name).system_id),
-        camera=next(iter(owner.cameras), None),
+        target=Target(vehicle.system_id),
+        camera=next(iter(cameras), None),
         run_state=run_state,
         folder=setup.order.folder,
         seed=setup.seed,

@@ -129,6 +129,7 @@ class SensorFactory:
             rate_hz=sensor.rate_hz,
             rng=self._rng(vehicle, sensor),
             compute=self._compute(sensor),
+            truth_delay_s=self._pose_delay_s(vehicle),
         )
 
     def on_demand(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
@@ -177,7 +178,7 @@ class SensorFactory:
             mount=camera.mount,
             quality=CameraQuality.of_profile(self._setup.profiles[vehicle.name].camera),
             compute=self._compute(camera),
-            pose_delay_s=POSE_DELAY_S if self._has_truth(vehicle) else _TELEMETRY_DELAY_S,
+            pose_delay_s=self._pose_delay_s(vehicle),
         )
 
     def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
@@ -263,6 +264,10 @@ class SensorFactory:
     def _has_truth(self, vehicle: VehicleSetup) -> bool:
         """Return whether a vehicle is an embedded simulation that flies; a placed twin does not."""
         return vehicle.embedded and vehicle != self._setup.placed
+
+    def _pose_delay_s(self, vehicle: VehicleSetup) -> float:
+        """Return how long after a moment a vehicle's pose of it is looked up for its sensors."""
+        return POSE_DELAY_S if self._has_truth(vehicle) else _TELEMETRY_DELAY_S
 
     def _scene(self, name: str) -> Scene:
         return self._setup.real_scene if name == "real" else self._setup.virtual_scene

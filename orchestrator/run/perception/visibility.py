@@ -47,10 +47,7 @@ BodyPose = Callable[[float], Pose | None]
 
 
 class MixtureViews:
-    """Stores the steps' outputs of the last mixture for visibility; a mixer's observer.
-
-    Mixers run one at a time: the stored outputs are of the last mixture.
-    """
+    """Stores the steps' outputs of one combination's last mixture; its mixer's observer."""
 
     def __init__(self) -> None:
         self.views: list[StageView] = []

@@ -29,7 +29,7 @@ class NotMeasured:
 
 
 class VisibilityProbes:
-    """Builds the visibility probe of each combination; all share the observer `views`."""
+    """Builds the visibility probe of each combination that can be measured."""
 
     def __init__(
         self,
@@ -41,7 +41,6 @@ class VisibilityProbes:
         run_state: RunState,
     ) -> None:
         self._run_state = run_state
-        self.views = MixtureViews()
         self._setup = setup
         self._contexts = contexts
         self._external_io = external_io
@@ -55,7 +54,10 @@ class VisibilityProbes:
     def of(
         self, mixer: Mixer, real: SensorSetup, twin: SensorSetup
     ) -> VisibilityProbe | NotMeasured:
-        """Return the visibility probe of a combination, or why it has none."""
+        """Return the visibility probe of a combination, or why it has none.
+
+        The probe observes the mixer; without one nothing of a mixture is stored.
+        """
         combination = mixer.combination
         setup = self._setup
         things = virtual_only(setup.real_scene, setup.virtual_scene)
@@ -73,7 +75,8 @@ class VisibilityProbes:
             is_like=self._drawn_by_us(twin),
             is_judged=lambda: self._run_state.stage == "goal",
         )
-        return VisibilityProbe(measured, views=self.views)
+        mixer.observer = views = MixtureViews()
+        return VisibilityProbe(measured, views=views)
 
     def _capture(self, reading: PoseReading) -> None:
         self._captured.add(reading.t_s, reading.pose)

@@ -147,6 +147,11 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     command = json.dumps([sys.executable, str(script)])
     given = (
         *sets(f"autonomy={{program: {command}}}", "vehicles.twin.start={north_m: 0}"),
+        # A second camera, whose images are not for its one stream.
+        *sets(
+            "vehicles.twin.sensors.down={type: camera, rate_hz: 5, width_px: 80, height_px: 60, "
+            "fov_deg: 69}"
+        ),
         *sets(
             "oracles={time_limit: {limit_s: 60}, landed: {}, vehicle_fault: {}, "
             "reached: {required: false}}",
@@ -161,5 +166,40 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     (result,) = run["outside"]["programs"]
     assert result["exit"] == "ended by itself, exit code 0"
     assert result["refused"] > 0  # it flew before it was its turn
+    assert result["video"]["failed"] == 0
+    assert result["video"]["delivered"] > 20
     log = (program.run_folder("sim") / "twin-autonomy.log").read_text()
     assert log == "flying to 1.2\nthere\n"
+
+
+CROPPED = """
+    schema: wil/recipe/1
+    sensors: {camera: {type: camera, rate_hz: 10}}
+    combine:
+      - sensor: camera
+        transform: [register, {crop: {width_px: 120, height_px: 90, on: both}}]
+        filter: [{isolate_color: {name: orange}}]
+        merge: overlay
+"""
+
+
+async def test_a_program_is_sent_mixtures_of_the_size_that_the_recipe_gives_them(
+    tmp_path: Path,
+) -> None:
+    script, recipe = tmp_path / "fly.py", tmp_path / "recipe.yaml"
+    script.write_text(textwrap.dedent(FLY))
+    recipe.write_text(textwrap.dedent(CROPPED))
+    command = json.dumps([sys.executable, str(script)])
+    given = (
+        *(*SHORT, *sets(f"autonomy={{program: {command}}}", f"recipe={recipe}")),
+        *sets(f"deliver=[{{rtp: '127.0.0.1:{free_even_port()}'}}]"),
+    )
+    async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:
+        landed = await program.end()
+    assert landed.code == 0, landed.why
+    (run,) = json.loads(landed.out)["runs"]
+    videos = {one["vehicle"]: one["video"] for one in run["outside"]["programs"]}
+    assert set(videos) == {"real"}
+    (outlet,) = run["outside"]["outlets"]
+    sent = (videos["real"], outlet)
+    assert all(one["failed"] == 0 and one["delivered"] > 20 for one in sent)

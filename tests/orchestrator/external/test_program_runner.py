@@ -5,9 +5,11 @@ import json
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from campaigns.setup.autonomy_under_test import UnderTest
@@ -21,6 +23,7 @@ from vehicles.autopilots.autopilot import Target
 from vehicles.links.memory import memory_pair
 from vehicles.links.tapped import TappedLink
 from vehicles.mavlink.codec import Codec
+from vehicles.readings import CameraReading
 from worlds.camera import CameraMount, Intrinsics
 
 CAMERA = CameraSetup(
@@ -173,6 +176,64 @@ async def test_a_program_whose_child_eats_memory_is_ended_and_the_run_an_error(
     said = "the autonomy of real uses too much memory: the program and its children hold "
     assert event.text.startswith(said)
     assert "autonomy.limits.memory_mb is 300" in event.text
+
+
+def image(k: int, intrinsics: Intrinsics, sensor: str = "camera") -> CameraReading:
+    size = (intrinsics.height_px, intrinsics.width_px, 3)
+    pixels = np.full(size, 80, np.uint8)
+    return CameraReading(k / 10, k / 10, k, "mixed", pixels, intrinsics, sensor=sensor)
+
+
+async def flown(one: Rig, count: int, intrinsics: Intrinsics) -> None:
+    """Fly the goal while images come: of the program's camera, and of another one."""
+    flying = asyncio.create_task(one.runner.fly())
+    await asyncio.sleep(0)  # it has begun
+    for k in range(count):
+        one.runner.perceive(image(k, intrinsics))
+        one.runner.perceive(image(k, intrinsics, "down"))
+        await until(partial(is_settled, one, k + 1))
+    flying.cancel()
+    await asyncio.wait([flying])
+
+
+def is_settled(one: Rig, count: int) -> bool:
+    """Return whether it is known what became of so many images."""
+    video = one.runner.result.video
+    assert video is not None
+    return video.delivered + video.failed + video.dropped == count
+
+
+async def test_it_is_sent_the_images_of_its_camera_and_the_result_counts_them(
+    tmp_path: Path,
+) -> None:
+    async with rig(tmp_path, "-c", STARTS) as one:
+        await flown(one, 5, CAMERA.intrinsics)
+    assert one.run_state.decisive == []
+    video = one.runner.result.video
+    assert video is not None
+    assert (video.offered, video.delivered, video.failed) == (5, 5, 0)
+
+
+async def test_a_program_whose_images_are_refused_makes_the_run_invalid(tmp_path: Path) -> None:
+    async with rig(tmp_path, "-c", STARTS) as one:
+        await flown(one, 5, Intrinsics.from_fov(32, 24, 1.2))
+    (event,) = one.run_state.decisive
+    assert (event.kind, event.source) == ("INVALID", "video/real")
+    assert event.text.startswith(
+        "the autonomy of real was blind: only 0 of 5 images of 'camera' were sent to its program: "
+    )
+    assert event.text.endswith("its size 32x24 does not fit the stream of 64x48")
+
+
+async def test_a_program_that_is_blind_does_not_fly_on(tmp_path: Path) -> None:
+    async with rig(tmp_path, "-c", STARTS) as one:
+        flying = asyncio.create_task(one.runner.fly())
+        await asyncio.sleep(0)  # it has begun
+        one.runner.perceive(image(0, Intrinsics.from_fov(32, 24, 1.2)))
+        await until(one.run_state.over.is_set)
+        flying.cancel()
+        await asyncio.wait([flying])
+    assert [event.kind for event in one.run_state.decisive] == ["INVALID"]
 
 
 async def test_an_end_before_the_goal_was_given_fails_the_run(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from orchestrator.model.results import RunResult
 from orchestrator.offline.reading_difference import difference
 from orchestrator.recording.mcap.mcap_writer import McapRecorder
 from tests.orchestrator.conftest import SMALL_CAMERAS
-from tests.orchestrator.run.perception.test_perception import Listening, recipe
+from tests.orchestrator.run.perception.test_perception import SMALLEST, Listening, recipe
 from tests.recipes.samples import beam, camera, cloud, plain, scan
 
 Fly = Callable[..., tuple[RunResult, Path]]
@@ -120,6 +120,44 @@ def test_a_run_mixed_anew_is_what_it_was(
     code, report = replayed(capsys, str(cut))
     assert code == 0
     assert 10 < report["combinations"][0]["frames"] < combinations["camera"]["frames"]
+
+
+TIMED = """\
+schema: wil/recipe/1
+sensors: {camera: {type: camera, rate_hz: 5}, imu: {type: imu, rate_hz: 20}}
+combine:
+  - sensor: camera
+    transform: [register, {delay: {by_ms: 90, on: real}}]
+    merge: overlay
+    max_skew_ms: 300
+  - {sensor: imu, transform: [{delay: {by_ms: 15, on: real}}], merge: {aggregate: mean}}
+"""
+"""Mixes every second image and every fifth reading of the IMU: the others are offered only."""
+
+
+def test_steps_that_select_by_time_get_also_what_was_not_due_in_a_replay(
+    fly_run: Fly,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Listening.made = []
+    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Listening)
+    rates = tuple(
+        f"vehicles.{name}.sensors.{key}"
+        for name in ("real", "twin")
+        for key in ("camera.rate_hz=10", "imu={type: imu, rate_hz: 100}")
+    )
+    sets = (*SMALLEST, *rates, recipe(tmp_path, TIMED), "record.pictures=raw")
+    _, folder = fly_run(cameras=SMALL_CAMERAS, sets=sets)
+    _, report = replayed(capsys, str(folder))
+    combinations = {one["name"]: one for one in report["combinations"]}
+    assert {name: one["divergences"] for name, one in combinations.items()} == {
+        "camera": [],
+        "imu": [],
+    }
+    assert not report["diverges"]
+    assert all(one["mixed"] > 10 for one in combinations.values())
 
 
 def test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(

@@ -68,7 +68,10 @@ def test_nothing_is_known_before_the_first_sample_nor_after_a_silence() -> None:
     found.add(sample(1.0))
     found.add(sample(0.5))
     assert found.at(0.9) is None
-    assert found.at(1.1) == truth_of(sample(1.0))
+    assert found.at(1.0) == truth_of(sample(1.0))
+    predicted = found.at(1.1)
+    assert predicted is not None
+    assert predicted.pose.position_ned_m == pytest.approx((0.1, 0.0, -1.0))  # at 1 m/s
     assert found.at(1.3) is None
     found.add(sample(2.0))
     assert found.at(1.5) is None

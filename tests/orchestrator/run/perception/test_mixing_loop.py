@@ -334,6 +334,25 @@ def test_an_image_that_is_missing_is_a_dropped_frame() -> None:
     assert {told.dropped for told in rig.provenances} == {None}
 
 
+def test_a_step_that_chooses_by_time_sees_also_images_that_are_not_mixed() -> None:
+    """Those that newer ones replaced, and those for which the twin's source gave no image."""
+    body = "transform: [register, {delay: {by_ms: 60, on: real}}], merge: overlay"
+
+    def chosen_by(twin: Slow) -> list[float]:
+        rig = flown(
+            lambda: Rig(body, sensor="camera", twin=twin, period_s=1 / 30),
+            lambda rig: film(rig, 30.0),
+            5.0,
+        )
+        assert rig.loop.mixer.counts().faults == ()
+        assert rig.loop.statistics.replaced + rig.loop.statistics.missed > 20
+        return [told.given_real_seq / 1000 - told.real_t_s for told in rig.provenances[2:]]
+
+    for twin in (Slow(0.1), Unsteady(fails=range(1, 1000, 2))):
+        delays_s = chosen_by(twin)
+        assert delays_s == pytest.approx([2 / 30] * len(delays_s), abs=1e-3)
+
+
 def test_an_image_that_is_late_is_a_dropped_frame() -> None:
     rig, run_state = watched(Unsteady(is_late=range(20, 21)), ", max_latency_ms: 200")
     assert run_state.decisive == []

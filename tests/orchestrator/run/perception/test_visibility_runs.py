@@ -13,6 +13,8 @@ from orchestrator.cli import main
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 from orchestrator.recording.mcap_reader import Recording
+from orchestrator.run.perception.visibility import MixtureViews
+from recipes.pipeline.stages import StageView
 from tests.orchestrator.conftest import ROOT, SMALL_CAMERAS
 
 RECIPE = """\
@@ -219,13 +221,43 @@ def test_an_object_that_the_recipe_need_not_show_is_not_missed(watch: Watching) 
     assert set(flown.run["mixing"]["shown"]) == {"gate"}
 
 
-def test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured(watch: Watching) -> None:
+POSES = "  - {sensor: pose, transform: [{resample: interpolate}], merge: {aggregate: mean}}\n"
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return how many outputs of steps are held after each one that is taken."""
+    take, held = MixtureViews.__call__, list[int]()
+
+    def taken(views: MixtureViews, view: StageView) -> None:
+        take(views, view)
+        held.append(len(views.views))
+
+    monkeypatch.setattr(MixtureViews, "__call__", taken)
+    return held
+
+
+def test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured(
+    watch: Watching, held: list[int]
+) -> None:
     sensors = [f"vehicles.{name}.sensors={{pose: {{type: pose}}}}" for name in ("real", "twin")]
-    text = "schema: wil/recipe/1\nsensors: {pose: {type: pose}}\ncombine:\n"
-    text += "  - {sensor: pose, transform: [{resample: interpolate}], merge: {aggregate: mean}}\n"
+    text = f"schema: wil/recipe/1\nsensors: {{pose: {{type: pose}}}}\ncombine:\n{POSES}"
     flown = watch(text, *sensors)
+    assert flown.run["mixing"]["frames"] > 100
+    assert held == []
     assert flown.run["mixing"]["not_measured"] == "a reading of type pose shows no objects"
     assert flown.run["mixing"]["shown"] == {}
+
+
+def test_the_outputs_of_a_measured_mixture_are_held_until_the_next_one(
+    watch: Watching, held: list[int]
+) -> None:
+    sensors = [f"vehicles.{name}.sensors.pose={{type: pose}}" for name in ("real", "twin")]
+    both = recipe().replace("rate_hz: 5}}", "rate_hz: 5}, pose: {type: pose}}") + POSES
+    flown = watch(both, *sensors)
+    assert (flown.run["verdict"], flown.run["reason"]) == ("PASS", "")
+    # Both sides as given, resize, isolate_color, and the merge.
+    assert max(held) == 5
 
 
 LIDAR = """\

@@ -1,0 +1,48 @@
+"""The cameras whose images an autonomy perceives, with the size that the recipe gives these."""
+
+from dataclasses import replace
+
+from campaigns.schema import Mode, VehicleName
+from campaigns.setup.blank_readings import blank_reading
+from campaigns.setup.case_setup import Setup
+from campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from recipes.model.recipe import Combination, Recipe
+from recipes.pipeline.shape_check import blank_mixture
+from recipes.working import SIDES
+from vehicles.readings import CameraReading
+
+
+def perceived_cameras(setup: Setup, mode: Mode, vehicle: VehicleName) -> tuple[CameraSetup, ...]:
+    """Return the cameras that a vehicle's autonomy perceives: mixed ones first, then its own.
+
+    Intrinsics and rate are those of the images that arrive.
+    """
+    recipe = setup.recipe if mode == "wil" else None
+    combinations = () if recipe is None else recipe.combinations
+    mixed = [one for one in combinations if vehicle in one.publish]
+    cameras = () if recipe is None else tuple(_mixed_camera(setup, recipe, one) for one in mixed)
+    names = {one.sensor.name for one in mixed}
+    own = (one for one in setup.vehicles[vehicle].cameras if one.name not in names)
+    return (*(camera for camera in cameras if camera is not None), *own)
+
+
+def _mixed_camera(setup: Setup, recipe: Recipe, combination: Combination) -> CameraSetup | None:
+    """Return the real camera as its mixtures show it; None where a combination mixes no images."""
+    sensor = combination.sensor
+    carried = {side: _sensor_named(setup, side, sensor.name) for side in SIDES}
+    camera = carried["real"]
+    if sensor.kind != "camera" or not isinstance(camera, CameraSetup):
+        return None
+    readings = ((side, blank_reading(one, side)) for side, one in carried.items())
+    blank = {side: reading for side, reading in readings if reading is not None}
+    mixture = blank_mixture(combination, blank, recipe.document.path.parent)
+    return replace(
+        camera,
+        intrinsics=mixture.intrinsics if isinstance(mixture, CameraReading) else camera.intrinsics,
+        rate_hz=sensor.rate_hz or camera.rate_hz,
+    )
+
+
+def _sensor_named(setup: Setup, vehicle: VehicleName, name: str) -> SensorSetup:
+    """Return the sensor of a vehicle that a recipe mixes, which the checks found there."""
+    return next(sensor for sensor in setup.vehicles[vehicle].sensors if sensor.name == name)

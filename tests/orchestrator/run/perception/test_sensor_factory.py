@@ -1,0 +1,85 @@
+"""Sensors of vehicles without a truth: their readings are of the pose at their stamps."""
+
+import asyncio
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.model.clock import run_virtual
+from orchestrator.run.perception.sensor_factory import SensorFactory
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from orchestrator.state.vehicle_context import PoseListener
+from safety.model.samples import PoseSample
+from tests.orchestrator.conftest import ROOT
+from tests.recipes.samples import beam
+from vehicles.readings import RangefinderReading
+from vehicles.sensors.truth import Truth
+from worlds.frames import Pose
+
+NORTH_M_S = 3.0
+
+
+class NorthSensor:
+    """A sensor that measures how far north its vehicle is."""
+
+    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> RangefinderReading:
+        del rng
+        return replace(beam(truth.pose.position_ned_m[0]), t_s=t_s, arrived_s=t_s)
+
+
+async def sensed(factory: SensorFactory, setup: RunSetup, telemetry: Any) -> list[Any]:
+    """Return what a sensor of the real vehicle delivers while telemetry comes for 3 s."""
+    vehicle = setup.vehicle("real")
+    (sensor,) = (one for one in vehicle.sensors if one.name == "range")
+    stream, taken = factory.stream(vehicle, sensor), list[Any]()
+    telemetry()
+    task = asyncio.ensure_future(stream.run(taken.append))
+    await asyncio.sleep(3.0)
+    task.cancel()
+    await asyncio.wait([task])
+    return taken
+
+
+@pytest.mark.parametrize(("rate_hz", "latency_s"), [(10.0, 0.05), (50.0, 0.02)])
+def test_readings_of_a_vehicle_known_by_telemetry_are_of_the_pose_at_their_stamps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate_hz: float, latency_s: float
+) -> None:
+    sets = (
+        "vehicles.real.link=udpin://127.0.0.1:14540",
+        "vehicles.real.pose_source=mavlink",
+        "vehicles.real.sensors.range={type: rangefinder, rate_hz: 20}",
+    )
+    options = Options(cases=("large",), modes=("wil",), sets=sets)
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
+    listeners: list[PoseListener] = []
+    context: Any = SimpleNamespace(on_pose=listeners.append)
+    external_io: Any = SimpleNamespace(readings=SimpleNamespace(get=lambda *_: None))
+    faults: Any = None
+    factory = SensorFactory(
+        setup=setup,
+        contexts={"real": context},
+        feeds={},
+        events={},
+        external_io=external_io,
+        faults=faults,
+    )
+    monkeypatch.setattr(SensorFactory, "_model", lambda *_, **__: NorthSensor())
+
+    def telemetry() -> None:
+        for k in range(round(3 * rate_hz)):
+            t_s = k / rate_hz
+            sample = PoseSample(t_s, "real", Pose.of(NORTH_M_S * t_s, 0, 1), (NORTH_M_S, 0, 0))
+            (listener,) = listeners
+            asyncio.get_running_loop().call_at(t_s + latency_s, partial(listener, sample))
+
+    readings = run_virtual(sensed(factory, setup, telemetry))
+    errors_m = [abs(one.range_m - NORTH_M_S * one.t_s) for one in readings]
+    assert len(errors_m) > 50
+    assert max(errors_m) < 0.01
