@@ -192,7 +192,7 @@ async def test_a_program_is_sent_mixtures_of_the_size_that_the_recipe_gives_them
     command = json.dumps([sys.executable, str(script)])
     given = (
         *(*SHORT, *sets(f"autonomy={{program: {command}}}", f"recipe={recipe}")),
-        *sets(f"deliver=[{{rtp: '127.0.0.1:{free_even_port()}'}}]"),
+        *sets(f"deliver=[{{rtp: '127.0.0.1:{free_port()}'}}]"),
     )
     async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:
         landed = await program.end()
