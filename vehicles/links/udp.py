@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self, cast
 
 from vehicles.links.link import LinkError, Receiver
@@ -14,7 +14,10 @@ _SILENT_S = 1.5
 """A heartbeat and a half: a MAVLink system is not silent for so long."""
 _FORGOTTEN_S = 60.0
 """A vehicle keeps its place for so long during a link outage, even if others flood the port."""
+_OVERLAP_S = 0.5
+"""One vehicle on two ways: frames that were under way on the old one arrive for no longer."""
 _MOST_SOURCES = 4
+_MOST_BESIDE = 8
 _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
 """The offset of the system id in a frame of MAVLink 2 and 1."""
 _NO_MAVLINK = 0
@@ -24,10 +27,37 @@ _Address = tuple[str, int]
 
 @dataclass(slots=True)
 class _Source:
-    """A UDP sender: its address, and when it was last received."""
+    """A UDP sender: its address, and when it was last received.
+
+    beside: other addresses that sent with its system id meanwhile, and when each was received
+    first. first: the sender of this system that was received first; it may come back.
+    """
 
     address: _Address
     last_received_s: float
+    beside: dict[_Address, float] = field(default_factory=dict)
+    first: "_Source | None" = None
+
+    def is_remembered(self, now_s: float) -> bool:
+        """Return whether a silent UDP sender may still come back."""
+        return now_s - self.last_received_s <= _FORGOTTEN_S
+
+    def silence_s(self, address: _Address) -> float:
+        """Return how long this UDP sender must be silent until another address may follow it.
+
+        Another vehicle, which sent beside it, must wait until this one is forgotten.
+        """
+        since_s = self.beside.get(address)
+        if since_s is None:
+            is_rival = len(self.beside) >= _MOST_BESIDE
+        else:
+            is_rival = self.last_received_s - since_s > _OVERLAP_S
+        return _FORGOTTEN_S if is_rival else _SILENT_S
+
+    def note_beside(self, address: _Address, now_s: float) -> None:
+        """Remember another address that sends with the same system id; the first few."""
+        if len(self.beside) < _MOST_BESIDE:
+            self.beside.setdefault(address, now_s)
 
 
 class UdpLink(asyncio.DatagramProtocol):
@@ -35,9 +65,11 @@ class UdpLink(asyncio.DatagramProtocol):
 
     `udpin` binds to its address, receives from any sender, and writes to all senders, at most four.
     A MAVLink system is one vehicle: it is accepted from its first address as long as it sends from
-    there; frames with its system id from another address are dropped and reported. Bytes written
-    before anything was received are lost. `udpout` sends to its address and receives only from
-    that peer. signed: senders are authenticated by signatures instead.
+    there; frames with its system id from another address are dropped and reported. After a silence
+    it is accepted from a new address, but for a minute not from one that sent beside it: that is
+    another vehicle. Bytes written before anything was received are lost. `udpout` sends to its
+    address and receives only from that peer. signed: senders are authenticated by signatures
+    instead.
     """
 
     def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
@@ -76,7 +108,10 @@ class UdpLink(asyncio.DatagramProtocol):
         self._receiver = receiver
 
     def on_rival(self, listener: Callable[[str], None]) -> None:
-        """Call `listener` with a message for each UDP sender with another's system id."""
+        """Call `listener` with a message for each UDP sender with another's system id.
+
+        Also for each change of a system's address.
+        """
         self._on_rival = listener
 
     def write(self, data: bytes) -> None:
@@ -124,21 +159,40 @@ class UdpLink(asyncio.DatagramProtocol):
             return
         now_s = self._loop.time()
         key = addr if self._signed else _system_of(data)
-        source = self._sources.get(key)
-        if (
-            source is not None
-            and source.address != addr
-            and now_s - source.last_received_s <= _SILENT_S
-        ):
-            self._report_rival(key, addr, source.address)
-            return
-        if source is not None and source.address == addr:
-            source.last_received_s = now_s
-        elif source is not None or self._has_place(now_s):
-            self._sources[key] = _Source(addr, now_s)
-            self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
-        if self._receiver is not None:
+        if self._is_accepted(key, addr, now_s) and self._receiver is not None:
             self._receiver(data, now_s)
+
+    def _is_accepted(self, key: "int | _Address", address: _Address, now_s: float) -> bool:
+        """Return whether a UDP datagram is accepted from its sender, and keep its address."""
+        source = self._sources.get(key)
+        if source is None:
+            if self._has_place(now_s):
+                self._set_source(key, _Source(address, now_s))
+            return True
+        if source.address == address:
+            source.last_received_s = now_s
+            return True
+        first = source.first
+        if first is not None and not first.is_remembered(now_s):
+            first = None
+        returns = first is not None and first.address == address
+        if not returns and now_s - source.last_received_s <= source.silence_s(address):
+            source.note_beside(address, now_s)
+            self._report_rival(key, address, source.address)
+            return False
+        self._report_change(key, source, _Source(address, now_s), returns=returns)
+        source.beside.pop(address, None)
+        if returns:
+            first = None
+        elif first is None:
+            first = _Source(source.address, source.last_received_s)
+        self._set_source(key, _Source(address, now_s, source.beside, first))
+        return True
+
+    def _set_source(self, key: "int | _Address", source: _Source) -> None:
+        """Accept a UDP sender, and reply to it from now on."""
+        self._sources[key] = source
+        self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
 
     def _has_place(self, now_s: float) -> bool:
         """Return whether one more UDP peer fits, in a silent one's place if need be."""
@@ -154,16 +208,38 @@ class UdpLink(asyncio.DatagramProtocol):
         if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:
             return
         message = (
-            f"system {key} sends from {rival[0]}:{rival[1]} as well as from {accepted[0]}:"
-            f"{accepted[1]}: two vehicles have the same system id; only the latter is accepted"
+            f"system {key} sends from {_text(rival)} as well as from {_text(accepted)}: "
+            "two vehicles have the same system id; only the latter is accepted"
         )
         self.rivals[rival] = message
         if self._on_rival is not None:
             self._on_rival(message)
 
+    def _report_change(
+        self,
+        key: "int | _Address",
+        last: _Source,
+        new: _Source,
+        *,
+        returns: bool,
+    ) -> None:
+        """Report a system's change of address. returns: back to its first one."""
+        if key == _NO_MAVLINK or self._on_rival is None:
+            return
+        again = " again, where it was received first" if returns else ""
+        self._on_rival(
+            f"system {key} now sends from {_text(new.address)}{again}; it was last received from "
+            f"{_text(last.address)} {new.last_received_s - last.last_received_s:.1f} s ago"
+        )
+
     def error_received(self, exc: Exception) -> None:
         """Keep a UDP error such as "connection refused" (asyncio calls this)."""
         self._trouble = (exc.strerror if isinstance(exc, OSError) else "") or str(exc)
+
+
+def _text(address: _Address) -> str:
+    """Return a UDP address in words."""
+    return f"{address[0]}:{address[1]}"
 
 
 def _system_of(data: bytes) -> int:

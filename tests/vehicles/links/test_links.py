@@ -145,7 +145,91 @@ async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_sa
         there.now_s += 1.6
         there.say(1002, _heartbeat(1))
         assert there.answered() == [1002]
-        assert (len(there.heard), there.told) == (2, [])
+        assert len(there.heard) == 2
+        (said,) = there.told
+        assert said == (
+            "system 1 now sends from 127.0.0.1:1002; it was last received from 127.0.0.1:1001 "
+            "1.6 s ago"
+        )
+        assert not there.link.rivals
+
+
+async def test_a_rival_takes_no_place_while_the_vehicle_may_come_back() -> None:
+    async with Received() as there:
+        for _ in range(10):
+            there.now_s += 0.1
+            there.say(1001, _heartbeat(1))
+            there.say(1002, _heartbeat(1))
+        there.heard.clear()
+        for _ in range(50):
+            there.now_s += 1.1
+            there.say(1002, _heartbeat(1))
+            assert (there.heard, there.answered()) == ([], [1001])
+        there.say(1001, _heartbeat(1))
+        assert (len(there.heard), there.answered()) == (1, [1001])
+        assert len(there.told) == 1
+        there.now_s += 60.1
+        there.say(1002, _heartbeat(1))
+        assert (len(there.heard), there.answered(), len(there.told)) == (2, [1002], 2)
+
+
+async def test_more_rivals_than_are_remembered_take_no_place_either() -> None:
+    async with Received() as there:
+        for _ in range(10):
+            there.now_s += 0.1
+            for port in range(1001, 1012):
+                there.say(port, _heartbeat(1))
+        there.heard.clear()
+        there.now_s += 1.6
+        for port in range(1002, 1012):
+            there.say(port, _heartbeat(1))
+        assert (there.heard, there.answered()) == ([], [1001])
+
+
+async def test_a_vehicle_that_changes_its_port_without_a_silence_is_no_rival() -> None:
+    """Behind a router that restarts: what was under way from the old port comes still."""
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        for _ in range(4):
+            there.now_s += 0.1
+            there.say(1002, _heartbeat(1))
+            there.say(1001, _heartbeat(1))
+        for _ in range(20):
+            there.now_s += 0.1
+            there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+
+
+async def test_who_was_received_first_takes_its_place_back_at_once() -> None:
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        there.now_s += 0.1
+        there.say(1001, _heartbeat(1))
+        assert (len(there.heard), there.answered()) == (3, [1001])
+        assert there.told[1] == (
+            "system 1 now sends from 127.0.0.1:1001 again, where it was received first; it was "
+            "last received from 127.0.0.1:1002 0.1 s ago"
+        )
+        # From now on the other is a rival.
+        for _ in range(10):
+            there.now_s += 0.1
+            there.say(1002, _heartbeat(1))
+            there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1001]
+
+
+async def test_a_vehicle_that_sends_in_turns_on_two_ways_is_received_on_each() -> None:
+    async with Received() as there:
+        for _ in range(4):
+            for port in (1001, 1002):
+                there.now_s += 1.6
+                there.say(port, _heartbeat(1))
+                assert there.answered() == [port]
+        assert len(there.heard) == 8
 
 
 async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle() -> None:
