@@ -30,13 +30,15 @@ class _Source:
     """A UDP sender: its address, and when it was last received.
 
     beside: other addresses that sent with its system id meanwhile, and when each was received
-    first. first: the sender of this system that was received first; it may come back.
+    first. first: the sender of this system that was received first; it may come back. confirmed:
+    a frame from there had a correct signature.
     """
 
     address: _Address
     last_received_s: float
     beside: dict[_Address, float] = field(default_factory=dict)
     first: "_Source | None" = None
+    confirmed: bool = False
 
     def is_remembered(self, now_s: float) -> bool:
         """Return whether a silent UDP sender may still come back."""
@@ -69,7 +71,8 @@ class UdpLink(asyncio.DatagramProtocol):
     it is accepted from a new address, but for a minute not from one that sent beside it: that is
     another vehicle. Bytes written before anything was received are lost. `udpout` sends to its
     address and receives only from that peer. signed: senders are authenticated by signatures
-    instead.
+    instead; a new sender replaces the one that was silent longest, but no sender without a correct
+    signature (`confirm_sender`) replaces one with it.
     """
 
     def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
@@ -81,6 +84,8 @@ class UdpLink(asyncio.DatagramProtocol):
         self._sources: dict[int | _Address, _Source] = {}
         self._peers: tuple[_Address, ...] = ()
         """The addresses of all sources, the silent ones included."""
+        self._sender: _Address | None = None
+        """Where the datagram that is being received is from."""
         self._trouble = ""
         self._on_rival: Callable[[str], None] | None = None
         self.rivals: dict[_Address, str] = {}
@@ -160,7 +165,21 @@ class UdpLink(asyncio.DatagramProtocol):
         now_s = self._loop.time()
         key = addr if self._signed else _system_of(data)
         if self._is_accepted(key, addr, now_s) and self._receiver is not None:
+            self._sender = addr
             self._receiver(data, now_s)
+            self._sender = None
+
+    def confirm_sender(self) -> None:
+        """Reply to the sender of the datagram being received: it has a correct signature."""
+        if self._sender is None or self._loop is None or not self._signed:
+            return
+        source = self._sources.get(self._sender)
+        if source is None:
+            if len(self._sources) >= _MOST_SOURCES:
+                del self._sources[self._replaceable()]
+            source = _Source(self._sender, self._loop.time())
+            self._set_source(self._sender, source)
+        source.confirmed = True
 
     def _is_accepted(self, key: "int | _Address", address: _Address, now_s: float) -> bool:
         """Return whether a UDP datagram is accepted from its sender, and keep its address."""
@@ -198,11 +217,19 @@ class UdpLink(asyncio.DatagramProtocol):
         """Return whether one more UDP peer fits, in a silent one's place if need be."""
         if len(self._sources) < _MOST_SOURCES:
             return True
-        key, oldest = min(self._sources.items(), key=lambda item: item[1].last_received_s)
-        if now_s - oldest.last_received_s <= _FORGOTTEN_S:
+        key = self._replaceable()
+        oldest = self._sources[key]
+        if oldest.confirmed or (not self._signed and oldest.is_remembered(now_s)):
             return False
         del self._sources[key]
         return True
+
+    def _replaceable(self) -> "int | _Address":
+        """Return the UDP peer to replace first: without a signature, then silent longest."""
+        return min(
+            self._sources,
+            key=lambda key: (self._sources[key].confirmed, self._sources[key].last_received_s),
+        )
 
     def _report_rival(self, key: "int | _Address", rival: _Address, accepted: _Address) -> None:
         if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:

@@ -13,8 +13,14 @@ from vehicles.links.link import LinkError, TellsTrouble
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.links.signed_link import SignedLink
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import FrameSplitter
+from vehicles.mavlink.signing import Signer, ticks_of_utc
+from vehicles.mavlink.signing_key import SigningKey
+
+_KEY = SigningKey(bytes(range(32)))
 
 
 def _free_port() -> int:
@@ -267,6 +273,58 @@ async def test_with_signatures_everybody_is_received_for_they_settle_who_is_beli
         there.say(1002, _heartbeat(1))
         there.say(1001, _heartbeat(1))
         assert (len(there.heard), there.answered(), there.told) == (2, [1002, 1001], [])
+
+
+async def test_with_signatures_the_last_sender_is_answered() -> None:
+    async with Received(signed=True) as there:
+        for port in (1001, 1002, 1003, 1004):
+            there.say(port, _heartbeat(1))
+        for _ in range(3):
+            there.now_s += 1.0
+            there.say(1005, _heartbeat(1))
+            assert there.answered() == [1002, 1003, 1004, 1005]
+
+
+class Signed(Received):
+    """A signed udpin link, and a vehicle that signs."""
+
+    def __init__(self) -> None:
+        super().__init__(signed=True)
+        self.upper = SignedLink(link=self.link, key=_KEY, utc_s=1.7e9)
+        self.upper.receive(lambda data, _: self.heard.append(data))
+        self._vehicle = Signer(key=_KEY)
+
+    def say_signed(self, port: int, data: bytes = b"") -> bytes:
+        (frame,) = FrameSplitter().feed(data or _heartbeat(1))
+        whole = self._vehicle.sign(frame, ticks_of_utc(1.7e9))
+        assert whole is not None
+        self.say(port, whole)
+        return whole
+
+
+async def test_a_signed_vehicle_is_answered_after_each_restart_from_another_port() -> None:
+    async with Signed() as there:
+        for port in range(1001, 1010):
+            there.now_s += 3.0
+            there.say_signed(port)
+            assert there.answered()[-1] == port
+        assert len(there.heard) == 9
+        assert len(there.answered()) == 4
+
+
+async def test_no_flood_takes_the_place_of_a_signed_vehicle_in_an_outage() -> None:
+    async with Signed() as there:
+        old = there.say_signed(1001)
+        status = Codec(system_id=1, component_id=1).pack(
+            mavlink.MAVLink_radio_status_message(1, 1, 1, 1, 1, 0, 0)
+        )
+        for number in range(300):
+            there.now_s += 0.3
+            for data in (_heartbeat(1), old, status):
+                there.say(2000 + number, data)
+            assert 1001 in there.answered()
+        there.say_signed(1002)
+        assert {1001, 1002} < set(there.answered())
 
 
 async def test_udp_busy_port_says_so() -> None:
