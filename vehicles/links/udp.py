@@ -22,6 +22,9 @@ _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
 """The offset of the system id in a frame of MAVLink 2 and 1."""
 _NO_MAVLINK = 0
 
+RIVAL_REMEDY = "switch one off, or give one another id (MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+"""What to do about two vehicles with one system id."""
+
 _Address = tuple[str, int]
 
 
@@ -88,6 +91,7 @@ class UdpLink(asyncio.DatagramProtocol):
         """Where the datagram that is being received is from."""
         self._trouble = ""
         self._on_rival: Callable[[str], None] | None = None
+        self._on_change: Callable[[str], None] | None = None
         self.rivals: dict[_Address, str] = {}
         """Messages about other senders with the same system id, by address; the first few."""
 
@@ -115,9 +119,15 @@ class UdpLink(asyncio.DatagramProtocol):
     def on_rival(self, listener: Callable[[str], None]) -> None:
         """Call `listener` with a message for each UDP sender with another's system id.
 
-        Also for each change of a system's address.
+        At once for those that were received already.
         """
         self._on_rival = listener
+        for message in self.rivals.values():
+            listener(message)
+
+    def on_change(self, listener: Callable[[str], None]) -> None:
+        """Call `listener` with a message when a system sends from another UDP address."""
+        self._on_change = listener
 
     def write(self, data: bytes) -> None:
         """Send one UDP datagram to each known peer."""
@@ -251,10 +261,10 @@ class UdpLink(asyncio.DatagramProtocol):
         returns: bool,
     ) -> None:
         """Report a system's change of address. returns: back to its first one."""
-        if key == _NO_MAVLINK or self._on_rival is None:
+        if key == _NO_MAVLINK or self._on_change is None:
             return
         again = " again, where it was received first" if returns else ""
-        self._on_rival(
+        self._on_change(
             f"system {key} now sends from {_text(new.address)}{again}; it was last received from "
             f"{_text(last.address)} {new.last_received_s - last.last_received_s:.1f} s ago"
         )

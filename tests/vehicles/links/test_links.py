@@ -104,6 +104,7 @@ class Received:
         self.link = UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=0), signed=signed)
         self.link.receive(lambda data, _: self.heard.append(data))
         self.link.on_rival(self.told.append)
+        self.link.on_change(self.told.append)
 
     async def __aenter__(self) -> Self:
         await self.link.__aenter__()
@@ -143,6 +144,9 @@ async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() 
             "have the same system id; only the latter is accepted"
         )
         assert list(there.link.rivals.values()) == there.told
+        later: list[str] = []
+        there.link.on_rival(later.append)
+        assert later == there.told
 
 
 async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_same() -> None:
