@@ -208,6 +208,7 @@ class _Flight:
             ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
             ready=self._ready,
             begun=lambda order, place: self._controller.begun(order.plan.name, place),
+            run_of=lambda order: order.plan.name,
         )
         self._controller = CampaignController(
             campaign=campaign.name,

@@ -28,7 +28,7 @@ class Fleet(Protocol):
         """Land every run in flight as aborted, and start no other."""
 
     def pass_on(self, command: OperatorCommand) -> int:
-        """Pass an operator command to every run in flight; return how many there are."""
+        """Pass an operator command to every run in flight that it is for; return how many."""
 
     def pause(self) -> None:
         """Start no run until `go_on`."""
@@ -83,6 +83,8 @@ class CampaignController:
         self._answers: deque[Happening] = deque(maxlen=_MOST_ANSWERS)
         self.log = OperatorLog(path=folder / "operator.jsonl")
         self.held = False
+        self._holding: set[str] = set()
+        """The runs in flight that hold."""
         self.stopped: Stop | None = None
 
     @property
@@ -193,6 +195,7 @@ class CampaignController:
         """Remove a run from those in flight; return where it flew."""
         self._flying.pop(name, None)
         self._acknowledgements.ended(name)
+        self._holding.discard(name)
         return self._places.pop(name, FlightPlace())
 
     def summary(self, state: str) -> dict[str, Any]:
@@ -248,10 +251,12 @@ class CampaignController:
         for guard in self.guards():
             tell(guard.socket, "abort", who=command.who)
         self._fleet.abort(command)
+        for_all = "; an abort is for all runs, not only for the one that it names"
+        more = for_all if command.run else ""
         if self.stopped is not None:
-            return "all vehicles are landing already"
+            return f"all vehicles are landing already{more}"
         self.stopped, self.held = stop, False
-        return "all vehicles land, and no further run is flown"
+        return f"all vehicles land, and no further run is flown{more}"
 
     def _abort_place(self, command: OperatorCommand) -> str:
         """Land the runs on one node or bench, and start no other run there."""
@@ -271,7 +276,7 @@ class CampaignController:
         meant = {
             run: place
             for run, place in self._places.items()
-            if place.is_meant(node=command.node, bench=command.bench)
+            if place.is_meant(node=command.node, bench=command.bench) and command.is_for(run)
         }
         if meant or not command.is_partial:
             self._acknowledgements.expect(command, meant)
@@ -279,21 +284,38 @@ class CampaignController:
 
     def _hold(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
-        if self.held:
-            raise RefusedLineError("hold: all vehicles hold already")
-        self.held = True
+        meant = {command.run} if command.run else set(self._places)
+        if meant <= self._holding and (command.run or self.held):
+            who = f"{command.run} holds" if command.run else "all vehicles hold"
+            raise RefusedLineError(f"hold: {who} already")
+        self._holding |= meant
         self._expect(command)
+        if command.run:
+            return f"held: {_runs(self._fleet.pass_on(command))} in flight, {command.run} only"
+        self.held = True
         self._fleet.pause()
         return f"held: {_runs(self._fleet.pass_on(command))} in flight; no run is started"
 
     def _resume(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)
-        if not self.held:
+        if command.run:
+            return self._resume_run(command)
+        if not self.held and not self._holding:
             raise RefusedLineError("resume: no vehicle holds")
         self.held = False
+        self._holding.clear()
         self._expect(command)
         self._fleet.go_on()
         return f"resumed: {_runs(self._fleet.pass_on(command))} in flight"
+
+    def _resume_run(self, command: OperatorCommand) -> str:
+        """Resume one run; a held campaign starts no other before all are resumed."""
+        if command.run not in self._holding:
+            raise RefusedLineError(f"resume: {command.run} does not hold")
+        self._holding.remove(command.run)
+        self._expect(command)
+        more = "; no run is started until a resume of all" if self.held else ""
+        return f"resumed: {_runs(self._fleet.pass_on(command))} in flight, {command.run} only{more}"
 
     def _change_fences(self, command: OperatorCommand) -> str:
         self._refuse_when_stopped(command)

@@ -8,8 +8,9 @@ A command is a JSON object on <root>/<campaign>/operator/{abort,hold,resume,geof
 signature: by the operators' token, see message_signing; absent where a campaign has `commands:
 unsigned`. session: the start of the campaign that is meant, as in `status`. id: a text that is
 never used twice. at: seconds since 1970. run: "case/mode/repetition", when only that run is meant;
-it must be in flight. geofence, only for the command of that name: an object as in a campaign, a
-QGroundControl plan, GeoJSON, or the text of a file with one of them.
+it must be in flight. An abort lands all runs, whatever run it names. geofence, only for the command
+of that name: an object as in a campaign, a QGroundControl plan, GeoJSON, or the text of a file with
+one of them.
 """
 
 import json
@@ -81,8 +82,19 @@ class CommandReader:
         why = fields.get("reason", "")
         text = why if isinstance(why, str) and _is_fit(why, _LONGEST_REASON) else ""
         return OperatorCommand(
-            cast("OperatorKind", kind), f"mqtt:{who}", text, _document(fields), command_id
+            cast("OperatorKind", kind),
+            f"mqtt:{who}",
+            text,
+            _document(fields),
+            command_id,
+            run=self._run(fields),
         )
+
+    def _run(self, fields: dict[str, Any]) -> str:
+        """Return the run in flight that an MQTT command names; "?" for another, "" for none."""
+        if "run" not in fields:
+            return ""
+        return next((run for run in self._flying() if run == fields["run"]), "?")
 
     def _authentic(self, kind: str, payload: bytes) -> dict[str, Any]:
         """Return the command's object after checking its signature. Raises RefusedCommandError."""
@@ -118,7 +130,8 @@ class CommandReader:
             ),
             (not is_encodable(_document(fields)), "geofence must be a text of whole characters"),
             (
-                "run" in fields and fields["run"] not in list(self._flying()),
+                # An abort is for all runs, and is not refused for naming one that has just ended.
+                kind != "abort" and self._run(fields) == "?",
                 "for a run that is not in flight",
             ),
         )

@@ -56,6 +56,14 @@ class TellsTrouble(Protocol):
 
 
 @runtime_checkable
+class ConfirmsSenders(Protocol):
+    """A link with several senders, which is told which of them is authentic."""
+
+    def confirm_sender(self) -> None:
+        """Take that the bytes being received have a correct signature; called by the receiver."""
+
+
+@runtime_checkable
 class TellsUnread(Protocol):
     """A link that knows when packets arrived that were dropped because they were read too late."""
 

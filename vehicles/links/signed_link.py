@@ -4,7 +4,7 @@ import asyncio
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.link import Link, Receiver, TellsTrouble
+from vehicles.links.link import ConfirmsSenders, Link, Receiver, TellsTrouble
 from vehicles.mavlink.framing import Frame, FrameSplitter
 from vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
 from vehicles.mavlink.signing_key import SigningKey
@@ -22,6 +22,7 @@ class SignedLink:
         self, *, link: Link, key: SigningKey, utc_s: float, link_id: int = 0, newest: int = 0
     ) -> None:
         self._link = link
+        self._senders = link if isinstance(link, ConfirmsSenders) else None
         self._signer = Signer(key=key, link_id=link_id, newest=newest)
         self._start = ticks_of_utc(utc_s)
         self._start_s: float | None = None
@@ -87,7 +88,11 @@ class SignedLink:
             self._receiver(whole, t_s)
 
     def _checked_frame(self, frame: Frame, now: int) -> bytes:
-        return self._signer.check(frame, now) or b""
+        accepted = self._signer.check(frame, now)
+        # The status of a radio is accepted without a signature, and proves nothing.
+        if accepted is not None and frame.signed and self._senders is not None:
+            self._senders.confirm_sender()
+        return accepted or b""
 
     def _now(self) -> int:
         if self._start_s is None:

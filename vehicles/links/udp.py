@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self, cast
 
 from vehicles.links.link import LinkError, Receiver
@@ -14,20 +14,55 @@ _SILENT_S = 1.5
 """A heartbeat and a half: a MAVLink system is not silent for so long."""
 _FORGOTTEN_S = 60.0
 """A vehicle keeps its place for so long during a link outage, even if others flood the port."""
+_OVERLAP_S = 0.5
+"""One vehicle on two ways: frames that were under way on the old one arrive for no longer."""
 _MOST_SOURCES = 4
+_MOST_BESIDE = 8
 _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
 """The offset of the system id in a frame of MAVLink 2 and 1."""
 _NO_MAVLINK = 0
+
+RIVAL_REMEDY = "switch one off, or give one another id (MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+"""What to do about two vehicles with one system id."""
 
 _Address = tuple[str, int]
 
 
 @dataclass(slots=True)
 class _Source:
-    """A UDP sender: its address, and when it was last received."""
+    """A UDP sender: its address, and when it was last received.
+
+    beside: other addresses that sent with its system id meanwhile, and when each was received
+    first. first: the sender of this system that was received first; it may come back. confirmed:
+    a frame from there had a correct signature.
+    """
 
     address: _Address
     last_received_s: float
+    beside: dict[_Address, float] = field(default_factory=dict)
+    first: "_Source | None" = None
+    confirmed: bool = False
+
+    def is_remembered(self, now_s: float) -> bool:
+        """Return whether a silent UDP sender may still come back."""
+        return now_s - self.last_received_s <= _FORGOTTEN_S
+
+    def silence_s(self, address: _Address) -> float:
+        """Return how long this UDP sender must be silent until another address may follow it.
+
+        Another vehicle, which sent beside it, must wait until this one is forgotten.
+        """
+        since_s = self.beside.get(address)
+        if since_s is None:
+            is_rival = len(self.beside) >= _MOST_BESIDE
+        else:
+            is_rival = self.last_received_s - since_s > _OVERLAP_S
+        return _FORGOTTEN_S if is_rival else _SILENT_S
+
+    def note_beside(self, address: _Address, now_s: float) -> None:
+        """Remember another address that sends with the same system id; the first few."""
+        if len(self.beside) < _MOST_BESIDE:
+            self.beside.setdefault(address, now_s)
 
 
 class UdpLink(asyncio.DatagramProtocol):
@@ -35,9 +70,12 @@ class UdpLink(asyncio.DatagramProtocol):
 
     `udpin` binds to its address, receives from any sender, and writes to all senders, at most four.
     A MAVLink system is one vehicle: it is accepted from its first address as long as it sends from
-    there; frames with its system id from another address are dropped and reported. Bytes written
-    before anything was received are lost. `udpout` sends to its address and receives only from
-    that peer. signed: senders are authenticated by signatures instead.
+    there; frames with its system id from another address are dropped and reported. After a silence
+    it is accepted from a new address, but for a minute not from one that sent beside it: that is
+    another vehicle. Bytes written before anything was received are lost. `udpout` sends to its
+    address and receives only from that peer. signed: senders are authenticated by signatures
+    instead; a new sender replaces the one that was silent longest, but no sender without a correct
+    signature (`confirm_sender`) replaces one with it.
     """
 
     def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
@@ -49,8 +87,11 @@ class UdpLink(asyncio.DatagramProtocol):
         self._sources: dict[int | _Address, _Source] = {}
         self._peers: tuple[_Address, ...] = ()
         """The addresses of all sources, the silent ones included."""
+        self._sender: _Address | None = None
+        """Where the datagram that is being received is from."""
         self._trouble = ""
         self._on_rival: Callable[[str], None] | None = None
+        self._on_change: Callable[[str], None] | None = None
         self.rivals: dict[_Address, str] = {}
         """Messages about other senders with the same system id, by address; the first few."""
 
@@ -76,8 +117,17 @@ class UdpLink(asyncio.DatagramProtocol):
         self._receiver = receiver
 
     def on_rival(self, listener: Callable[[str], None]) -> None:
-        """Call `listener` with a message for each UDP sender with another's system id."""
+        """Call `listener` with a message for each UDP sender with another's system id.
+
+        At once for those that were received already.
+        """
         self._on_rival = listener
+        for message in self.rivals.values():
+            listener(message)
+
+    def on_change(self, listener: Callable[[str], None]) -> None:
+        """Call `listener` with a message when a system sends from another UDP address."""
+        self._on_change = listener
 
     def write(self, data: bytes) -> None:
         """Send one UDP datagram to each known peer."""
@@ -124,46 +174,109 @@ class UdpLink(asyncio.DatagramProtocol):
             return
         now_s = self._loop.time()
         key = addr if self._signed else _system_of(data)
-        source = self._sources.get(key)
-        if (
-            source is not None
-            and source.address != addr
-            and now_s - source.last_received_s <= _SILENT_S
-        ):
-            self._report_rival(key, addr, source.address)
-            return
-        if source is not None and source.address == addr:
-            source.last_received_s = now_s
-        elif source is not None or self._has_place(now_s):
-            self._sources[key] = _Source(addr, now_s)
-            self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
-        if self._receiver is not None:
+        if self._is_accepted(key, addr, now_s) and self._receiver is not None:
+            self._sender = addr
             self._receiver(data, now_s)
+            self._sender = None
+
+    def confirm_sender(self) -> None:
+        """Reply to the sender of the datagram being received: it has a correct signature."""
+        if self._sender is None or self._loop is None or not self._signed:
+            return
+        source = self._sources.get(self._sender)
+        if source is None:
+            if len(self._sources) >= _MOST_SOURCES:
+                del self._sources[self._replaceable()]
+            source = _Source(self._sender, self._loop.time())
+            self._set_source(self._sender, source)
+        source.confirmed = True
+
+    def _is_accepted(self, key: "int | _Address", address: _Address, now_s: float) -> bool:
+        """Return whether a UDP datagram is accepted from its sender, and keep its address."""
+        source = self._sources.get(key)
+        if source is None:
+            if self._has_place(now_s):
+                self._set_source(key, _Source(address, now_s))
+            return True
+        if source.address == address:
+            source.last_received_s = now_s
+            return True
+        first = source.first
+        if first is not None and not first.is_remembered(now_s):
+            first = None
+        returns = first is not None and first.address == address
+        if not returns and now_s - source.last_received_s <= source.silence_s(address):
+            source.note_beside(address, now_s)
+            self._report_rival(key, address, source.address)
+            return False
+        self._report_change(key, source, _Source(address, now_s), returns=returns)
+        source.beside.pop(address, None)
+        if returns:
+            first = None
+        elif first is None:
+            first = _Source(source.address, source.last_received_s)
+        self._set_source(key, _Source(address, now_s, source.beside, first))
+        return True
+
+    def _set_source(self, key: "int | _Address", source: _Source) -> None:
+        """Accept a UDP sender, and reply to it from now on."""
+        self._sources[key] = source
+        self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
 
     def _has_place(self, now_s: float) -> bool:
         """Return whether one more UDP peer fits, in a silent one's place if need be."""
         if len(self._sources) < _MOST_SOURCES:
             return True
-        key, oldest = min(self._sources.items(), key=lambda item: item[1].last_received_s)
-        if now_s - oldest.last_received_s <= _FORGOTTEN_S:
+        key = self._replaceable()
+        oldest = self._sources[key]
+        if oldest.confirmed or (not self._signed and oldest.is_remembered(now_s)):
             return False
         del self._sources[key]
         return True
+
+    def _replaceable(self) -> "int | _Address":
+        """Return the UDP peer to replace first: without a signature, then silent longest."""
+        return min(
+            self._sources,
+            key=lambda key: (self._sources[key].confirmed, self._sources[key].last_received_s),
+        )
 
     def _report_rival(self, key: "int | _Address", rival: _Address, accepted: _Address) -> None:
         if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:
             return
         message = (
-            f"system {key} sends from {rival[0]}:{rival[1]} as well as from {accepted[0]}:"
-            f"{accepted[1]}: two vehicles have the same system id; only the latter is accepted"
+            f"system {key} sends from {_text(rival)} as well as from {_text(accepted)}: "
+            "two vehicles have the same system id; only the latter is accepted"
         )
         self.rivals[rival] = message
         if self._on_rival is not None:
             self._on_rival(message)
 
+    def _report_change(
+        self,
+        key: "int | _Address",
+        last: _Source,
+        new: _Source,
+        *,
+        returns: bool,
+    ) -> None:
+        """Report a system's change of address. returns: back to its first one."""
+        if key == _NO_MAVLINK or self._on_change is None:
+            return
+        again = " again, where it was received first" if returns else ""
+        self._on_change(
+            f"system {key} now sends from {_text(new.address)}{again}; it was last received from "
+            f"{_text(last.address)} {new.last_received_s - last.last_received_s:.1f} s ago"
+        )
+
     def error_received(self, exc: Exception) -> None:
         """Keep a UDP error such as "connection refused" (asyncio calls this)."""
         self._trouble = (exc.strerror if isinstance(exc, OSError) else "") or str(exc)
+
+
+def _text(address: _Address) -> str:
+    """Return a UDP address in words."""
+    return f"{address[0]}:{address[1]}"
 
 
 def _system_of(data: bytes) -> int:

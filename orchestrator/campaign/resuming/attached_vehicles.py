@@ -19,7 +19,7 @@ from vehicles.links.link import Link
 from vehicles.links.link_conditions import LinkConditions, under_conditions
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress
-from vehicles.links.udp import UdpLink
+from vehicles.links.udp import RIVAL_REMEDY, UdpLink
 
 _POSITION_S = 3.0
 """How long to wait for a position and a battery state, which a vehicle may not have."""
@@ -160,10 +160,7 @@ def _refuse_rivals(name: str, links: Iterable[Link]) -> None:
     for link in links:
         rival = next(iter(link.rivals.values()), None) if isinstance(link, UdpLink) else None
         if rival is not None:
-            raise IdentifyError(
-                f"{name} on {link.name}: {rival}; switch one off, or give one another id "
-                "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
-            )
+            raise IdentifyError(f"{name} on {link.name}: {rival}; {RIVAL_REMEDY}")
 
 
 def _has_position_and_battery(driver: Driver) -> bool:

@@ -32,6 +32,7 @@ _ABORTED_S = 5.0
 @dataclass(slots=True)
 class _BusyWorker(Generic[Order, Outcome]):
     worker: Worker[Order, Outcome]
+    run: str
     preparing: asyncio.Timeout | None = None
     """Runs until the worker's first message about its order."""
 
@@ -51,6 +52,7 @@ class Pool(Generic[Order, Outcome]):
     stall_s: a worker that has reported and then sends nothing for so long is killed: it hangs, or
     was stopped. Its guard brings its vehicles down. ended_badly: called with the reason when a
     worker that had done its order did not end properly. begun: called with an order and its place.
+    run_of: returns the name of an order's run, by which commands address it.
     """
 
     def __init__(
@@ -64,8 +66,10 @@ class Pool(Generic[Order, Outcome]):
         ended_badly: Callable[[str], None] = lambda _: None,
         ready: Callable[[Order], Order | None] = lambda order: order,
         begun: Callable[[Order, FlightPlace], None] = lambda _, __: None,
+        run_of: Callable[[Order], str] = str,
     ) -> None:
         self._begun = begun
+        self._run_of = run_of
         self._barred: list[OperatorCommand] = []
         self._ready = ready
         self._ended_badly = ended_badly
@@ -99,7 +103,11 @@ class Pool(Generic[Order, Outcome]):
 
     def pass_on(self, command: OperatorCommand) -> int:
         """Pass an operator command to every worker's run that it addresses; return how many."""
-        addressed = [busy for busy in self._busy if _is_for(command, busy.worker.place)]
+        addressed = [
+            busy
+            for busy in self._busy
+            if command.is_for(busy.run) and _is_for(command, busy.worker.place)
+        ]
         for busy in addressed:
             busy.worker.send(command)
         return len(addressed)
@@ -181,7 +189,7 @@ class Pool(Generic[Order, Outcome]):
         return None if starting.cancelled() else starting.result()
 
     async def _fly_one(self, worker: Worker[Order, Outcome], order: Order) -> Outcome | WorkerLost:
-        busy = _BusyWorker(worker)
+        busy = _BusyWorker(worker, self._run_of(order))
         self._busy.append(busy)
         patience_s = _FIRST_MESSAGE_S
         self._begun(order, worker.place)

@@ -40,7 +40,7 @@ def sign(
     reason
         Why, for the record.
     run
-        CASE/MODE/REPETITION, if the command is for that run only.
+        CASE/MODE/REPETITION, if the command is for that run only; an abort is for all runs.
     fence
         The file of the new fences, for geofence.
     token_env

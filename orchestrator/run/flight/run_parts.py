@@ -246,6 +246,7 @@ def _before_arming(ground: GroundParts, pair: Pair) -> BeforeArming:
     """Return the steps that the run's vehicles go through before they arm."""
     return BeforeArming(
         setup=ground.setup,
+        guard=pair.guard,
         contexts=pair.contexts,
         external_io=ground.external_io,
         preflight=ground.preflight,

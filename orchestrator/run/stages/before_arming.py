@@ -11,7 +11,10 @@ from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
 from orchestrator.run.vehicles.preflight_checks import Preflight
 from orchestrator.state.run_setup import RunSetup
+from orchestrator.state.run_state import FlightError
 from orchestrator.state.vehicle_context import VehicleContext
+from safety.guard.guard import Guard
+from vehicles.links.udp import RIVAL_REMEDY
 
 
 class BeforeArming:
@@ -20,13 +23,15 @@ class BeforeArming:
     The order: actors identified and ready as the pair is; of each vehicle its parameters, then its
     fence, each read back; ready again, for the estimate of the vehicle that was ready first may
     have drifted; external inputs and injections checked; anchors by motion capture; the preflight,
-    which checks the result. contexts: of the pair.
+    which checks the result. Before and after all this, no vehicle may have a rival with its system
+    id. contexts: of the pair.
     """
 
     def __init__(
         self,
         *,
         setup: RunSetup,
+        guard: Guard,
         contexts: tuple[VehicleContext, ...],
         external_io: ExternalIo,
         preflight: Preflight,
@@ -35,6 +40,7 @@ class BeforeArming:
         actors: tuple[VehicleContext, ...] = (),
     ) -> None:
         self._setup = setup
+        self._guard = guard
         self._contexts = contexts
         self._external_io = external_io
         self._preflight = preflight
@@ -60,6 +66,7 @@ class BeforeArming:
                 await actor.driver.identify(self._setup.campaign.sync.identify_timeout_s)
                 await actor.driver.ready(timeout_s)
         require_distinct(flown)
+        self._refuse_rivals()
         await each(flown, self.configuration.apply)
         await each(flown, lambda context: context.driver.ready(timeout_s))
         with self._record.step("external") as record:
@@ -71,10 +78,17 @@ class BeforeArming:
         await asyncio.gather(*map(self._anchor, captured))
         with self._record.step("preflight") as record:
             record(await self._preflight.check(self._contexts, self._actors))
+        self._refuse_rivals()
 
     async def restore(self) -> None:
         """Restore the configuration of attached vehicles; a failure decides the run as ERROR."""
         await self.configuration.restore()
+
+    def _refuse_rivals(self) -> None:
+        """Refuse two vehicles with one system id at one port. Raises FlightError."""
+        rival = next((event for event in self._guard.events if event.kind == "rival"), None)
+        if rival is not None:
+            raise FlightError(f"{rival.vehicle}: {rival.text}; {RIVAL_REMEDY}")
 
     async def _anchor(self, context: VehicleContext) -> None:
         with self._record.step("anchor", context.name) as record:

@@ -33,6 +33,7 @@ EventKind = Literal[
     "limited",
     "heard",
     "link",
+    "rival",
     "pose",
     "record",
     "guard",
@@ -43,7 +44,8 @@ geofence: fences were changed in flight; refused: a command that cannot be execu
 a step of a contingency; dropped: frames of the orchestrator that were not forwarded; unread:
 frames of the vehicle that the orchestrator did not read in time; limited: setpoints exceeded
 the campaign's limits, reported at the first and after the last of them; heard: a lost
-vehicle or orchestrator is received again; link: another link of a vehicle is active now; pose: a
+vehicle or orchestrator is received again; link: another link or address of a vehicle is active now;
+rival: another sender at a vehicle's port has the same system id, and is not accepted; pose: a
 position that is not finite was ignored; record: the log of frames cannot be written any more;
 guard: the guard's own process ended or failed; alone: a cause that brings down this one vehicle and
 decides nothing for the other."""

@@ -21,7 +21,7 @@ from pathlib import Path
 from traceback import format_exception
 from typing import Any
 
-from safety.guard.core.events import GuardEvent
+from safety.guard.core.events import EventKind, GuardEvent
 from safety.guard.local_guard import GuardLinks, LocalGuard
 from safety.guard.operator.operator_requests import OperatorOrders
 from safety.guard.operator.operator_socket import POINTER, OperatorSocket
@@ -195,7 +195,7 @@ class GuardProcess:
             )
             self._links.append(inner)
             near = raw[name] if self._clock is None else self._clock.tap(name, raw[name])
-            links[name] = guard_links(one, near, inner, report=partial(self._link_changed, name))
+            links[name] = guard_links(one, near, inner, report=partial(self._on_link, "link", name))
         self._shell = LocalGuard(
             vehicles={name: one.vehicle for name, one in guard_config.vehicles.items()},
             links=links,
@@ -250,7 +250,7 @@ class GuardProcess:
 
     def _report_opened(self, raw: Mapping[str, Link]) -> None:
         self._note("opened", pid=os.getpid(), scheduling=self._scheduling)
-        self._channel.send(Opened(os.getpid(), open_ports(raw, report=self._link_changed)))
+        self._channel.send(Opened(os.getpid(), open_ports(raw, report=self._on_link)))
         self._send_status()
         # What is loaded by now lives as long as the process: the collector need not look.
         gc.freeze()
@@ -445,8 +445,8 @@ class GuardProcess:
         if self._log is not None:
             self._log.write(event.t_s, "guard", **details)
 
-    def _link_changed(self, name: str, text: str) -> None:
-        self._event(GuardEvent(asyncio.get_running_loop().time(), "link", name, text))
+    def _on_link(self, kind: EventKind, name: str, text: str) -> None:
+        self._event(GuardEvent(asyncio.get_running_loop().time(), kind, name, text))
 
     def _note(self, event: str, **details: str | float | bool | None) -> None:
         if self._log is not None:

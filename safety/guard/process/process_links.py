@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 
+from safety.guard.core.events import EventKind
 from safety.guard.local_guard import GuardLinks
 from safety.guard.process.guard_config import Guarded
 from vehicles.links.link import Link
@@ -43,14 +44,18 @@ def guard_links(
     return GuardLinks(vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired)
 
 
-def open_ports(links: Mapping[str, Link], *, report: Callable[[str, str], None]) -> tuple[int, ...]:
+def open_ports(
+    links: Mapping[str, Link], *, report: Callable[[EventKind, str, str], None]
+) -> tuple[int, ...]:
     """Return the UDP ports of the guard process's vehicle links, 0 for one without.
 
-    report: gets the name of a vehicle, and which other sender uses its system id there.
+    report: gets "rival", the name of a vehicle, and which other sender uses its system id there;
+    or "link", the name, and which address its frames come from now.
     """
     udp = {name: link for name, link in links.items() if isinstance(link, UdpLink)}
     for name, link in udp.items():
-        link.on_rival(partial(report, name))
+        link.on_rival(partial(report, "rival", name))
+        link.on_change(partial(report, "link", name))
     return tuple(udp[name].local_port if name in udp else 0 for name in links)
 
 

@@ -13,8 +13,14 @@ from vehicles.links.link import LinkError, TellsTrouble
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.links.signed_link import SignedLink
 from vehicles.links.udp import UdpLink
 from vehicles.mavlink.codec import Codec
+from vehicles.mavlink.framing import FrameSplitter
+from vehicles.mavlink.signing import Signer, ticks_of_utc
+from vehicles.mavlink.signing_key import SigningKey
+
+_KEY = SigningKey(bytes(range(32)))
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.08])
@@ -91,6 +97,7 @@ class Received:
         self.link = UdpLink(address=LinkAddress("udpin", host="127.0.0.1", port=0), signed=signed)
         self.link.receive(lambda data, _: self.heard.append(data))
         self.link.on_rival(self.told.append)
+        self.link.on_change(self.told.append)
 
     async def __aenter__(self) -> Self:
         await self.link.__aenter__()
@@ -130,6 +137,9 @@ async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() 
             "have the same system id; only the latter is accepted"
         )
         assert list(there.link.rivals.values()) == there.told
+        later: list[str] = []
+        there.link.on_rival(later.append)
+        assert later == there.told
 
 
 async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_same() -> None:
@@ -138,7 +148,91 @@ async def test_a_vehicle_that_speaks_from_another_port_after_a_silence_is_the_sa
         there.now_s += 1.6
         there.say(1002, _heartbeat(1))
         assert there.answered() == [1002]
-        assert (len(there.heard), there.told) == (2, [])
+        assert len(there.heard) == 2
+        (said,) = there.told
+        assert said == (
+            "system 1 now sends from 127.0.0.1:1002; it was last received from 127.0.0.1:1001 "
+            "1.6 s ago"
+        )
+        assert not there.link.rivals
+
+
+async def test_a_rival_takes_no_place_while_the_vehicle_may_come_back() -> None:
+    async with Received() as there:
+        for _ in range(10):
+            there.now_s += 0.1
+            there.say(1001, _heartbeat(1))
+            there.say(1002, _heartbeat(1))
+        there.heard.clear()
+        for _ in range(50):
+            there.now_s += 1.1
+            there.say(1002, _heartbeat(1))
+            assert (there.heard, there.answered()) == ([], [1001])
+        there.say(1001, _heartbeat(1))
+        assert (len(there.heard), there.answered()) == (1, [1001])
+        assert len(there.told) == 1
+        there.now_s += 60.1
+        there.say(1002, _heartbeat(1))
+        assert (len(there.heard), there.answered(), len(there.told)) == (2, [1002], 2)
+
+
+async def test_more_rivals_than_are_remembered_take_no_place_either() -> None:
+    async with Received() as there:
+        for _ in range(10):
+            there.now_s += 0.1
+            for port in range(1001, 1012):
+                there.say(port, _heartbeat(1))
+        there.heard.clear()
+        there.now_s += 1.6
+        for port in range(1002, 1012):
+            there.say(port, _heartbeat(1))
+        assert (there.heard, there.answered()) == ([], [1001])
+
+
+async def test_a_vehicle_that_changes_its_port_without_a_silence_is_no_rival() -> None:
+    """Behind a router that restarts: what was under way from the old port comes still."""
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        for _ in range(4):
+            there.now_s += 0.1
+            there.say(1002, _heartbeat(1))
+            there.say(1001, _heartbeat(1))
+        for _ in range(20):
+            there.now_s += 0.1
+            there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+
+
+async def test_who_was_received_first_takes_its_place_back_at_once() -> None:
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        there.now_s += 0.1
+        there.say(1001, _heartbeat(1))
+        assert (len(there.heard), there.answered()) == (3, [1001])
+        assert there.told[1] == (
+            "system 1 now sends from 127.0.0.1:1001 again, where it was received first; it was "
+            "last received from 127.0.0.1:1002 0.1 s ago"
+        )
+        # From now on the other is a rival.
+        for _ in range(10):
+            there.now_s += 0.1
+            there.say(1002, _heartbeat(1))
+            there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1001]
+
+
+async def test_a_vehicle_that_sends_in_turns_on_two_ways_is_received_on_each() -> None:
+    async with Received() as there:
+        for _ in range(4):
+            for port in (1001, 1002):
+                there.now_s += 1.6
+                there.say(port, _heartbeat(1))
+                assert there.answered() == [port]
+        assert len(there.heard) == 8
 
 
 async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle() -> None:
@@ -176,6 +270,58 @@ async def test_with_signatures_everybody_is_received_for_they_settle_who_is_beli
         there.say(1002, _heartbeat(1))
         there.say(1001, _heartbeat(1))
         assert (len(there.heard), there.answered(), there.told) == (2, [1002, 1001], [])
+
+
+async def test_with_signatures_the_last_sender_is_answered() -> None:
+    async with Received(signed=True) as there:
+        for port in (1001, 1002, 1003, 1004):
+            there.say(port, _heartbeat(1))
+        for _ in range(3):
+            there.now_s += 1.0
+            there.say(1005, _heartbeat(1))
+            assert there.answered() == [1002, 1003, 1004, 1005]
+
+
+class Signed(Received):
+    """A signed udpin link, and a vehicle that signs."""
+
+    def __init__(self) -> None:
+        super().__init__(signed=True)
+        self.upper = SignedLink(link=self.link, key=_KEY, utc_s=1.7e9)
+        self.upper.receive(lambda data, _: self.heard.append(data))
+        self._vehicle = Signer(key=_KEY)
+
+    def say_signed(self, port: int, data: bytes = b"") -> bytes:
+        (frame,) = FrameSplitter().feed(data or _heartbeat(1))
+        whole = self._vehicle.sign(frame, ticks_of_utc(1.7e9))
+        assert whole is not None
+        self.say(port, whole)
+        return whole
+
+
+async def test_a_signed_vehicle_is_answered_after_each_restart_from_another_port() -> None:
+    async with Signed() as there:
+        for port in range(1001, 1010):
+            there.now_s += 3.0
+            there.say_signed(port)
+            assert there.answered()[-1] == port
+        assert len(there.heard) == 9
+        assert len(there.answered()) == 4
+
+
+async def test_no_flood_takes_the_place_of_a_signed_vehicle_in_an_outage() -> None:
+    async with Signed() as there:
+        old = there.say_signed(1001)
+        status = Codec(system_id=1, component_id=1).pack(
+            mavlink.MAVLink_radio_status_message(1, 1, 1, 1, 1, 0, 0)
+        )
+        for number in range(300):
+            there.now_s += 0.3
+            for data in (_heartbeat(1), old, status):
+                there.say(2000 + number, data)
+            assert 1001 in there.answered()
+        there.say_signed(1002)
+        assert {1001, 1002} < set(there.answered())
 
 
 async def test_udp_busy_port_says_so() -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import pytest
+
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.clock import run_virtual
 from orchestrator.model.results import NOT_ARMED
@@ -15,7 +17,8 @@ from orchestrator.run.stages.operator_hold import OperatorHold
 from orchestrator.run.stages.pair_flight import fly_together
 from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.simulator_logs import flight_log
-from orchestrator.state.run_state import RunState
+from orchestrator.state.run_state import FlightError, RunState
+from safety.guard.core.events import GuardEvent
 
 SYNC = SyncSetup(
     identify_timeout_s=9.0,
@@ -84,6 +87,7 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
                     vehicle=lambda _: SimpleNamespace(anchor="start"),
                 ),
             ),
+            guard=cast("Any", SimpleNamespace(events=[])),
             contexts=cast("Any", contexts),
             external_io=cast("Any", SimpleNamespace(before_arming=partial(report, "proven"))),
             preflight=cast("Any", SimpleNamespace(check=partial(report, "preflight"))),
@@ -136,3 +140,47 @@ def test_the_log_of_the_flight_is_found(tmp_path: Path) -> None:
             made.truncate(size)
     assert flight_log(px4) == px4 / "log" / "2026-11-21" / "21_06_38.ulg"
     assert flight_log(copter) == copter / "logs" / "00000001.BIN"
+
+
+@pytest.mark.parametrize("at", ["before", "meanwhile"])
+def test_a_vehicle_with_a_rival_never_arms(monkeypatch: pytest.MonkeyPatch, at: str) -> None:
+    monkeypatch.setattr("orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False)
+    rival = GuardEvent(1.0, "rival", "real", "system 1 sends from two ports")
+    events = [rival] if at == "before" else []
+    done: list[str] = []
+
+    async def put(context: Any) -> None:
+        done.append(f"{context.name} prepared")
+
+    async def external(*_: object, **__: object) -> str:
+        return ""
+
+    async def check(*_: object) -> str:
+        events.append(rival)
+        return ""
+
+    async def apply() -> None:
+        await BeforeArming(
+            setup=cast(
+                "Any",
+                SimpleNamespace(
+                    campaign=SimpleNamespace(sync=SYNC),
+                    vehicle=lambda _: SimpleNamespace(anchor="start"),
+                ),
+            ),
+            guard=cast("Any", SimpleNamespace(events=events)),
+            contexts=cast("Any", (Standing("real", 0.0, []), Standing("twin", 0.0, []))),
+            external_io=cast("Any", SimpleNamespace(before_arming=external)),
+            preflight=cast("Any", SimpleNamespace(check=check)),
+            configuration=cast("Any", SimpleNamespace(apply=put, unbooted={})),
+            record=ArmingRecord(now=asyncio.get_running_loop().time, note=lambda *_, **__: None),
+        ).apply()
+
+    with pytest.raises(FlightError) as refused:
+        run_virtual(apply())
+    assert str(refused.value) == (
+        "real: system 1 sends from two ports; switch one off, or give one another id "
+        "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+    )
+    # No parameter is written to a vehicle that may be the wrong one.
+    assert done == ([] if at == "before" else ["real prepared", "twin prepared"])

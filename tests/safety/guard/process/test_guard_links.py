@@ -107,6 +107,26 @@ async def test_the_guard_signs_and_believes_only_what_is_signed(
     assert "of the test" not in (tmp_path / "guard.jsonl").read_text()
 
 
+async def test_a_rival_at_a_vehicle_s_port_is_an_event_of_its_own(tmp_path: Path) -> None:
+    port = free_port()
+    config = signed_config(tmp_path, port)
+    plain = replace(config.vehicles["real"], conditions=LinkConditions())
+    guard = RemoteGuard(guard_config=replace(config, vehicles={"real": plain}))
+    address = parse_link(f"udpout://127.0.0.1:{port}")
+    link = guard.link("real")
+    link.receive(lambda *_: None)
+    codecs = [Codec(system_id=1, component_id=1) for _ in range(2)]
+    async with link, guard, UdpLink(address=address) as one, UdpLink(address=address) as other:
+        async with asyncio.timeout(20.0):
+            while not any(event.kind == "rival" for event in guard.events):
+                for sender, codec in zip((one, other), codecs, strict=True):
+                    sender.write(codec.pack(own_heartbeat()))
+                await asyncio.sleep(0.05)
+    (rival,) = [event for event in guard.events if event.kind == "rival"]
+    assert rival.vehicle == "real"
+    assert rival.text.startswith("system 1 sends from 127.0.0.1:")
+
+
 async def test_a_key_that_is_not_there_is_named_and_nothing_begins(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"environment variable WIL_TEST_KEY.* is unset"):
         async with RemoteGuard(guard_config=signed_config(tmp_path, free_port())):
