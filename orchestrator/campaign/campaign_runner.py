@@ -18,6 +18,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     held,
     make_folder,
     set_aside,
+    write_document,
 )
 from orchestrator.campaign.folder.manifest import manifest
 from orchestrator.campaign.folder.repetitions import runs_due
@@ -38,7 +39,7 @@ from orchestrator.campaign.workers.worker_pool import Pool
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.model.campaign_results import Summary, VehicleKind, summarize
 from orchestrator.model.clock import Clock
-from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.document_writer import to_json
 from orchestrator.model.exit_codes import exit_code, rehearsal_code
 from orchestrator.model.faults import Faults, fault_log
 from orchestrator.model.junit import junit_xml
@@ -137,7 +138,7 @@ def _begin(
         folder.mkdir(parents=True, exist_ok=True)
         stack.enter_context(held(folder))
         _require_space(campaign, folder)
-        _write(folder / "campaign.json", to_json(document))
+        write_document(folder / "campaign.json", to_json(document))
         if not settings.resume:
             return folder, ResumedCampaign(results={}, attempts={})
         rules = ResumeRules(
@@ -163,15 +164,6 @@ def _require_space(campaign: Campaign, folder: Path) -> None:
         raise OutputError(f"{problem}; free space, or lower preflight.min_disk_mb")
 
 
-def _write(path: Path, content: str | bytes) -> None:
-    """Write a document of the campaign. Raises OutputError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
-
-
 class _Flight:
     """The flight of a whole campaign."""
 
@@ -190,6 +182,7 @@ class _Flight:
         self._plans = planned(campaign, settings)
         self._results = dict(before.results)
         self._attempts = before.attempts
+        self._was_broken = before.is_broken
         self._is_real = real_runs(campaign, settings.hardware)
         self._lost_with_vehicle = ""
         began_s = time.monotonic()
@@ -257,11 +250,16 @@ class _Flight:
             error = RuntimeError(where)
         self._faults.take(error, where)
 
+    @property
+    def _is_broken(self) -> bool:
+        """Return whether an internal exception came up beside the runs, now or before resuming."""
+        return self._was_broken or bool(self._faults.all)
+
     def outcome(self) -> CampaignOutcome:
         """Return the campaign's outcome: summary and exit code."""
         summary = self.write_summary(has_ended=True)
         flown = (*summary.runs, *summary.controls)
-        stopped, broken = self._controller.ended_by, bool(self._faults.all)
+        stopped, broken = self._controller.ended_by, self._is_broken
         code = exit_code(
             flown,
             self._campaign.requirements,
@@ -339,9 +337,9 @@ class _Flight:
             return None
         if isinstance(outcome, WorkerLost):
             result = after_attempts(lost_result(order.plan, outcome), order.attempts)
-            _write(order.folder / "result.json", to_json(result))
+            write_document(order.folder / "result.json", to_json(result))
             if outcome.details:
-                _write(order.folder / "error.txt", outcome.details)
+                write_document(order.folder / "error.txt", outcome.details)
                 fault_log(order.folder / "log.jsonl")(outcome.fault)
         else:
             result = outcome
@@ -411,17 +409,17 @@ class _Flight:
             sensors=sensor_kinds(self._campaign),
             left_out=self._campaign.left_out,
             stopped=self._controller.ended_by,
-            broken=bool(self._faults.all) if has_ended or self._faults.all else None,
+            broken=self._is_broken if has_ended or self._is_broken else None,
             controls_due=len(self._campaign.controls),
             missing=self._missing(),
             caveats=self._campaign.caveats,
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
-        _write(self._folder / "summary.json", to_json(summary))
+        write_document(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)
-        _write(self._folder / "junit.xml", junit)
+        write_document(self._folder / "junit.xml", junit)
         if self._settings.junit is not None:
-            _write(self._settings.junit, junit)
+            write_document(self._settings.junit, junit)
         return summary
 
 

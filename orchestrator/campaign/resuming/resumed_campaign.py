@@ -15,6 +15,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     set_aside,
 )
 from orchestrator.campaign.folder.repetitions import runs_due
+from orchestrator.campaign.resuming.earlier_faults import earlier_fault
 from orchestrator.campaign.resuming.lost_runs import IsReal, killed_program_text, lost_result
 from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.resuming.run_ledger import OpenOrder, close_order, open_orders
@@ -36,10 +37,14 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumedCampaign:
-    """The results of a resumed campaign, by run. attempts: earlier ones at the other runs."""
+    """The results of a resumed campaign, by run. attempts: earlier ones at the other runs.
+
+    is_broken: an internal exception came up beside its runs before it was resumed.
+    """
 
     results: Mapping[str, RunResult]
     attempts: Mapping[str, tuple[Attempt, ...]]
+    is_broken: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +110,14 @@ class _Resumption:
                 self._record_loss(plan, what)
             elif (order := self.orders.get(plan.name)) is not None:
                 close_order(self.folder, order, "lost", f"{what}; it does not count")
-        return ResumedCampaign(results=self.results, attempts=self.attempts)
+        fault = earlier_fault(self.folder)
+        if fault:
+            self.say(
+                f"an internal exception came up before the campaign was resumed ({fault}): it "
+                "ends with exit code 3 and is not accepted, whatever its runs end with; to have it "
+                "accepted, fly it anew, without --resume"
+            )
+        return ResumedCampaign(results=self.results, attempts=self.attempts, is_broken=bool(fault))
 
     @property
     def _plans(self) -> tuple[RunPlan, ...]:
