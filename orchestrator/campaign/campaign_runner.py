@@ -299,13 +299,17 @@ class _Flight:
                 f"{self._lost_with_vehicle} was lost with a real vehicle: no further runs are "
                 "flown; inspect the vehicle, then start again with --resume"
             )
-        if order.back is None and order.plan.name not in {plan.name for plan in self._due()}:
+        if order.back is None and not self._is_due(order.plan):
             return None
         return self._learning.ready(order)
 
     def _due(self) -> list[RunPlan]:
         """Return the runs that count: a sequential test may have decided before the last."""
         return runs_due(self._plans, self._campaign.test, self._results)
+
+    def _is_due(self, plan: RunPlan) -> bool:
+        """Return whether a run counts by what is known now."""
+        return plan.name in {one.name for one in self._due()}
 
     def _set_surplus_aside(self) -> None:
         """Set aside runs that were in flight when an earlier repetition decided."""
@@ -343,19 +347,14 @@ class _Flight:
                 fault_log(order.folder / "log.jsonl")(outcome.fault)
         else:
             result = outcome
-        self._results[order.plan.name] = result
         self._learning.learn(order.plan, result)
-        self._set_surplus_aside()
+        following = self._retry_run(order, result)
+        if following is None:
+            self._results[order.plan.name] = result
+            self._set_surplus_aside()
         self.write_summary()
-        # With hardware a person inspects the vehicle before a retry.
-        alone = not self._settings.hardware and self._campaign.between is None
-        retries = self._campaign.retries if alone else 0
-        again = self._controller.stopped is None and retry_due(result, retries=retries)
         flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
-        if again:
-            following = self._retry_run(order, result)
-        else:
-            following = None
+        if following is None:
             self._controller.finished(
                 result, may_end=self._settings.arm or result.reason != NOT_ARMED
             )
@@ -377,8 +376,16 @@ class _Flight:
         for line in lines:
             self._watcher.say(f"  {printable(line)}")
 
-    def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder:
-        """Set a run's files aside and return the order to fly it once more."""
+    def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder | None:
+        """Set a run's files aside and return the order to fly it once more; None if none is due.
+
+        Until it ends again the run has no result, and a sequential test waits for it.
+        """
+        # With hardware a person inspects the vehicle before a retry.
+        alone = not self._settings.hardware and self._campaign.between is None
+        is_due = retry_due(result, retries=self._campaign.retries if alone else 0)
+        if not is_due or self._controller.stopped is not None or not self._is_due(order.plan):
+            return None
         try:
             place = str(set_aside(self._folder, order.plan.name).relative_to(self._folder))
         except OSError as error:
