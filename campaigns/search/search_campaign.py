@@ -122,6 +122,7 @@ class SearchCampaign:
             seed=seed,
             required=False,
             files=files.seeded(seed),
+            retries=self.campaign.runs[0].retries,
             loads_code=self.campaign.options.loads_code,
         )
 

@@ -21,7 +21,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     write_document,
 )
 from orchestrator.campaign.folder.manifest import manifest
-from orchestrator.campaign.folder.repetitions import runs_due
+from orchestrator.campaign.folder.repetitions import planned, runs_due
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
 from orchestrator.campaign.repositioning import Repositioning
 from orchestrator.campaign.resuming.lost_runs import lost_result, real_runs
@@ -142,7 +142,6 @@ def _begin(
         if not settings.resume:
             return folder, ResumedCampaign(results={}, attempts={})
         rules = ResumeRules(
-            retries=campaign.retries,
             is_real=real_runs(campaign, settings.hardware),
             again=settings.again,
             repeats_cut_off=settings.repeats_cut_off,
@@ -179,7 +178,7 @@ class _Flight:
         self._settings = settings
         self._watcher = watcher
         self._folder = folder
-        self._plans = planned(campaign, settings)
+        self._plans = planned(campaign, arm=settings.arm)
         self._results = dict(before.results)
         self._attempts = before.attempts
         self._was_broken = before.is_broken
@@ -383,7 +382,7 @@ class _Flight:
         """
         # With hardware a person inspects the vehicle before a retry.
         alone = not self._settings.hardware and self._campaign.between is None
-        is_due = retry_due(result, retries=self._campaign.retries if alone else 0)
+        is_due = retry_due(result, retries=order.plan.retries if alone else 0)
         if not is_due or self._controller.stopped is not None or not self._is_due(order.plan):
             return None
         try:
@@ -428,16 +427,6 @@ class _Flight:
         if self._settings.junit is not None:
             write_document(self._settings.junit, junit)
         return summary
-
-
-def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
-    """Return the campaign's runs to fly, then its controls.
-
-    Without arming: one run of each case and mode, none of them required, and no control.
-    """
-    if settings.arm:
-        return campaign.plans
-    return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
 def _with_artifact_paths(run: RunResult) -> RunResult:

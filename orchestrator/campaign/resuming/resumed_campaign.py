@@ -49,14 +49,13 @@ class ResumedCampaign:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumeRules:
-    """Which runs of a campaign are flown again. retries: of the campaign.
+    """Which runs of a campaign are flown again, beside those that have retries left.
 
     is_real: runs that are not flown again automatically. again: runs that a person has named.
     repeats_cut_off: a simulated run that was cut off in flight is flown again even if it had a
     verdict by then; a search needs this, because its next proposal depends on the complete flight.
     """
 
-    retries: int = 0
     is_real: IsReal = lambda _: False
     again: Collection[str] = ()
     repeats_cut_off: bool = False
@@ -141,7 +140,7 @@ class _Resumption:
             return True
         # After Ctrl-C or the death of its parent, a run was not flown to its end.
         is_due = result.verdict == "ABORTED" or self._was_cut_off(result)
-        is_due = is_due or retry_due(result, retries=self.rules.retries)
+        is_due = is_due or retry_due(result, retries=plan.retries)
         return is_due and not self.rules.is_real(plan)
 
     def _was_cut_off(self, result: RunResult) -> bool:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,13 +19,18 @@ from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import read_summary
 from orchestrator.state.run_setup import RunOrder
 from safety.model.oracle_results import Verdict
-from tests.orchestrator.campaign.resuming.test_resumption import result_of
+from tests.orchestrator.campaign.resuming.test_resumption import quick_fly, result_of
 from tests.orchestrator.hover import write_hover
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
 UNTIL = "{until: decided, at_least: 0.9, against: 0.2, most: 5}"
 """Two passes decide for it; after a pass and a failure three more are flown."""
+COMPOSED = """\
+schema: wil/campaign/1
+campaign: both
+campaigns: {one: hover.yaml, other: other.yaml}
+"""
 _PATIENCE_S = 60.0
 
 
@@ -120,3 +126,22 @@ def test_a_decision_waits_for_a_run_that_is_flown_again(
     verdicts = {run.rep: run.verdict for run in outcome.summary.runs}
     assert verdicts == {1: "PASS", 2: "FAIL", 3: "PASS", 4: "PASS", 5: "PASS"}
     assert (outcome.exit_code, outcome.summary.not_flown) == (0, ())
+
+
+def test_each_part_of_a_composition_has_the_retries_of_its_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    one = write_hover(tmp_path)
+    text = one.read_text().replace("repetitions: 2", "repetitions: 1") + "description: INVALID\n"
+    one.write_text(text)
+    (tmp_path / "other.yaml").write_text(text + "retries: 2\n")
+    whole = tmp_path / "both.yaml"
+    whole.write_text(COMPOSED)
+    outcome = fly(whole)
+    flown = {run.case: (run.verdict, len(run.attempts)) for run in outcome.summary.runs}
+    assert flown == {"one.default": ("INVALID", 0), "other.default": ("PASS", 1)}
+    settings = FlyingSettings(out=tmp_path / "out", clock="virtual", jobs=1, resume=True)
+    again = fly_campaign(load_campaign(whole), settings, SilentDisplay())
+    assert replace(again, exit_code=0) == replace(outcome, exit_code=0)
+    assert again.exit_code == outcome.exit_code == 3
