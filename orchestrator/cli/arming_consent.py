@@ -20,6 +20,7 @@ from orchestrator.campaign.resuming.attached_vehicles import (
     find_at,
     flown_vehicles,
     kind_of_real,
+    planned_setups,
 )
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
@@ -229,8 +230,7 @@ def _encounters(
     by_name = {one.name: one for one in found}
     names = dict.fromkeys(
         (one.actor.name, one.other.name)
-        for setup in campaign.setups.values()
-        for mode in campaign.modes
+        for setup, mode in planned_setups(campaign)
         for one in encounters(setup, mode)
         if not one.is_far
     )

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
+from campaigns.schema import Mode
+from campaigns.setup.case_setup import Setup
 from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.model.campaign_results import VehicleKind
 from vehicles.driver import Driver
@@ -61,11 +63,25 @@ class AttachedVehicle:
         return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
 
 
+def planned_setups(campaign: Campaign) -> list[tuple[Setup, Mode]]:
+    """Return the setup of each case and control with each mode in which a run of it is planned.
+
+    Not every case flies in every mode of its campaign: the parts of a composed one have their own.
+    """
+    planned = {(plan.case, plan.mode) for plan in campaign.plans}
+    return [
+        (setup, mode)
+        for case, setup in campaign.setups.items()
+        for mode in campaign.modes
+        if (case, mode) in planned
+    ]
+
+
 def flown_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
-    """Return the vehicles, including actors, that fly in any of the campaign's modes and cases."""
+    """Return the vehicles, including actors, that fly in any planned run of the campaign."""
     vehicles: dict[tuple[str, object], FlownSetup] = {}
-    for setup in campaign.setups.values():
-        for vehicle in (one for mode in campaign.modes for one in setup.flown_in(mode)):
+    for setup, mode in planned_setups(campaign):
+        for vehicle in setup.flown_in(mode):
             vehicles.setdefault((vehicle.name, vehicle.link), vehicle)
     return tuple(vehicles.values())
 
