@@ -63,17 +63,21 @@ class AttachedVehicle:
         return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
 
 
-def planned_setups(campaign: Campaign) -> list[tuple[Setup, Mode]]:
-    """Return the setup of each case and control with each mode in which a run of it is planned.
+def planned_modes(campaign: Campaign, case: str) -> list[Mode]:
+    """Return the modes in which runs of a case or control are planned.
 
-    Not every case flies in every mode of its campaign: the parts of a composed one have their own.
+    They may be fewer than the campaign's: the parts of a composed one have their own.
     """
-    planned = {(plan.case, plan.mode) for plan in campaign.plans}
+    planned = {plan.mode for plan in campaign.plans if plan.case == case}
+    return [mode for mode in campaign.modes if mode in planned]
+
+
+def planned_setups(campaign: Campaign) -> list[tuple[Setup, Mode]]:
+    """Return the setup of each case and control with each mode in which it is planned."""
     return [
         (setup, mode)
         for case, setup in campaign.setups.items()
-        for mode in campaign.modes
-        if (case, mode) in planned
+        for mode in planned_modes(campaign, case)
     ]
 
 
@@ -91,14 +95,30 @@ def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
     return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
 
 
-def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
-    """Return what flies as the real vehicle: hardware, a simulation, or an embedded one."""
-    real = next((one for one in flown_vehicles(campaign) if one.name == "real"), None)
-    if real is None or real.embedded:
+def kinds_of_real(
+    campaign: Campaign, found: Iterable[AttachedVehicle]
+) -> dict[VehicleKind, list[str]]:
+    """Return what flies as the real vehicle, with the cases and controls in which it does.
+
+    found: the campaign's attached vehicles, identified, in their order.
+    """
+    attached = zip(attached_vehicles(campaign), found, strict=True)
+    identified = {one.link: each for one, each in attached if one.name == "real"}
+    cases: dict[VehicleKind, list[str]] = {}
+    for case, setup in campaign.setups.items():
+        flown = [one for mode in planned_modes(campaign, case) for one in setup.flown_in(mode)]
+        real = next((one for one in flown if one.name == "real"), None)
+        if real is not None:
+            cases.setdefault(_kind_of(real, identified.get(real.link)), []).append(case)
+    return cases
+
+
+def _kind_of(real: FlownSetup, identified: AttachedVehicle | None) -> VehicleKind:
+    """Return what flies as a real vehicle: hardware, a simulation, or an embedded one."""
+    if real.embedded:
         return "embedded"
     if real.launch is not None:
         return "sitl"
-    identified = next((one for one in found if one.name == "real"), None)
     if identified is None:
         return "unknown"
     return "sitl" if identified.identity.simulation else "hardware"
