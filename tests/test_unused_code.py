@@ -44,6 +44,7 @@ CALLED_FROM_OUTSIDE = {
     "authenticate": "amqtt calls it",
     "topic_filtering": "amqtt calls it",
     "runtest": "pytest calls it",
+    "teardown": "pytest calls it",
     "reportinfo": "pytest calls it",
     "oracle_rows": "docs/python.md: programs of users call it",
     "run_folder": "docs/python.md: programs of users call it",

@@ -214,7 +214,6 @@ def _merge(
             for wanted in one.requirements
         ),
         left_out=tuple(left),
-        retries=max(one.retries for one in parts.values()),
         controls=tuple(controls) if part.fly_controls else (),
         warnings=unique([warning for one in parts.values() for warning in one.warnings]),
         caveats=tuple(

@@ -68,7 +68,8 @@ class Options:
 class RunPlan:
     """One planned run of the expansion; picklable. repetition from 1; required: for `accept`.
 
-    control: how it must end, if it is one; its name then is the case. loads_code: see `Options`.
+    retries: how often it is flown again where it ends as ERROR or INVALID. control: how it must
+    end, if it is one; its name then is the case. loads_code: see `Options`.
     """
 
     campaign: str
@@ -78,6 +79,7 @@ class RunPlan:
     seed: int
     required: bool
     files: CaseFiles
+    retries: int = 0
     control: Expectation | None = None
     loads_code: bool = True
 
@@ -97,13 +99,12 @@ class Campaign:
 
     document: the campaign file after --repetitions, --seed and --set. paths: every file it was
     read from. modes, cases: those selected. repetitions: at most; test: that may end them sooner,
-    None for a fixed number. setups: of these cases and of the controls. retries: how often a run
-    with the verdict ERROR or INVALID is flown again. requirements: of the selected cases and modes.
-    left_out: what the file requires and the options leave out, in words. mqtt: the operators'
-    broker, if any. between: how an attached vehicle returns to its start, if given. controls: the
-    runs that must not pass. warnings: what is valid in its files and probably not meant. caveats:
-    those of them that qualify a verdict, in words. options: of the command line. benches: on which
-    it is flown, one for each composed campaign that asks for one.
+    None for a fixed number. setups: of these cases and of the controls. requirements: of the
+    selected cases and modes. left_out: what the file requires and the options leave out, in words.
+    mqtt: the operators' broker, if any. between: how an attached vehicle returns to its start, if
+    given. controls: the runs that must not pass. warnings: what is valid in its files and probably
+    not meant. caveats: those of them that qualify a verdict, in words. options: of the command
+    line. benches: on which it is flown, one for each composed campaign that asks for one.
     """
 
     name: str
@@ -119,7 +120,6 @@ class Campaign:
     requirements: tuple[Requirement, ...]
     left_out: tuple[str, ...] = ()
     mqtt: MqttSetup | None = None
-    retries: int = 0
     test: SequentialTest | None = None
     between: BetweenRunsPart | None = None
     controls: tuple[RunPlan, ...] = ()
@@ -147,6 +147,11 @@ class _Read:
     bench: Bench | None
     files: Mapping[str, CaseFiles]
     setups: Mapping[str, Setup]
+
+    @property
+    def retries(self) -> int:
+        """Return the retries of each run; on a bench a person first has to find out what failed."""
+        return self.part.retries if self.bench is None else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +199,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         repetitions=part.most_repetitions,
         seed=part.seed,
         setups={name: setups[name] for name in selected.names},
-        runs=tuple(_runs(part, selected, files, options)),
+        runs=tuple(_runs(read, selected, options)),
         requirements=tuple(
             Requirement(case, mode, selected.shares[case, mode], part.sequential_test)
             for case, mode in selected.runs
@@ -202,8 +207,6 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         ),
         left_out=left_out(required, part, flown, selected.shares),
         mqtt=selected.mqtt,
-        # With a real vehicle a person has to find out first what went wrong.
-        retries=part.retries if bench is None else 0,
         test=part.sequential_test,
         between=part.between_runs,
         controls=selected.controls,
@@ -270,7 +273,7 @@ def _select(read: _Read, options: Options) -> _Selected:
         runs=tuple((case, mode) for case in cases for mode in modes),
         controls=tuple(
             plan
-            for plan in _controls(part, read.files, options)
+            for plan in _controls(read, options)
             if plan.case in names and plan.mode in mode_names
         ),
     )
@@ -381,10 +384,9 @@ def _select_cases(
     return tuple(name for name in known if any(fnmatchcase(name, p) for p in patterns))
 
 
-def _runs(
-    part: CampaignPart, selected: _Selected, files: Mapping[str, CaseFiles], options: Options
-) -> Iterable[RunPlan]:
+def _runs(read: _Read, selected: _Selected, options: Options) -> Iterable[RunPlan]:
     """Yield the planned runs of the selected cases and modes, repetition by repetition."""
+    part = read.part
     for case, mode in selected.runs:
         for repetition in range(1, part.most_repetitions + 1):
             seed = run_seed(part.seed, case, repetition)
@@ -395,18 +397,18 @@ def _runs(
                 repetition=repetition,
                 seed=seed,
                 required=(case, mode) in selected.shares,
-                files=files[case].seeded(seed),
+                files=read.files[case].seeded(seed),
+                retries=read.retries,
                 loads_code=options.loads_code,
             )
 
 
-def _controls(
-    part: CampaignPart, files: Mapping[str, CaseFiles], options: Options
-) -> Iterable[RunPlan]:
+def _controls(read: _Read, options: Options) -> Iterable[RunPlan]:
     """Yield each control run of the expansion once in each of its modes.
 
     Its seed is that of the first repetition of the case that it changes: nothing else differs.
     """
+    part = read.part
     for name, control in part.controls.items():
         expected = expectation(part, control)
         seed = run_seed(part.seed, expected.case, 1)
@@ -418,7 +420,8 @@ def _controls(
                 repetition=1,
                 seed=seed,
                 required=False,
-                files=files[name].seeded(seed),
+                files=read.files[name].seeded(seed),
+                retries=read.retries,
                 control=expected,
                 loads_code=options.loads_code,
             )

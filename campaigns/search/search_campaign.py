@@ -123,6 +123,7 @@ class SearchCampaign:
             seed=seed,
             required=False,
             files=files.seeded(seed),
+            retries=self.campaign.runs[0].retries,
             loads_code=self.campaign.options.loads_code,
         )
 
@@ -132,8 +133,9 @@ class SearchCampaign:
 
     @property
     def flown(self) -> Campaign:
-        """Return the campaign with the modes of the budget only, which the search flies."""
-        return replace(self.campaign, modes=tuple(self.modes))
+        """Return the campaign with the case and the modes that the search flies, as planned."""
+        runs = tuple(plan for plan in self.campaign.runs if plan.case == self.case)
+        return replace(self.campaign, modes=tuple(self.modes), runs=runs, controls=())
 
     @property
     def _bench(self) -> Bench | None:

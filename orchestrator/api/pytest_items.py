@@ -2,7 +2,8 @@
 
 A FAIL is a failed test. INVALID, ERROR and ABORTED are errors, because they say nothing about the
 autonomy; so is a run with an internal error of wil-campaign. A run that does not count against the
-campaign is skipped, with its verdict as the reason, as in junit.xml.
+campaign is skipped, with its verdict as the reason, as in junit.xml. What ended the campaign
+outside of its runs is an error after the last of its tests.
 """
 
 from collections.abc import Iterator
@@ -43,6 +44,7 @@ class CampaignFile(pytest.File):
         self._not_flown: frozenset[str] = frozenset()
         self._forgiven: frozenset[str] = frozenset()
         self._refused: CannotFlyError | None = None
+        self._endings: list[str] = []
         for plan in self._campaign.plans:
             yield RunItem.from_parent(self, name=plan.name, plan=plan)
 
@@ -100,7 +102,18 @@ class CampaignFile(pytest.File):
             store=str(option("--wil-store")),
         )
 
+    def teardown(self) -> None:
+        """Report what ended the campaign outside of its runs, which no test of a run shows."""
+        endings, self._endings = self._endings, []
+        if endings:
+            pytest.fail("\n".join(endings), pytrace=False)
+
     def _record(self, results: CampaignResults) -> None:
+        if ending := results.summary.ending:
+            self._endings.append(
+                f"the campaign ended with exit code {results.exit_code}: {ending}; see "
+                f"{results.folder}"
+            )
         for result in (*results.runs, *results.controls):
             self._flown[f"{result.case}/{result.mode}/{result.rep}"] = result
         self._not_flown |= frozenset(results.summary.not_flown)
@@ -131,8 +144,8 @@ class RunItem(pytest.Item):
         self.user_properties += [("seed", result.seed), ("verdict", result.verdict)]
         proves = result.verdict in {"PASS", "FAIL"}
         is_met = result.control is not None and result.control.met
-        if result.exceptions:
-            # Never forgiven: `wil-campaign run` ends with 3 even if the run does not count.
+        if result.exceptions or result.verdict == "ABORTED":
+            # Never forgiven: `wil-campaign run` ends with 3 or 4 even if the run does not count.
             pytest.fail("\n".join([_text(result), *result.exceptions]), pytrace=False)
         if not (proves or is_met):
             self._skip_reported(result)

@@ -18,9 +18,10 @@ from orchestrator.campaign.folder.campaign_folder import (
     held,
     make_folder,
     set_aside,
+    write_document,
 )
 from orchestrator.campaign.folder.manifest import manifest
-from orchestrator.campaign.folder.repetitions import runs_due
+from orchestrator.campaign.folder.repetitions import planned, runs_due
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
 from orchestrator.campaign.repositioning import Repositioning
 from orchestrator.campaign.resuming.lost_runs import lost_result, real_runs
@@ -38,7 +39,7 @@ from orchestrator.campaign.workers.worker_pool import Pool
 from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
 from orchestrator.model.campaign_results import Summary, VehicleKind, summarize
 from orchestrator.model.clock import Clock
-from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.document_writer import to_json
 from orchestrator.model.exit_codes import exit_code, rehearsal_code
 from orchestrator.model.faults import Faults, fault_log
 from orchestrator.model.junit import junit_xml
@@ -137,11 +138,10 @@ def _begin(
         folder.mkdir(parents=True, exist_ok=True)
         stack.enter_context(held(folder))
         _require_space(campaign, folder)
-        _write(folder / "campaign.json", to_json(document))
+        write_document(folder / "campaign.json", to_json(document))
         if not settings.resume:
             return folder, ResumedCampaign(results={}, attempts={})
         rules = ResumeRules(
-            retries=campaign.retries,
             is_real=real_runs(campaign, settings.hardware),
             again=settings.again,
             repeats_cut_off=settings.repeats_cut_off,
@@ -163,15 +163,6 @@ def _require_space(campaign: Campaign, folder: Path) -> None:
         raise OutputError(f"{problem}; free space, or lower preflight.min_disk_mb")
 
 
-def _write(path: Path, content: str | bytes) -> None:
-    """Write a document of the campaign. Raises OutputError."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
-
-
 class _Flight:
     """The flight of a whole campaign."""
 
@@ -187,9 +178,10 @@ class _Flight:
         self._settings = settings
         self._watcher = watcher
         self._folder = folder
-        self._plans = planned(campaign, settings)
+        self._plans = planned(campaign, arm=settings.arm)
         self._results = dict(before.results)
         self._attempts = before.attempts
+        self._was_broken = before.is_broken
         self._is_real = real_runs(campaign, settings.hardware)
         self._lost_with_vehicle = ""
         began_s = time.monotonic()
@@ -258,11 +250,16 @@ class _Flight:
             error = RuntimeError(where)
         self._faults.take(error, where)
 
+    @property
+    def _is_broken(self) -> bool:
+        """Return whether an internal exception came up beside the runs, now or before resuming."""
+        return self._was_broken or bool(self._faults.all)
+
     def outcome(self) -> CampaignOutcome:
         """Return the campaign's outcome: summary and exit code."""
         summary = self.write_summary(has_ended=True)
         flown = (*summary.runs, *summary.controls)
-        stopped, broken = self._controller.ended_by, bool(self._faults.all)
+        stopped, broken = self._controller.ended_by, self._is_broken
         code = exit_code(
             flown,
             self._campaign.requirements,
@@ -302,13 +299,17 @@ class _Flight:
                 f"{self._lost_with_vehicle} was lost with a real vehicle: no further runs are "
                 "flown; inspect the vehicle, then start again with --resume"
             )
-        if order.back is None and order.plan.name not in {plan.name for plan in self._due()}:
+        if order.back is None and not self._is_due(order.plan):
             return None
         return self._learning.ready(order)
 
     def _due(self) -> list[RunPlan]:
         """Return the runs that count: a sequential test may have decided before the last."""
         return runs_due(self._plans, self._campaign.test, self._results)
+
+    def _is_due(self, plan: RunPlan) -> bool:
+        """Return whether a run counts by what is known now."""
+        return plan.name in {one.name for one in self._due()}
 
     def _set_surplus_aside(self) -> None:
         """Set aside runs that were in flight when an earlier repetition decided."""
@@ -340,25 +341,20 @@ class _Flight:
             return None
         if isinstance(outcome, WorkerLost):
             result = after_attempts(lost_result(order.plan, outcome), order.attempts)
-            _write(order.folder / "result.json", to_json(result))
+            write_document(order.folder / "result.json", to_json(result))
             if outcome.details:
-                _write(order.folder / "error.txt", outcome.details)
+                write_document(order.folder / "error.txt", outcome.details)
                 fault_log(order.folder / "log.jsonl")(outcome.fault)
         else:
             result = outcome
-        self._results[order.plan.name] = result
         self._learning.learn(order.plan, result)
-        self._set_surplus_aside()
+        following = self._retry_run(order, result)
+        if following is None:
+            self._results[order.plan.name] = result
+            self._set_surplus_aside()
         self.write_summary()
-        # With hardware a person inspects the vehicle before a retry.
-        alone = not self._settings.hardware and self._campaign.between is None
-        retries = self._campaign.retries if alone else 0
-        again = self._controller.stopped is None and retry_due(result, retries=retries)
         flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
-        if again:
-            following = self._retry_run(order, result)
-        else:
-            following = None
+        if following is None:
             self._controller.finished(
                 result, may_end=self._settings.arm or result.reason != NOT_ARMED
             )
@@ -380,8 +376,16 @@ class _Flight:
         for line in lines:
             self._watcher.say(f"  {printable(line)}")
 
-    def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder:
-        """Set a run's files aside and return the order to fly it once more."""
+    def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder | None:
+        """Set a run's files aside and return the order to fly it once more; None if none is due.
+
+        Until it ends again the run has no result, and a sequential test waits for it.
+        """
+        # With hardware a person inspects the vehicle before a retry.
+        alone = not self._settings.hardware and self._campaign.between is None
+        is_due = retry_due(result, retries=order.plan.retries if alone else 0)
+        if not is_due or self._controller.stopped is not None or not self._is_due(order.plan):
+            return None
         try:
             place = str(set_aside(self._folder, order.plan.name).relative_to(self._folder))
         except OSError as error:
@@ -412,28 +416,18 @@ class _Flight:
             sensors=sensor_kinds(self._campaign),
             left_out=self._campaign.left_out,
             stopped=self._controller.ended_by,
-            broken=bool(self._faults.all) if has_ended or self._faults.all else None,
+            broken=self._is_broken if has_ended or self._is_broken else None,
             controls_due=len(self._campaign.controls),
             missing=self._missing(),
             caveats=self._campaign.caveats,
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
-        _write(self._folder / "summary.json", to_json(summary))
+        write_document(self._folder / "summary.json", to_json(summary))
         junit = junit_xml(summary, self._campaign.requirements)
-        _write(self._folder / "junit.xml", junit)
+        write_document(self._folder / "junit.xml", junit)
         if self._settings.junit is not None:
-            _write(self._settings.junit, junit)
+            write_document(self._settings.junit, junit)
         return summary
-
-
-def planned(campaign: Campaign, settings: FlyingSettings) -> tuple[RunPlan, ...]:
-    """Return the campaign's runs to fly, then its controls.
-
-    Without arming: one run of each case and mode, none of them required, and no control.
-    """
-    if settings.arm:
-        return campaign.plans
-    return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
 def _with_artifact_paths(run: RunResult) -> RunResult:

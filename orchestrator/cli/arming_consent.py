@@ -19,7 +19,8 @@ from orchestrator.campaign.resuming.attached_vehicles import (
     find_all,
     find_at,
     flown_vehicles,
-    kind_of_real,
+    kinds_of_real,
+    planned_setups,
 )
 from orchestrator.cli.clock_choice import clock_for, shared_of
 from orchestrator.cli.standard_streams import err
@@ -81,7 +82,7 @@ def clear(
         raise RefusedError(f"--jobs {jobs}: runs of this campaign would share {shared[0]}", REFUSED)
     if not attached:
         most = 1 if shared else _default_jobs(wanted)
-        return Cleared(wanted, jobs or most, kind_of_real(campaign, ()))
+        return Cleared(wanted, jobs or most, _kind_of_real(campaign, ()))
     where = " and ".join(f"{one.name} ({one.attached})" for one in attached)
     if jobs is not None and jobs > 1:
         raise RefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
@@ -89,10 +90,24 @@ def clear(
         _require_options(attached, arm_real=arm_real, arm_actors=arm_actors)
         require_may_arm(campaign.benches, user_name())
     found = _find_vehicles(attached)
+    real_kind = _kind_of_real(campaign, found)
     if arm:
         _confirm(campaign, found)
     hardware = " and ".join(one.name for one in found if not one.identity.simulation)
-    return Cleared(wanted, 1, kind_of_real(campaign, found), hardware)
+    return Cleared(wanted, 1, real_kind, hardware)
+
+
+def _kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
+    """Return what flies as the real vehicle in all runs. Raises RefusedError for several kinds."""
+    cases = kinds_of_real(campaign, found)
+    if len(cases) > 1:
+        where = " and ".join(f"{kind} in {', '.join(names)}" for kind, names in cases.items())
+        raise RefusedError(
+            f"real is {where}: the results of a campaign state one kind of real vehicle; fly these "
+            "cases as campaigns of their own, by --case",
+            REFUSED,
+        )
+    return next(iter(cases), "embedded")
 
 
 def _require_options(attached: Iterable[FlownSetup], *, arm_real: bool, arm_actors: bool) -> None:
@@ -229,8 +244,7 @@ def _encounters(
     by_name = {one.name: one for one in found}
     names = dict.fromkeys(
         (one.actor.name, one.other.name)
-        for setup in campaign.setups.values()
-        for mode in campaign.modes
+        for setup, mode in planned_setups(campaign)
         for one in encounters(setup, mode)
         if not one.is_far
     )

@@ -1,12 +1,11 @@
 """Chooses the clock of a campaign, and refuses one on which it cannot fly."""
 
-import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
 from campaigns.expansion.expansion import Campaign
-from orchestrator.campaign.resuming.attached_vehicles import flown_vehicles
+from orchestrator.campaign.resuming.attached_vehicles import flown_vehicles, planned_setups
 from orchestrator.model.clock import Clock
 from worlds.files.documents import BadInput, Path
 
@@ -79,8 +78,7 @@ def _require_scalable(campaign: Campaign) -> None:
     ]
     if attached:
         raise _refuse_clock(campaign, attached)
-    flights = itertools.product(campaign.setups.values(), campaign.modes)
-    if any(setup.pace(mode) is None for setup, mode in flights):
+    if any(setup.pace(mode) is None for setup, mode in planned_setups(campaign)):
         raise _refuse_clock(campaign, [(("clock",), _NO_PACE)])
 
 

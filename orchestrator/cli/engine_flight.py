@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from orchestrator.campaign.campaign_runner import FlyingSettings, planned
+from orchestrator.campaign.campaign_runner import FlyingSettings
 from orchestrator.campaign.folder.bench_lock import held_benches
 from orchestrator.campaign.folder.campaign_folder import require_writable
+from orchestrator.campaign.folder.repetitions import planned
 from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from orchestrator.campaign.workers.run_engine import EngineError, LocalRunEngine, RunEngine
 from orchestrator.campaign.workers.run_server import start_run_server
@@ -155,7 +156,7 @@ def _ready_over_cluster(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSe
     require_writable(order.out, junit=order.junit)
     cleared = _clear(campaign, order)
     settings = order.settings(cleared)
-    runs = len(planned(campaign, settings))
+    runs = len(planned(campaign, arm=settings.arm))
     with runs_engine(
         order.engine,
         campaign,

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+from collections.abc import Callable
 from multiprocessing.util import Finalize
 from pathlib import Path
 
@@ -41,9 +42,21 @@ class Raising(SilentDisplay):
         raise KeyError("display")
 
 
-def fly(folder: Path, watcher: SilentDisplay | None = None) -> CampaignOutcome:
+class Listening(SilentDisplay):
+    """A display that keeps what it is to say."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.texts.append(text)
+
+
+def fly(
+    folder: Path, watcher: SilentDisplay | None = None, *, resume: bool = False
+) -> CampaignOutcome:
     campaign = load_campaign(write_hover(folder), Options(repetitions=1))
-    settings = FlyingSettings(out=folder / "out", clock="virtual", jobs=1)
+    settings = FlyingSettings(out=folder / "out", clock="virtual", jobs=1, resume=resume)
     return fly_campaign(campaign, settings, watcher or SilentDisplay())
 
 
@@ -78,6 +91,68 @@ def test_a_display_that_raises_is_never_exit_0(
     (line,) = log_of(outcome.folder)
     assert (line["type"], line["message"]) == ("KeyError", "'display'")
     assert "Traceback" in line["trace"]
+
+
+def cut_off(folder: Path) -> None:
+    """Leave what a campaign leaves that was killed before its end: no summary, or an open one."""
+    (folder / "summary.json").unlink()
+
+
+def lose_log(folder: Path) -> None:
+    """Leave what a campaign leaves whose disk was full when it wrote its log."""
+    (folder / "log.jsonl").unlink()
+
+
+def damage_log(folder: Path) -> None:
+    """Leave what a power failure leaves: a line that was cut off, and no summary."""
+    cut_off(folder)
+    log = folder / "log.jsonl"
+    log.write_bytes(log.read_bytes()[:40])
+
+
+@pytest.mark.usefixtures("forked_workers")
+@pytest.mark.parametrize(
+    ("left", "said"),
+    [
+        (None, "a verdict: KeyError: 'display'"),
+        (cut_off, "a verdict: KeyError: 'display'"),
+        (lose_log, "stated in"),
+        (damage_log, "a line of its log that is damaged"),
+    ],
+)
+def test_an_exception_stays_with_a_campaign_however_often_it_is_resumed(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    left: Callable[[Path], None] | None,
+    said: str,
+) -> None:
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    folder = fly(tmp_path, Raising()).folder
+    if left is not None:
+        left(folder)
+    for text_of_first in (said, ""):
+        watcher = Listening()
+        outcome = fly(tmp_path, watcher, resume=True)
+        assert outcome.folder == folder
+        assert [run.verdict for run in outcome.summary.runs] == ["PASS"]
+        assert (outcome.exit_code, outcome.summary.broken) == (3, True)
+        assert outcome.summary.accepted is False
+        (why,) = [text for text in watcher.texts if "internal exception" in text]
+        assert text_of_first in why
+        assert "fly it anew, without --resume" in why
+    assert b"an internal exception occurred" in (folder / "junit.xml").read_bytes()
+
+
+@pytest.mark.usefixtures("forked_workers")
+def test_a_campaign_without_an_exception_is_resumed_to_exit_0(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    assert fly(tmp_path).exit_code == 0
+    watcher = Listening()
+    outcome = fly(tmp_path, watcher, resume=True)
+    assert (outcome.exit_code, outcome.summary.broken) == (0, False)
+    assert not [text for text in watcher.texts if "internal exception" in text]
 
 
 class Looking(SilentDisplay):

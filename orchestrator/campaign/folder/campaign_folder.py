@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from orchestrator.model.document_writer import sync_folder
+from orchestrator.model.document_writer import sync_folder, write_whole
 from orchestrator.recording.timestamps import folder_stamp
 
 _EARLIER = "earlier"
@@ -90,6 +90,15 @@ def make_run_folder(folder: Path, run: str) -> None:
             sync_folder(parent)
     except OSError as error:
         raise OutputError(f"{folder} cannot be created: {error.strerror or error}") from error
+
+
+def write_document(path: Path, content: str | bytes) -> None:
+    """Write a document of the campaign. Raises OutputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -1,14 +1,25 @@
-"""Which runs count, where a sequential test decides how many repetitions are needed; pure.
+"""Which runs a campaign flies, and which of them count by its sequential test; pure.
 
 Runs are counted in the order of their repetitions, not of their ends, so that the decision does not
 depend on how many flew at once.
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
-from campaigns.expansion.expansion import RunPlan
+from campaigns.expansion.expansion import Campaign, RunPlan
 from campaigns.statistics.sequential_test import SequentialTest
 from orchestrator.model.results import RunResult
+
+
+def planned(campaign: Campaign, *, arm: bool) -> tuple[RunPlan, ...]:
+    """Return the campaign's runs to fly, then its controls.
+
+    Without arming: one run of each case and mode, none of them required, and no control.
+    """
+    if arm:
+        return campaign.plans
+    return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
 
 
 def runs_due(

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from campaigns.expansion.expansion import Campaign
+from campaigns.schema import Mode
+from campaigns.setup.case_setup import Setup
 from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.model.campaign_results import VehicleKind
 from vehicles.driver import Driver
@@ -61,11 +63,29 @@ class AttachedVehicle:
         return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
 
 
+def planned_modes(campaign: Campaign, case: str) -> list[Mode]:
+    """Return the modes in which runs of a case or control are planned.
+
+    They may be fewer than the campaign's: the parts of a composed one have their own.
+    """
+    planned = {plan.mode for plan in campaign.plans if plan.case == case}
+    return [mode for mode in campaign.modes if mode in planned]
+
+
+def planned_setups(campaign: Campaign) -> list[tuple[Setup, Mode]]:
+    """Return the setup of each case and control with each mode in which it is planned."""
+    return [
+        (setup, mode)
+        for case, setup in campaign.setups.items()
+        for mode in planned_modes(campaign, case)
+    ]
+
+
 def flown_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
-    """Return the vehicles, including actors, that fly in any of the campaign's modes and cases."""
+    """Return the vehicles, including actors, that fly in any planned run of the campaign."""
     vehicles: dict[tuple[str, object], FlownSetup] = {}
-    for setup in campaign.setups.values():
-        for vehicle in (one for mode in campaign.modes for one in setup.flown_in(mode)):
+    for setup, mode in planned_setups(campaign):
+        for vehicle in setup.flown_in(mode):
             vehicles.setdefault((vehicle.name, vehicle.link), vehicle)
     return tuple(vehicles.values())
 
@@ -75,14 +95,30 @@ def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
     return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
 
 
-def kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
-    """Return what flies as the real vehicle: hardware, a simulation, or an embedded one."""
-    real = next((one for one in flown_vehicles(campaign) if one.name == "real"), None)
-    if real is None or real.embedded:
+def kinds_of_real(
+    campaign: Campaign, found: Iterable[AttachedVehicle]
+) -> dict[VehicleKind, list[str]]:
+    """Return what flies as the real vehicle, with the cases and controls in which it does.
+
+    found: the campaign's attached vehicles, identified, in their order.
+    """
+    attached = zip(attached_vehicles(campaign), found, strict=True)
+    identified = {one.link: each for one, each in attached if one.name == "real"}
+    cases: dict[VehicleKind, list[str]] = {}
+    for case, setup in campaign.setups.items():
+        flown = [one for mode in planned_modes(campaign, case) for one in setup.flown_in(mode)]
+        real = next((one for one in flown if one.name == "real"), None)
+        if real is not None:
+            cases.setdefault(_kind_of(real, identified.get(real.link)), []).append(case)
+    return cases
+
+
+def _kind_of(real: FlownSetup, identified: AttachedVehicle | None) -> VehicleKind:
+    """Return what flies as a real vehicle: hardware, a simulation, or an embedded one."""
+    if real.embedded:
         return "embedded"
     if real.launch is not None:
         return "sitl"
-    identified = next((one for one in found if one.name == "real"), None)
     if identified is None:
         return "unknown"
     return "sitl" if identified.identity.simulation else "hardware"

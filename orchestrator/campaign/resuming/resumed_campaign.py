@@ -15,6 +15,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     set_aside,
 )
 from orchestrator.campaign.folder.repetitions import runs_due
+from orchestrator.campaign.resuming.earlier_faults import earlier_fault
 from orchestrator.campaign.resuming.lost_runs import IsReal, killed_program_text, lost_result
 from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.resuming.run_ledger import OpenOrder, close_order, open_orders
@@ -36,22 +37,25 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumedCampaign:
-    """The results of a resumed campaign, by run. attempts: earlier ones at the other runs."""
+    """The results of a resumed campaign, by run. attempts: earlier ones at the other runs.
+
+    is_broken: an internal exception came up beside its runs before it was resumed.
+    """
 
     results: Mapping[str, RunResult]
     attempts: Mapping[str, tuple[Attempt, ...]]
+    is_broken: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumeRules:
-    """Which runs of a campaign are flown again. retries: of the campaign.
+    """Which runs of a campaign are flown again, beside those that have retries left.
 
     is_real: runs that are not flown again automatically. again: runs that a person has named.
     repeats_cut_off: a simulated run that was cut off in flight is flown again even if it had a
     verdict by then; a search needs this, because its next proposal depends on the complete flight.
     """
 
-    retries: int = 0
     is_real: IsReal = lambda _: False
     again: Collection[str] = ()
     repeats_cut_off: bool = False
@@ -105,7 +109,14 @@ class _Resumption:
                 self._record_loss(plan, what)
             elif (order := self.orders.get(plan.name)) is not None:
                 close_order(self.folder, order, "lost", f"{what}; it does not count")
-        return ResumedCampaign(results=self.results, attempts=self.attempts)
+        fault = earlier_fault(self.folder)
+        if fault:
+            self.say(
+                f"an internal exception came up before the campaign was resumed ({fault}): it "
+                "ends with exit code 3 and is not accepted, whatever its runs end with; to have it "
+                "accepted, fly it anew, without --resume"
+            )
+        return ResumedCampaign(results=self.results, attempts=self.attempts, is_broken=bool(fault))
 
     @property
     def _plans(self) -> tuple[RunPlan, ...]:
@@ -129,7 +140,7 @@ class _Resumption:
             return True
         # After Ctrl-C or the death of its parent, a run was not flown to its end.
         is_due = result.verdict == "ABORTED" or self._was_cut_off(result)
-        is_due = is_due or retry_due(result, retries=self.rules.retries)
+        is_due = is_due or retry_due(result, retries=plan.retries)
         return is_due and not self.rules.is_real(plan)
 
     def _was_cut_off(self, result: RunResult) -> bool:

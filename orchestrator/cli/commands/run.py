@@ -17,9 +17,9 @@ from orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     FlyingSettings,
     fly_campaign,
-    planned,
 )
 from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
+from orchestrator.campaign.folder.repetitions import planned
 from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli.arming_consent import RefusedError
@@ -176,7 +176,7 @@ def _fly_selected(
     campaign: Campaign, settings: FlyingSettings, flights: Flights, *, json: bool
 ) -> int:
     """Fly the selected runs with a progress display; return the outcome."""
-    display = display_of(json=json, total=len(planned(campaign, settings)))
+    display = display_of(json=json, total=len(planned(campaign, arm=settings.arm)))
     try:
         with display, _beside(flights, display, json=json):
             display.say(_announcement(campaign, settings))
@@ -222,7 +222,7 @@ def _gcs_sets(links: tuple[str, ...]) -> list[str]:
 
 def _announcement(campaign: Campaign, settings: FlyingSettings) -> str:
     """Return the line that announces what `run` flies."""
-    runs = len(planned(campaign, settings))
+    runs = len(planned(campaign, arm=settings.arm))
     at_once = min(settings.jobs, runs)
     return f"{campaign.name}: {runs} to fly, {at_once} at a time, {settings.clock} clock"
 

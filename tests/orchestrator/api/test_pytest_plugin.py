@@ -5,6 +5,7 @@ import sys
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -160,6 +161,64 @@ def test_an_exception_of_this_program_is_an_error_that_no_share_forgives(
     result = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml", "-k", "good or spare")
     result.assert_outcomes(errors=2, deselected=3)
     result.stdout.fnmatch_lines(["RuntimeError: boom"])
+
+
+@pytest.mark.parametrize(
+    ("ended", "code", "said"),
+    [
+        ({"broken": True}, 3, "*exit code 3: an internal exception occurred outside of its runs*"),
+        ({"stopped": "command"}, 4, "*exit code 4: stopped by an operator's command*"),
+        ({"broken": None}, 3, "*exit code 3: summary.json does not record the end*"),
+        ({"stopped": "signal"}, 130, "*exit code 130: stopped by Ctrl-C or SIGTERM*"),
+    ],
+)
+def test_what_ended_a_campaign_outside_of_its_runs_is_an_error_of_its_own(
+    inner: pytest.Pytester,
+    monkeypatch: pytest.MonkeyPatch,
+    session: Session,
+    *,
+    ended: dict[str, Any],
+    code: int,
+    said: str,
+) -> None:
+    write_cases(inner.path)
+    flown = session.results
+    runs = tuple(replace(one, verdict="PASS") for one in flown.runs)
+    summary = replace(flown.summary, runs=runs, accepted=False, **ended)
+    results = replace(flown, summary=summary, exit_code=code)
+    monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)
+    result = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml")
+    result.assert_outcomes(passed=5, errors=1)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines([said, "ERROR hover.yaml::late/sim/1*"])
+
+
+def test_an_aborted_run_is_an_error_whether_or_not_it_counts(
+    inner: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, session: Session
+) -> None:
+    """By it alone `wil-campaign run` ends with exit code 4."""
+    write_cases(inner.path)
+    flown = session.results
+    runs = tuple(
+        replace(one, verdict="ABORTED" if one.case == "spare" else "PASS") for one in flown.runs
+    )
+    results = replace(flown, summary=replace(flown.summary, runs=runs), exit_code=4)
+    monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)
+    result = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml")
+    result.assert_outcomes(passed=4, errors=1)
+
+
+def test_an_exit_code_that_the_runs_explain_is_no_further_error(
+    inner: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, session: Session
+) -> None:
+    """Nor is one by what was not selected: a share that some of its runs cannot meet."""
+    write_cases(inner.path)
+    results = replace(session.results, exit_code=3)
+    monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)
+    whole = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml")
+    whole.assert_outcomes(passed=2, failed=1, skipped=1, errors=1)
+    one = inner.runpytest_inprocess(*ARGUMENTS, "hover.yaml", "-k", "good")
+    one.assert_outcomes(passed=1, deselected=4)
 
 
 def test_some_runs_of_a_campaign_are_a_campaign_that_says_what_is_missing(tmp_path: Path) -> None:

@@ -181,6 +181,30 @@ def test_who_answers_instead_is_named(
     assert said in str(error)
 
 
+def test_a_campaign_has_one_kind_of_real_vehicle() -> None:
+    """Its results state one for all runs, and that a surrogate flew in each that used it."""
+    port = free_port()
+    board = f"board: {{vehicles.real.link: 'udpin://127.0.0.1:{port}'}}"
+    mixed = load_campaign(
+        ROOT / "campaigns" / "gate.yaml",
+        Options(
+            modes=("sim", "wil"),
+            repetitions=1,
+            sets=(
+                MAVLINK,
+                f"cases={{{board}, model: {{}}}}",
+                "accept={model: {wil: 5/5}}",
+                "controls={}",
+            ),
+        ),
+    )
+    with Speaker(port).speaking(), pytest.raises(RefusedError) as caught:
+        clear(mixed, clock=None, jobs=None, arm=True, arm_real=True)
+    assert caught.value.code == 2
+    assert "real is hardware in board and embedded in model" in str(caught.value)
+    assert "by --case" in str(caught.value)
+
+
 def test_only_the_users_of_a_bench_arm_there(tmp_path: Path) -> None:
     file = tmp_path / "hall-a.yaml"
     text = (ROOT / "campaigns" / "benches" / "hall-a.yaml").read_text()

@@ -47,7 +47,7 @@ def finish(folder: Path, campaign: Campaign, number: int, verdict: Verdict) -> N
 def resume(
     folder: Path, campaign: Campaign, *, real: bool = True, again: Collection[str] = ()
 ) -> ResumedCampaign:
-    rules = ResumeRules(retries=0, is_real=lambda _: real, again=again)
+    rules = ResumeRules(is_real=lambda _: real, again=again)
     return resume_campaign(campaign, folder, rules, say=lambda _: None)
 
 

@@ -103,8 +103,9 @@ def resume(
     folder: Path, campaign: Campaign, *, retries: int = 0, may_repeat: bool = True
 ) -> tuple[resumed_campaign.ResumedCampaign, list[str]]:
     said: list[str] = []
-    rules = ResumeRules(retries=retries, is_real=lambda _: not may_repeat)
-    found = resume_campaign(campaign, folder, rules, say=said.append)
+    rules = ResumeRules(is_real=lambda _: not may_repeat)
+    runs = tuple(replace(plan, retries=retries) for plan in campaign.runs)
+    found = resume_campaign(replace(campaign, runs=runs), folder, rules, say=said.append)
     return found, said
 
 

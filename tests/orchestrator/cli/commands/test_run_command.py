@@ -18,7 +18,7 @@ import pytest
 
 import orchestrator.cli
 from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign import campaign_runner
+from orchestrator.campaign.folder import campaign_folder
 from orchestrator.campaign.folder.manifest import manifest
 from orchestrator.cli import main
 from tests.orchestrator.hover import STILL, WORLD, write_hover
@@ -239,7 +239,7 @@ def test_what_armed_nothing_says_so_and_is_not_resumed(
 def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
     campaign: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write: Any = vars(campaign_runner)["write_whole"]
+    write: Any = vars(campaign_folder)["write_whole"]
     documents: list[str] = []
 
     def until_full(path: Path, content: str | bytes) -> None:
@@ -248,7 +248,7 @@ def test_a_disk_that_fills_up_ends_the_campaign_with_a_sentence(
             raise OSError(28, "No space left on device")
         write(path, content)
 
-    monkeypatch.setattr(campaign_runner, "write_whole", until_full)
+    monkeypatch.setattr(campaign_folder, "write_whole", until_full)
     assert main(command(campaign)[3:]) == 3
     said = capsys.readouterr().err
     assert said.endswith("summary.json cannot be written: No space left on device\n")

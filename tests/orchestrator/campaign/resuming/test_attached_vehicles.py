@@ -1,0 +1,59 @@
+"""Which vehicles a campaign flies: those of its planned runs, and of no other mode."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from campaigns.expansion.expansion import Campaign, Options, load_campaign
+from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles, flown_vehicles
+from orchestrator.cli.arming_consent import Cleared, clear
+from orchestrator.cli.clock_choice import clock_for
+from tests.orchestrator.hover import write_hover
+
+GATE = Path(__file__).parents[4] / "campaigns" / "gate.yaml"
+COMPOSED = """\
+schema: wil/campaign/1
+campaign: both
+campaigns: {%s}
+"""
+ATTACHED = "{link: 'udpin://127.0.0.1:14540', autopilot: px4, pose_source: mavlink}"
+
+
+def composed(folder: Path, parts: str, **options: Any) -> Campaign:
+    path = folder / "both.yaml"
+    path.write_text(COMPOSED % parts)
+    return load_campaign(path, Options(loads_code=False, **options))
+
+
+@pytest.fixture
+def hover(tmp_path: Path) -> Path:
+    """A campaign of the twin alone, in mode sim."""
+    return write_hover(tmp_path)
+
+
+def test_a_part_without_a_real_vehicle_is_flown_beside_one_with_it(hover: Path) -> None:
+    whole = composed(hover.parent, f"smoke: hover.yaml, gate: {GATE}")
+    assert whole.modes == ("sim", "wil")
+    assert [one.name for one in flown_vehicles(whole)] == ["twin", "real"]
+    assert clock_for(whole, None) == "virtual"
+    cleared = clear(whole, clock=None, jobs=1, arm=True, arm_real=False)
+    assert cleared == Cleared("virtual", 1, "embedded")
+
+
+def test_a_pace_is_asked_of_the_planned_runs_alone(hover: Path) -> None:
+    parts = f"smoke: hover.yaml, gate: {GATE}"
+    whole = composed(hover.parent, parts, sets=("clock.speed=4",))
+    assert clock_for(whole, "scaled") == "scaled"
+
+
+def test_a_real_vehicle_that_no_run_flies_needs_no_consent(hover: Path) -> None:
+    """One part flies a real vehicle, another has one attached and flies mode sim alone."""
+    other = hover.with_name("other.yaml")
+    vehicles = "vehicles: {twin: {link: embedded, autopilot: px4}"
+    text = hover.read_text()
+    assert vehicles in text
+    other.write_text(text.replace(vehicles, f"{vehicles}, real: {ATTACHED}"))
+    whole = composed(hover.parent, f"other: other.yaml, gate: {GATE}")
+    assert attached_vehicles(whole) == ()
+    assert clear(whole, clock=None, jobs=1, arm=True, arm_real=False).real_kind == "embedded"

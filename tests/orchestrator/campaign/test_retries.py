@@ -1,0 +1,147 @@
+"""Runs that are flown again while others fly: each by its own file, and none after a decision."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from campaigns.expansion.expansion import load_campaign
+from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
+from orchestrator.campaign.workers import run_engine
+from orchestrator.cli.progress_display import SilentDisplay
+from orchestrator.model.attempts import after_attempts
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import read_summary
+from orchestrator.state.run_setup import RunOrder
+from safety.model.oracle_results import Verdict
+from tests.orchestrator.campaign.resuming.test_resumption import quick_fly, result_of
+from tests.orchestrator.hover import write_hover
+
+pytestmark = pytest.mark.usefixtures("forked_workers")
+
+UNTIL = "{until: decided, at_least: 0.9, against: 0.2, most: 5}"
+"""Two passes decide for it; after a pass and a failure three more are flown."""
+COMPOSED = """\
+schema: wil/campaign/1
+campaign: both
+campaigns: {one: hover.yaml, other: other.yaml}
+"""
+_PATIENCE_S = 60.0
+
+
+def wait_for(is_so: Callable[[], bool]) -> None:
+    """Wait in a worker for what the campaign or another run has to do first."""
+    end_s = time.monotonic() + _PATIENCE_S
+    while not is_so():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def end(order: RunOrder, verdict: Verdict) -> RunResult:
+    flown = after_attempts(result_of(order.plan, verdict), order.attempts)
+    write_whole(order.folder / "result.json", to_json(flown))
+    return flown
+
+
+def counted(order: RunOrder, *repetitions: int) -> bool:
+    """Return whether the campaign has counted these repetitions."""
+    summary = read_summary(order.folder.parents[2] / "summary.json")
+    return set(repetitions) <= {run.rep for run in summary.runs}
+
+
+def invalid_after_the_decision(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """The second repetition decides while the third flies, which then is INVALID."""
+    order.folder.mkdir(parents=True)
+    if order.plan.repetition == 2:
+        wait_for((order.folder.parent / "3").is_dir)
+    if order.plan.repetition == 3:
+        wait_for(lambda: counted(order, 1, 2))
+        return end(order, "INVALID")
+    return end(order, "PASS")
+
+
+def invalid_before_the_decision(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """The third repetition is INVALID, and flies again when the second decides."""
+    order.folder.mkdir(parents=True)
+    if order.plan.repetition == 2:
+        wait_for((order.folder.parents[2] / "earlier/default/sim/3-1").is_dir)
+        wait_for((order.folder.parent / "3").is_dir)
+    if order.plan.repetition == 3 and not order.attempts:
+        return end(order, "INVALID")
+    if order.plan.repetition == 3:
+        wait_for(lambda: counted(order, 1, 2))
+    return end(order, "PASS")
+
+
+def invalid_before_others(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """All others have passed when the second repetition is INVALID; flown again it fails."""
+    order.folder.mkdir(parents=True)
+    if order.plan.repetition == 2 and not order.attempts:
+        wait_for(lambda: counted(order, 1, 3, 4, 5))
+        return end(order, "INVALID")
+    return end(order, "FAIL" if order.plan.repetition == 2 else "PASS")
+
+
+def fly(path: Path, *, jobs: int = 1) -> CampaignOutcome:
+    settings = FlyingSettings(out=path.parent / "out", clock="virtual", jobs=jobs)
+    return fly_campaign(load_campaign(path), settings, SilentDisplay())
+
+
+@pytest.mark.parametrize(
+    ("fly_order", "kept"),
+    [
+        (invalid_after_the_decision, ["3-1"]),
+        (invalid_before_the_decision, ["3-1", "3-2"]),
+    ],
+)
+def test_a_run_that_the_decision_made_needless_is_not_flown_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fly_order: object, kept: list[str]
+) -> None:
+    monkeypatch.setattr(run_engine, "fly_order", fly_order)
+    path = write_hover(tmp_path)
+    text = path.read_text().replace("repetitions: 2", f"repetitions: {UNTIL}\nretries: 1")
+    path.write_text(text)
+    outcome = fly(path, jobs=2)
+    assert [(run.rep, run.verdict) for run in outcome.summary.runs] == [(1, "PASS"), (2, "PASS")]
+    assert outcome.exit_code == 0
+    earlier = outcome.folder / "earlier/default/sim"
+    assert sorted(one.name for one in earlier.iterdir() if one.name.startswith("3")) == kept
+    assert not (outcome.folder / "default/sim/3").exists()
+
+
+def test_a_decision_waits_for_a_run_that_is_flown_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What counts does not depend on how many fly at once."""
+    monkeypatch.setattr(run_engine, "fly_order", invalid_before_others)
+    path = write_hover(tmp_path)
+    text = path.read_text().replace("repetitions: 2", f"repetitions: {UNTIL}\nretries: 1")
+    path.write_text(text)
+    outcome = fly(path, jobs=2)
+    verdicts = {run.rep: run.verdict for run in outcome.summary.runs}
+    assert verdicts == {1: "PASS", 2: "FAIL", 3: "PASS", 4: "PASS", 5: "PASS"}
+    assert (outcome.exit_code, outcome.summary.not_flown) == (0, ())
+
+
+def test_each_part_of_a_composition_has_the_retries_of_its_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    one = write_hover(tmp_path)
+    text = one.read_text().replace("repetitions: 2", "repetitions: 1") + "description: INVALID\n"
+    one.write_text(text)
+    (tmp_path / "other.yaml").write_text(text + "retries: 2\n")
+    whole = tmp_path / "both.yaml"
+    whole.write_text(COMPOSED)
+    outcome = fly(whole)
+    flown = {run.case: (run.verdict, len(run.attempts)) for run in outcome.summary.runs}
+    assert flown == {"one.default": ("INVALID", 0), "other.default": ("PASS", 1)}
+    settings = FlyingSettings(out=tmp_path / "out", clock="virtual", jobs=1, resume=True)
+    again = fly_campaign(load_campaign(whole), settings, SilentDisplay())
+    assert replace(again, exit_code=0) == replace(outcome, exit_code=0)
+    assert again.exit_code == outcome.exit_code == 3
