@@ -201,8 +201,10 @@ class ObservedVehicle:
             self._requested_s is not None and t_s - self._requested_s <= self._settings.asked_s
         )
         if commanded is not None:
-            # The effect of a request just before the guard took over may be reported only now.
-            late = requested and new not in {Mode.LAND, Mode.RTL}
+            # The effect of a request just before the guard took over may be reported only now; a
+            # landing that follows the operator's hold is the autopilot's own.
+            lands_from_hold = new is Mode.LAND and old is Mode.HOLD
+            late = requested and new is not Mode.RTL and not lands_from_hold
             return new not in commanded and new is not Mode.GUIDED and not late
         if requested:
             return False
