@@ -348,10 +348,10 @@ class GuardCore:
         lands = self.latched is not None or supervised.contingency.started
         if lands or self.paused:
             seen = supervised.seen
-            parameters = not seen.taken_over
-            # Holding vehicles may get another fence; that moves none of them.
-            plans = parameters and (not lands or not seen.may_be_armed(t_s))
-            return is_harmless(frame, parameters=parameters, plans=plans)
+            # Holding vehicles may get another fence; that moves none of them. Who is landing keeps
+            # its failsafes, its return altitude and its fence until it is disarmed.
+            still = not lands or not seen.may_be_armed(t_s)
+            return is_harmless(frame, configures=still and not seen.taken_over)
         if frame.message_id not in _COMMANDS:
             return True
         command = command_of(frame)
