@@ -44,9 +44,9 @@ a step of a contingency; dropped: frames of the orchestrator that were not forwa
 frames of the vehicle that the orchestrator did not read in time; limited: setpoints exceeded
 the campaign's limits, reported at the first and after the last of them; heard: a lost
 vehicle or orchestrator is received again; link: another link of a vehicle is active now; pose: a
-position that is not finite was ignored; record: the log of frames cannot be written any more;
-guard: the guard's own process ended or failed; alone: a cause that brings down this one vehicle and
-decides nothing for the other."""
+position was ignored, because it is not finite or its source is frozen; record: the log of frames
+cannot be written any more; guard: the guard's own process ended or failed; alone: a cause that
+brings down this one vehicle and decides nothing for the other."""
 
 
 @dataclass(frozen=True, slots=True)
