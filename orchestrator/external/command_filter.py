@@ -68,7 +68,7 @@ class CommandFilter:
             answer = "pass" if self.flying else "later"
         elif frame.message_id in ESTIMATES:
             answer = "never"
-        elif is_harmless(frame, parameters=False, plans=False) and number not in _OUR_RATES:
+        elif is_harmless(frame, configures=False) and number not in _OUR_RATES:
             answer = "pass"
         else:
             answer = "never"

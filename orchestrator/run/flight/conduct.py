@@ -6,7 +6,7 @@ from typing import Any
 
 from orchestrator.run.flight.run_parts import FlightParts
 from orchestrator.run.perception.autonomy_calls import AutonomyFault
-from orchestrator.run.stages.landing import bring_down, verify_landed
+from orchestrator.run.stages.landing import bring_down, confirmed_at_rest, verify_landed
 from orchestrator.run.stages.pair_flight import fly_together
 from orchestrator.run.vehicles.last_statustext import last_statustext
 from orchestrator.state.run_state import FlightError, RunState
@@ -85,7 +85,7 @@ async def _finish(run: FlightParts, flight: "asyncio.Task[None]") -> None:
     if not run_state.decisive:
         await _run_end_step(run_state, "the last signs of life", run.watchdog.last_signs)
     await _run_end_step(run_state, "ending fence changes", run.operator_handler.fence_changes.end)
-    await _run_end_step(run_state, "restoring the onboard configuration", run.before_arming.restore)
+    await _run_end_step(run_state, "restoring the onboard configuration", lambda: _restore(run))
     if run_state.reached("landed"):
         await _run_end_step(
             run_state, "fetching the vehicles' logs", run.before_arming.configuration.fetch_logs
@@ -107,6 +107,11 @@ async def _land(run: FlightParts) -> None:
     """Bring the run's vehicles down, or check that they are."""
     down = verify_landed if run.run_state.reached("landed") else bring_down
     await down(run.pair, run.run_state)
+
+
+async def _restore(run: FlightParts) -> None:
+    """Restore the onboard configuration of the run's vehicles, of none that may be in the air."""
+    await run.before_arming.restore(at_rest=await confirmed_at_rest(run.pair))
 
 
 def _record_events(run: FlightParts, context: VehicleContext) -> None:

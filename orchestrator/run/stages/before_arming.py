@@ -1,6 +1,7 @@
 """The steps between ready and armed, in a fixed order and one record: configure, check, anchor."""
 
 import asyncio
+from collections.abc import Collection
 
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.model.arming_steps import ArmingStep
@@ -80,9 +81,12 @@ class BeforeArming:
             record(await self._preflight.check(self._contexts, self._actors))
         self._refuse_rivals()
 
-    async def restore(self) -> None:
-        """Restore the configuration of attached vehicles; a failure decides the run as ERROR."""
-        await self.configuration.restore()
+    async def restore(self, *, at_rest: Collection[str]) -> None:
+        """Restore the configuration of the attached vehicles that are confirmed to be at rest.
+
+        A failure, and a vehicle that keeps this run's, decides the run as ERROR.
+        """
+        await self.configuration.restore(at_rest=at_rest)
 
     def _refuse_rivals(self) -> None:
         """Refuse two vehicles with one system id at one port. Raises FlightError."""

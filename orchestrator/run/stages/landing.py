@@ -2,6 +2,7 @@
 
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState
+from safety.guard.core.contingency import Phase
 
 _ALL_DOWN_S = 60.0
 """How long the guard may take to land all, with its own retries and escalation."""
@@ -35,3 +36,10 @@ async def verify_landed(pair: Pair, run_state: RunState) -> None:
     text = f"the guard did not confirm within {_AGREED_S:g} s that all vehicles are disarmed"
     run_state.decide("ERROR", text)
     await bring_down(pair, run_state)
+
+
+async def confirmed_at_rest(pair: Pair) -> frozenset[str]:
+    """Return the vehicles of a run that the guard confirms to be disarmed."""
+    if await pair.guard.at_rest(_AGREED_S):
+        return frozenset(pair.guard.phases)
+    return frozenset(name for name, phase in pair.guard.phases.items() if phase is Phase.DOWN)

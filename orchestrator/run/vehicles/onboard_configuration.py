@@ -4,8 +4,7 @@ The onboard fence is the autopilot's own: the second line behind the guard's.
 """
 
 import asyncio
-from collections.abc import Callable, Mapping
-from contextlib import AsyncExitStack
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from campaigns.setup.vehicle_setups import FlownSetup
@@ -16,6 +15,7 @@ from orchestrator.run.vehicles.preflight_checks import (
     sets_failsafes,
     wanted_failsafes,
 )
+from orchestrator.run.vehicles.restoration import Restoration
 from orchestrator.run.vehicles.simulator_logs import flight_log
 from orchestrator.state.parameter_backups import parameter_backup_folder
 from orchestrator.state.run_setup import RunSetup
@@ -52,7 +52,7 @@ class OnboardConfiguration:
         self._run_state = run_state
         self._record = record
         self._note = note
-        self._stacks: dict[str, AsyncExitStack] = {}
+        self._restorations: dict[str, Restoration] = {}
         self._unbooted: dict[str, frozenset[str]] = {}
         self.fences = OnboardFences(setup=setup, contexts=contexts, note=note)
 
@@ -64,19 +64,26 @@ class OnboardConfiguration:
     async def apply(self, context: VehicleContext) -> None:
         """Apply a ready vehicle's parameters and fence, each read back. Raises VehicleError."""
         vehicle = self._setup.flown(context.name)
-        stack = self._stacks[context.name] = AsyncExitStack()
+        restoration = self._restorations[context.name] = Restoration()
         with self._record.step("parameters", context.name) as note:
-            note(await self._apply_parameters(context, vehicle, stack))
+            note(await self._apply_parameters(context, vehicle, restoration))
         with self._record.step("fence", context.name) as note:
-            note(await self.fences.upload(context, stack))
+            note(await self.fences.upload(context, restoration))
 
-    async def restore(self) -> None:
-        """Restore the onboard configuration; a failure decides the run as ERROR."""
+    async def restore(self, *, at_rest: Collection[str]) -> None:
+        """Restore the onboard configuration of the vehicles that are confirmed to be at rest.
+
+        In the air it would change the failsafe or the return that is under way: the other vehicles
+        keep it until the next start. That, and a failure, decides the run as ERROR.
+        """
         results = await asyncio.gather(
-            *(self._restore_vehicle(name, one) for name, one in self._stacks.items()),
+            *(
+                self._restore_vehicle(name, one, at_rest=name in at_rest)
+                for name, one in self._restorations.items()
+            ),
             return_exceptions=True,
         )
-        self._stacks.clear()
+        self._restorations.clear()
         for result in results:
             if result is not None:
                 raise result
@@ -90,7 +97,7 @@ class OnboardConfiguration:
                     raise result
 
     async def _apply_parameters(
-        self, context: VehicleContext, vehicle: FlownSetup, stack: AsyncExitStack
+        self, context: VehicleContext, vehicle: FlownSetup, restoration: Restoration
     ) -> str:
         """Apply a vehicle's parameters; return in words which."""
         parameters = context.driver.parameters
@@ -111,7 +118,7 @@ class OnboardConfiguration:
             self._note("fence_given_back", vehicle=context.name)
         changes = {**await self._failsafes(context, vehicle), **vehicle.params}
         changed = parameters.changed(changes, backup_folder=backups)
-        await stack.enter_async_context(changed)
+        await restoration.enter(changed)
         moved = tuple(one for one in changed.changes if one.before != one.wanted)
         names = (one.name for one in (*restored.restored, *moved))
         self._unbooted[context.name] = frozenset(names)
@@ -133,15 +140,22 @@ class OnboardConfiguration:
         )
         return {name: value for name, value in wanted.items() if name not in vehicle.params}
 
-    async def _restore_vehicle(self, name: str, stack: AsyncExitStack) -> None:
-        attached = self._setup.flown(name).attached is not None
-        try:
-            await stack.aclose()
-            if attached:
-                self._record.restored(name, ok=True)
-        except VehicleError as error:
-            self._record.restored(name, ok=False)
-            reason = f"{name} still has the onboard configuration of this run: {error}"
+    async def _restore_vehicle(self, name: str, restoration: Restoration, *, at_rest: bool) -> None:
+        why = ""
+        if at_rest:
+            try:
+                await restoration.restore()
+            except VehicleError as error:
+                why = str(error)
+        elif restoration.leave():
+            why = (
+                "the guard does not confirm that it is disarmed, and in the air nothing is "
+                f"restored; the next start restores it, from {parameter_backup_folder()}"
+            )
+        if self._setup.flown(name).attached is not None:
+            self._record.restored(name, ok=not why)
+        if why:
+            reason = f"{name} still has the onboard configuration of this run: {why}"
             if name in self._run_state.dropped_out:
                 self._note("parameter", vehicle=name, text=reason)
             else:

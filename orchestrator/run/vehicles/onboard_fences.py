@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
-from contextlib import AsyncExitStack
 
 from orchestrator.run.vehicles.fence_conversion import onboard_fence_of
 from orchestrator.run.vehicles.preflight_checks import (
@@ -10,6 +9,7 @@ from orchestrator.run.vehicles.preflight_checks import (
     lower_return,
     sets_failsafes,
 )
+from orchestrator.run.vehicles.restoration import Restoration
 from orchestrator.state.parameter_backups import parameter_backup_folder
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
@@ -47,10 +47,10 @@ class OnboardFences:
         """Return vehicles whose offered onboard fence is neither confirmed nor undone."""
         return tuple(name for name, onboard in self._onboard.items() if onboard.unsettled)
 
-    async def upload(self, context: VehicleContext, stack: AsyncExitStack) -> str:
+    async def upload(self, context: VehicleContext, restoration: Restoration) -> str:
         """Upload the campaign's fence to a vehicle on the ground; return in words which.
 
-        stack: when it is closed, an attached vehicle gets its own fence back. Raises VehicleError.
+        restoration: gives an attached vehicle its own fence back. Raises VehicleError.
         """
         if self._setup.campaign.preflight.fence is None:
             return "none uploaded: preflight.fence is null"
@@ -63,7 +63,7 @@ class OnboardFences:
             backup_folder=parameter_backup_folder() if attached else None,
         )
         if attached:
-            await stack.enter_async_context(onboard)
+            await restoration.enter(onboard)
         fence = self._setup.campaign.fences.get(vehicle.name)
         self._ceilings_m[context.name] = ceiling_above_home_m(self._setup, vehicle)
         text = "none: the campaign has no fence for this vehicle"

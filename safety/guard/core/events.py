@@ -46,9 +46,9 @@ frames of the vehicle that the orchestrator did not read in time; limited: setpo
 the campaign's limits, reported at the first and after the last of them; heard: a lost
 vehicle or orchestrator is received again; link: another link or address of a vehicle is active now;
 rival: another sender at a vehicle's port has the same system id, and is not accepted; pose: a
-position that is not finite was ignored; record: the log of frames cannot be written any more;
-guard: the guard's own process ended or failed; alone: a cause that brings down this one vehicle and
-decides nothing for the other."""
+position was ignored, because it is not finite or its source is frozen; record: the log of frames
+cannot be written any more; guard: the guard's own process ended or failed; alone: a cause that
+brings down this one vehicle and decides nothing for the other."""
 
 
 @dataclass(frozen=True, slots=True)

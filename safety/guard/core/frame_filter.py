@@ -18,15 +18,15 @@ from safety.guard.core.mavlink_fields import (
 from vehicles.mavlink.framing import Frame
 from vehicles.mavlink.names import command_name, message_name
 
-PARAM_SET = 23
-_PLANS = frozenset(
+_CONFIGURATION = frozenset(
     {
+        23,  # PARAM_SET
         44,  # MISSION_COUNT
         45,  # MISSION_CLEAR_ALL
         73,  # MISSION_ITEM_INT
     }
 )
-"""Messages that restore a fence or mission after the flight."""
+"""Messages that restore parameters, fence or mission after the flight."""
 _HARMLESS = frozenset(
     {
         0,  # HEARTBEAT
@@ -79,16 +79,14 @@ def command_of(frame: Frame) -> Command | None:
     return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
 
 
-def is_harmless(frame: Frame, *, parameters: bool, plans: bool) -> bool:
+def is_harmless(frame: Frame, *, configures: bool) -> bool:
     """Return whether a frame is forwarded while the orchestrator is not in command.
 
-    parameters, plans: whether parameters, and fence and mission, may be set too: they are restored
-    after a flight.
+    configures: whether parameters, fence and mission may be set too: they are restored after a
+    flight.
     """
-    if frame.message_id == PARAM_SET:
-        return parameters
-    if frame.message_id in _PLANS:
-        return plans
+    if frame.message_id in _CONFIGURATION:
+        return configures
     command = command_of(frame)
     if command is not None:
         return command.number in _HARMLESS_COMMANDS

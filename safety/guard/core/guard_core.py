@@ -7,7 +7,6 @@ A runtime-assurance filter in the pattern of ASTM F3269: normally the orchestrat
 forwarded; once it latches they are not, and its own contingency brings every vehicle down.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 
 from safety.fence.geofence import Fence
@@ -334,9 +333,10 @@ class GuardCore:
         *,
         reported: bool = False,
     ) -> Outputs:
-        if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
-            return tuple(self._report_once(supervised, "pose", "a position is not finite", t_s))
-        supervised.seen.place(position_ned_m, velocity_ned_m_s, t_s, reported=reported)
+        seen = supervised.seen
+        if why := seen.doubt(position_ned_m, velocity_ned_m_s, t_s, reported=reported):
+            return tuple(self._report_once(supervised, "pose", why, t_s))
+        seen.place(position_ned_m, velocity_ned_m_s, t_s)
         if "fence" in supervised.reported or not supervised.seen.may_be_armed(t_s):
             return ()
         breach = supervised.breach(t_s)
@@ -348,10 +348,10 @@ class GuardCore:
         lands = self.latched is not None or supervised.contingency.started
         if lands or self.paused:
             seen = supervised.seen
-            parameters = not seen.taken_over
-            # Holding vehicles may get another fence; that moves none of them.
-            plans = parameters and (not lands or not seen.may_be_armed(t_s))
-            return is_harmless(frame, parameters=parameters, plans=plans)
+            # Holding vehicles may get another fence; that moves none of them. Who is landing keeps
+            # its failsafes, its return altitude and its fence until it is disarmed.
+            still = not lands or not seen.may_be_armed(t_s)
+            return is_harmless(frame, configures=still and not seen.taken_over)
         if frame.message_id not in _COMMANDS:
             return True
         command = command_of(frame)

@@ -1,11 +1,13 @@
 """The guard's knowledge of one vehicle, from the vehicle's own frames and from positions."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 from safety.fence.stopping import AccelerationEstimate, Motion
 from safety.guard.core.contingency import Facts
 from safety.guard.core.events import GuardedVehicle, GuardSettings
+from safety.guard.core.frozen_source import FrozenSource
 from safety.guard.core.mavlink_fields import (
     EXTENDED_SYS_STATE,
     HEARTBEAT,
@@ -69,6 +71,7 @@ class ObservedVehicle:
         self._acceleration = AccelerationEstimate()
         self._commanded = VelocityCommand()
         self._reported_s: float | None = None
+        self._source = FrozenSource(same_s=_REPORTED_S)
 
     def may_be_armed(self, t_s: float) -> bool:
         """Return whether the vehicle is armed, or was just commanded to arm.
@@ -112,15 +115,28 @@ class ObservedVehicle:
         """Record that earlier setpoints no longer count: the vehicle is commanded to hold."""
         self._commanded.forget()
 
-    def place(
-        self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, reported: bool = False
-    ) -> None:
-        """Record a vehicle's position in the world; from then on only world heights are used.
+    def doubt(
+        self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, reported: bool
+    ) -> str:
+        """Return why a vehicle's position in the world is to be ignored; empty if it is not.
 
         reported: whether the orchestrator sent it, from the source that the judge uses.
         """
+        if not math.isfinite(sum(position_ned_m) + sum(velocity_ned_m_s)):
+            return "a position is not finite"
+        if reported:
+            self._reported_s = t_s
+            self._source.note_position(position_ned_m, t_s, on_ground=self.landed is True)
+            if self._source.is_frozen(t_s):
+                return (
+                    "its pose source repeats one position while its own estimate moves: the guard "
+                    "ignores it and uses the estimate"
+                )
+        return ""
+
+    def place(self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float) -> None:
+        """Record a vehicle's position in the world; from then on only world heights are used."""
         self._world_s = t_s
-        self._reported_s = t_s if reported else self._reported_s
         acceleration = self._acceleration.update(velocity_ned_m_s, t_s)
         guided = self.mode is Mode.GUIDED
         commanded = self._commanded.velocity(t_s) if guided else None
@@ -134,16 +150,20 @@ class ObservedVehicle:
 
     def knows_world(self, t_s: float) -> bool:
         """Return whether there is a better position source than the vehicle's estimate."""
-        return self._reported_s is not None and t_s - self._reported_s <= _REPORTED_S
+        lately = self._reported_s is not None and t_s - self._reported_s <= _REPORTED_S
+        return lately and not self._source.is_frozen(t_s)
 
     def read_position(self, frame: Frame, t_s: float) -> tuple[Vec3, Vec3] | None:
         """Observe a LOCAL_POSITION_NED; return position and velocity in the world, if known."""
-        if frame.message_id != LOCAL_POSITION_NED or self.knows_world(t_s):
+        if frame.message_id != LOCAL_POSITION_NED:
             return None
         local = read_local_position(frame)
         if local is None:
             return None
         position_m, velocity_m_s = local
+        self._source.note_estimate(position_m)
+        if self.knows_world(t_s):
+            return None
         if self.anchor is None:
             if self._world_s is None:
                 self._store_sample(position_m, velocity_m_s, t_s)
@@ -201,8 +221,10 @@ class ObservedVehicle:
             self._requested_s is not None and t_s - self._requested_s <= self._settings.asked_s
         )
         if commanded is not None:
-            # The effect of a request just before the guard took over may be reported only now.
-            late = requested and new not in {Mode.LAND, Mode.RTL}
+            # The effect of a request just before the guard took over may be reported only now; a
+            # landing that follows the operator's hold is the autopilot's own.
+            lands_from_hold = new is Mode.LAND and old is Mode.HOLD
+            late = requested and new is not Mode.RTL and not lands_from_hold
             return new not in commanded and new is not Mode.GUIDED and not late
         if requested:
             return False

@@ -54,6 +54,8 @@ class SupervisedVehicle:
         """Return the modes the supervisor requests; None under the orchestrator."""
         if self.contingency.phase is Phase.IDLE:
             return None
+        if self.contingency.phase is Phase.PAUSE:
+            return frozenset({Mode.HOLD})
         return frozenset({Mode.HOLD, Mode.LAND, self.vehicle.landing})
 
     @property

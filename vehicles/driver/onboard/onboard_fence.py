@@ -47,6 +47,7 @@ class OnboardFence:
         self._backup_folder = backup_folder
         self._original_items: tuple[MissionItem, ...] | None = None
         self._fence_backups: list[CrashSafeFile] = []
+        self._changed: list[ParameterBackup] = []
         self._stack = AsyncExitStack()
         self._offered: tuple[AutopilotFence, ParameterBackup] | None = None
         self.fence: AutopilotFence | None = None
@@ -67,6 +68,20 @@ class OnboardFence:
             self._stack.push_async_exit(self._offered[1])
             self._offered = None
         await self._stack.aclose()
+
+    def leave(self) -> bool:
+        """Leave fence and parameters changed, for `restore_fence` and `restore_backups`.
+
+        Returns whether there is anything to be restored.
+        """
+        offered = () if self._offered is None else (self._offered[1],)
+        for change in (*self._changed, *offered):
+            change.leave()
+        for backup in self._fence_backups:
+            backup.close()
+        self._offered = None
+        self._stack.pop_all()
+        return self._original_items is not None
 
     async def keep(self, fence: AutopilotFence) -> None:
         """Upload an onboard fence, read it back, and confirm it. Raises VehicleError."""
@@ -110,6 +125,7 @@ class OnboardFence:
             raise RuntimeError("no fence is offered")
         self.fence, context = self._offered
         self._offered = None
+        self._changed.append(context)
         self._stack.push_async_exit(context)
 
     async def put_back(self) -> None:

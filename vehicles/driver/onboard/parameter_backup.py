@@ -115,6 +115,14 @@ class ParameterBackup:
                 raise
             error.add_note(str(second))
 
+    def leave(self) -> bool:
+        """Leave the parameters changed, for `restore_backups`; return whether there are any."""
+        left = bool(self._changes)
+        if self._backup is not None:
+            self._backup.close()
+        self._backup, self._changes = None, ()
+        return left
+
     async def _restore(self) -> None:
         failed: list[str] = []
         try:

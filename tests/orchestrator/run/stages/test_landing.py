@@ -1,6 +1,6 @@
 """A run ends when all are on the ground and disarmed, whatever a single frame says."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,12 +9,14 @@ import pytest
 
 from orchestrator.model.clock import run_virtual
 from orchestrator.model.results import RunResult
+from orchestrator.run.flight.conduct import _finish
 from orchestrator.run.stages.landing import bring_down
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.contingency import Phase
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
 from vehicles.mavlink.codec import Codec
+from vehicles.tasks import start
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -57,11 +59,15 @@ class Guard:
     def __init__(self, *, downs: bool = True) -> None:
         self._downs = downs
         self.phases = {"real": Phase.DOWN, "twin": Phase.DOWN if downs else Phase.DESCEND}
+        """twin stands for any vehicle, also an attached one."""
 
     def bring_down(self, reason: str) -> None:
         self.reason = reason
 
     async def all_down(self, within_s: float) -> bool:
+        return self._downs and within_s > 0.0
+
+    async def at_rest(self, within_s: float) -> bool:
         return self._downs and within_s > 0.0
 
 
@@ -105,3 +111,33 @@ def test_a_vehicle_that_the_guard_cannot_land_is_an_error() -> None:
     assert decided.kind == "ERROR"
     assert decided.text == "not down 60 s after the guard took over: real (down), twin (descending)"
     assert not run_state.reached("landed")
+
+
+@pytest.mark.parametrize(("downs", "restored"), [(True, {"real", "twin"}), (False, {"real"})])
+def test_who_may_be_in_the_air_still_is_not_configured(downs: bool, restored: set[str]) -> None:
+    """Parameters of a failsafe or return that is under way would change beneath it."""
+    given: list[set[str]] = []
+
+    async def restore(*, at_rest: Collection[str]) -> None:
+        given.append(set(at_rest))
+
+    async def nothing() -> None:
+        pass
+
+    async def scenario() -> None:
+        run_state = RunState(time=lambda: 0.0)
+        run_state.enter("takeoff")
+        pair = flown_pair(Guard(downs=downs), armed=(False, False))
+        run: Any = SimpleNamespace(
+            run_state=run_state,
+            pair=pair,
+            watchdog=SimpleNamespace(last_signs=nothing),
+            operator_handler=SimpleNamespace(fence_changes=SimpleNamespace(end=nothing)),
+            before_arming=SimpleNamespace(
+                restore=restore, configuration=SimpleNamespace(fetch_logs=nothing)
+            ),
+        )
+        await _finish(run, start(nothing(), name="flight"))
+
+    run_virtual(scenario())
+    assert given == [restored]

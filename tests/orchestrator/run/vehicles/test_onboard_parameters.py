@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AsyncExitStack
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, cast
@@ -20,6 +19,7 @@ from orchestrator.external.injection_check import UnsupportedInjectionError, pro
 from orchestrator.model.clock import run_virtual
 from orchestrator.run.vehicles.arming_record import ArmingRecord
 from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from orchestrator.run.vehicles.restoration import Restoration
 from orchestrator.state.parameter_backups import parameter_backup_folder
 from orchestrator.state.vehicle_context import VehicleContext
 from safety.fence.geofence import Fence
@@ -92,6 +92,9 @@ class Rig:
     def has(self, name: str) -> float:
         return self.vehicle.autopilot.parameters[name]
 
+    def fence_areas(self) -> int:
+        return len(self.vehicle.autopilot.fence.areas)
+
 
 def with_vehicle(
     autopilot: AutopilotName,
@@ -135,7 +138,7 @@ def test_what_the_campaign_sets_is_set_back(
         assert (parameters.step, parameters.vehicle, parameters.ok) == ("parameters", "real", True)
         assert (parameters.text, parameters.restored) == (f"{name} 5 (was {before:g})", None)
         assert (fence.step, fence.text) == ("fence", "none uploaded: preflight.fence is null")
-        await onboard.restore()
+        await onboard.restore(at_rest={"real"})
         assert [one.restored for one in rig.record.steps] == [True, True]
         assert rig.has(name) == before
         assert list(parameter_backup_folder().iterdir()) == []
@@ -153,7 +156,7 @@ def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
             UnsupportedInjectionError, match=r"PRX1_TYPE was set to 2 since .* reboot it"
         ):
             await rig.prove(onboard)
-        await onboard.restore()
+        await onboard.restore(at_rest={"real"})
         assert (rig.has("PRX1_TYPE"), rig.has("AVOID_ENABLE")) == (0.0, 3.0)
 
     with_vehicle("ardupilot", script, params={"PRX1_TYPE": 2, "AVOID_ENABLE": 2})
@@ -167,7 +170,7 @@ def test_a_vehicle_that_booted_with_it_gets_the_rest_from_the_campaign() -> None
         onboard = rig.onboard()
         await onboard.apply(rig.context)
         await rig.prove(onboard)
-        await onboard.restore()
+        await onboard.restore(at_rest={"real"})
         assert rig.has("AVOID_ENABLE") == 0.0
 
     with_vehicle(
@@ -208,7 +211,7 @@ def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
         assert rig.noted[0][1]["name"] == "AVOID_MARGIN"
         assert rig.notes_of("fence_given_back") == []
         assert rig.has("GUID_TIMEOUT") == 4.0
-        await onboard.restore()
+        await onboard.restore(at_rest={"real"})
         assert (rig.has("AVOID_MARGIN"), rig.has("GUID_TIMEOUT")) == (2.0, 3.0)
         assert list(parameter_backup_folder().iterdir()) == []
 
@@ -248,7 +251,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         if settled:
             await onboard.fences.confirm()
         assert rig.has(ceiling) == 5.0
-        await onboard.restore()
+        await onboard.restore(at_rest={"real"})
         (area,) = rig.vehicle.autopilot.fence.areas
         assert getattr(area, "radius_m", None) == 40.0
         assert rig.has(ceiling) == before
@@ -256,6 +259,64 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         assert rig.decided == []
 
     with_vehicle(autopilot, script, params={})
+
+
+@pytest.mark.parametrize("settled", [True, False])
+@pytest.mark.parametrize(
+    ("autopilot", "name", "ceiling"),
+    [
+        ("ardupilot", "GUID_TIMEOUT", "FENCE_ALT_MAX"),
+        ("px4", "COM_OF_LOSS_T", "GF_MAX_VER_DIST"),
+    ],
+)
+def test_who_may_be_in_the_air_still_is_restored_by_the_next_start(
+    autopilot: AutopilotName, name: str, ceiling: str, settled: bool
+) -> None:
+    bounds: dict[str, Any] = {"east_m": (-4, 4), "up_m": (-1, 9)}
+
+    async def script(rig: Rig) -> None:
+        await rig.context.driver.ready(90.0)
+        before = {each: rig.has(each) for each in (name, ceiling)}
+        fenced = {"real": Fence.box(north_m=(-5, 5), **bounds)}
+        onboard = rig.onboard(PreflightPart(failsafe="set"), fenced)
+        await onboard.apply(rig.context)
+        tighter = Fence.box(north_m=(-2, 3), east_m=(-1, 1), up_m=(-1, 4))
+        await onboard.fences.offer({"real": tighter})
+        if settled:
+            await onboard.fences.confirm()
+        flown = {each: rig.has(each) for each in before}
+        assert flown == {name: 5.0, ceiling: 5.0}
+        await onboard.restore(at_rest=())
+        assert {each: rig.has(each) for each in before} == flown
+        assert rig.fence_areas() == 1
+        assert [one.restored for one in rig.record.steps] == [False, False]
+        ((kind, text),) = rig.decided
+        assert kind == "ERROR"
+        assert text.startswith(
+            "real still has the onboard configuration of this run: the guard does not confirm "
+            "that it is disarmed, and in the air nothing is restored; the next start restores it, "
+        )
+        again = rig.onboard(PreflightPart(fence=None))
+        await again.apply(rig.context)
+        assert rig.has(ceiling) == before[ceiling]
+        assert rig.fence_areas() == 0
+        await again.restore(at_rest={"real"})
+        assert {each: rig.has(each) for each in before} == before
+        assert backups() == 0
+        assert len(rig.decided) == 1
+
+    with_vehicle(autopilot, script, params={name: 5.0})
+
+
+def test_who_may_be_in_the_air_still_and_was_not_changed_has_its_own() -> None:
+    async def script(rig: Rig) -> None:
+        onboard = rig.onboard()
+        await onboard.apply(rig.context)
+        await onboard.restore(at_rest=())
+        assert [one.restored for one in rig.record.steps] == [True, True]
+        assert rig.decided == []
+
+    with_vehicle("px4", script, params={})
 
 
 def test_a_vehicle_is_restored_although_another_one_cannot_be() -> None:
@@ -276,10 +337,10 @@ def test_a_vehicle_is_restored_although_another_one_cannot_be() -> None:
             setup=setup, contexts=(), run_state=anything, record=anything, note=print
         )
         for name, undo in (("real", fail), ("twin", restore_slowly)):
-            onboard._stacks[name] = stack = AsyncExitStack()
-            stack.push_async_callback(undo)
+            onboard._restorations[name] = restoration = Restoration()
+            restoration._stack.push_async_callback(undo)
         with pytest.raises(OSError, match="disk failed"):
-            await onboard.restore()
+            await onboard.restore(at_rest={"real", "twin"})
 
     run_virtual(run())
     assert restored == ["twin"]

@@ -1,5 +1,6 @@
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from safety.fence.geofence import Fence
@@ -7,6 +8,7 @@ from safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
 from safety.guard.core.operator_command import OperatorCommand
 from safety.model.samples import PoseSample
 from tests.safety.guard.guard_rigs import (
+    DRIVER,
     GCS,
     abort,
     make_pair,
@@ -213,6 +215,42 @@ def test_hold_and_resume(pair: Any) -> None:
     pair.fly(5.0)
     assert pair.core.latched is None
     assert pair.kinds() == ["hold", "dropped", "resume"]
+
+
+@pytest.mark.parametrize("name", ["real", "twin"])
+@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
+def test_a_failsafe_of_a_held_vehicle_is_supervised_not_fought(
+    pair: Any, name: str, mode: Mode
+) -> None:
+    """real is a PX4, twin an ArduCopter, which starts such a failsafe only once."""
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.fly(5.0)
+    held = pair.vehicles[name]
+    held.mode, held.critical, held.north_m_s = mode, True, -0.5
+    before = len(held.heard)
+    pair.fly(0.6)
+    assert pair.core.latched == "failsafe"
+    assert {word for _, word in held.heard[before:]} <= {"HEARTBEAT"}
+    held.mode = Mode.LAND
+    pair.fly(20.0)
+    assert pair.core.all_down
+    assert "HOLD" not in [word for _, word in held.heard[before:]]
+    assert pair.kinds() == ["hold", "failsafe"]
+
+
+@pytest.mark.parametrize("name", ["real", "twin"])
+def test_a_landing_requested_before_the_hold_may_be_seen_after_it(pair: Any, name: str) -> None:
+    vehicle = pair.vehicles[name]
+    autopilot, target = vehicle.autopilot, vehicle.target
+    vehicle.ignores = frozenset({Mode.HOLD})
+    to_orchestrator(pair, name, DRIVER.pack(autopilot.set_mode(target, Mode.LAND)))
+    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.fly(0.2)
+    assert pair.core.latched is None
+    vehicle.ignores = frozenset()
+    pair.fly(2.0)
+    assert vehicle.mode is Mode.HOLD
+    assert pair.core.latched is None
 
 
 def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:

@@ -152,7 +152,6 @@ def test_nothing_that_moves_the_vehicle_passes(pair: Any, frame: bytes) -> None:
         DRIVER.pack(own_heartbeat()),
         DRIVER.pack(mavlink.MAVLink_timesync_message(0, 1)),
         DRIVER.pack(mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_ALT", -1)),
-        DRIVER.pack(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 5.0, 9)),
         command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 32, 20000),
         command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148),
     ],
@@ -162,8 +161,15 @@ def test_what_only_asks_or_keeps_alive_passes(pair: Any, frame: bytes) -> None:
     assert to_orchestrator(pair, "real", frame) == (frame,)
 
 
-def test_a_fence_is_put_back_once_all_are_down(pair: Any) -> None:
-    frame = DRIVER.pack(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
+RESTORING = [
+    DRIVER.pack(mavlink.MAVLink_mission_count_message(1, 1, 3, 1)),
+    DRIVER.pack(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 5.0, 9)),
+]
+"""What restores a vehicle's own fence and parameters; each may change how it flies."""
+
+
+@pytest.mark.parametrize("frame", RESTORING)
+def test_fence_and_parameters_are_restored_once_all_are_down(pair: Any, frame: bytes) -> None:
     abort(pair)
     assert to_orchestrator(pair, "real", frame) == ()
     pair.fly(20.0)
@@ -171,8 +177,10 @@ def test_a_fence_is_put_back_once_all_are_down(pair: Any) -> None:
     assert to_orchestrator(pair, "real", frame) == (frame,)
 
 
-def test_who_is_held_may_be_given_a_fence_and_nothing_that_moves_it(pair: Any) -> None:
-    frame = DRIVER.pack(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
+@pytest.mark.parametrize("frame", RESTORING)
+def test_who_is_held_may_be_given_a_fence_and_nothing_that_moves_it(
+    pair: Any, frame: bytes
+) -> None:
     pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
     assert to_orchestrator(pair, "real", frame) == (frame,)
     for moving in (setpoint(), mode_command(Mode.GUIDED)):

@@ -1,0 +1,46 @@
+"""What a run changed on one vehicle: restored after the flight, or left to the next start."""
+
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Protocol
+
+
+class Change(Protocol):
+    """A change of a vehicle's onboard configuration, in force while it is entered (protocol)."""
+
+    async def __aenter__(self) -> object:
+        """Make the change. Raises VehicleError."""
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Restore what was before. Raises VehicleError."""
+
+    def leave(self) -> bool:
+        """Leave the change to the next start, which restores it; return whether there is any."""
+
+
+class Restoration:
+    """The changes of one vehicle's onboard configuration, in their order."""
+
+    def __init__(self) -> None:
+        self._stack = AsyncExitStack()
+        self._changes: list[Change] = []
+
+    async def enter(self, change: Change) -> None:
+        """Make a change, to be restored. Raises VehicleError."""
+        await self._stack.enter_async_context(change)
+        self._changes.append(change)
+
+    async def restore(self) -> None:
+        """Restore all changes, last first. Raises VehicleError, once all were tried."""
+        await self._stack.aclose()
+
+    def leave(self) -> bool:
+        """Leave all changes to the next start, which restores them; return whether there is any."""
+        self._stack.pop_all()
+        left = [change.leave() for change in self._changes]
+        return any(left)

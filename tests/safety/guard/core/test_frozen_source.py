@@ -1,0 +1,132 @@
+"""A pose source that repeats its last pose with new times: the guard uses the estimate."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.safety.guard.guard_rigs import abort, make_pair
+from vehicles.poses.anchor import Anchor
+from worlds.frames import Vec3
+
+HERE: Vec3 = (0.0, 0.0, -2.0)
+STANDING: Vec3 = (0.0, 0.0, 0.0)
+
+
+def pose(pair: Any, position_m: Vec3, velocity_m_s: Vec3 = STANDING) -> None:
+    """Have the orchestrator give a position of real."""
+    pair.apply(pair.core.place("real", position_m, velocity_m_s, pair.t_s))
+
+
+def estimated(pair: Any, position_m: Vec3, velocity_m_s: Vec3 = STANDING) -> None:
+    """Have real send its own estimate."""
+    message = mavlink.MAVLink_local_position_ned_message(0, *position_m, *velocity_m_s)
+    frame = pair.vehicles["real"].codec.pack(message)
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s))
+
+
+def anchored(pair: Any, north_m: float = 0.0) -> Any:
+    """Return a pair whose real has an anchor, and of which nothing else gives positions."""
+    pair.core.anchor("real", Anchor((north_m, 0.0, 0.0)))
+    pair.blind = True
+    return pair
+
+
+def fly(pair: Any, seconds: float, each: Callable[[float], None]) -> None:
+    """Fly; call `each` 20 times a second with the time since the start."""
+    since_s = pair.t_s
+    pair.fly(seconds, each=lambda: each(pair.t_s - since_s))
+
+
+def test_who_leaves_the_fence_beside_a_frozen_source_is_stopped(pair: Any) -> None:
+    anchored(pair)
+
+    def each(t_s: float) -> None:
+        pose(pair, HERE)
+        if pair.core.latched is None:
+            estimated(pair, (5.0 * t_s, 0.0, -2.0), (5.0, 0.0, 0.0))
+
+    fly(pair, 1.0, each)
+    assert pair.core.latched == "fence"
+    (event,) = [one for one in pair.events if one.kind == "fence"]
+    assert event.t_s <= 1.5, "0.3 s after an estimate stood beside the first of the equal poses"
+    assert pair.kinds() == ["pose", "fence"]
+    (event,) = [one for one in pair.events if one.kind == "pose"]
+    assert event.vehicle == "real"
+    assert "its pose source repeats one position while its own estimate moves" in event.text
+
+
+def test_a_source_that_gives_new_positions_again_is_believed_again(pair: Any) -> None:
+    anchored(pair)
+
+    def each(t_s: float) -> None:
+        frozen = t_s < 2.0
+        pose(pair, HERE if frozen else (0.01 * t_s, 0.0, -2.0))
+        # The estimate is outside of the fence when the source is believed again.
+        estimated(pair, (min(0.4 * t_s, 0.8), 0.0, -2.0 if frozen else -20.0))
+
+    fly(pair, 4.0, each)
+    assert pair.core.latched is None
+    assert pair.kinds() == ["pose"]
+
+
+def test_equal_positions_of_one_that_stays_are_no_sign_of_anything(pair: Any) -> None:
+    anchored(pair, north_m=9.0)  # where its estimate were believed, it would be outside
+
+    def each(t_s: float) -> None:
+        pose(pair, HERE)
+        estimated(pair, (0.2 * math.sin(t_s), 0.0, -2.0))
+
+    fly(pair, 60.0, each)
+    assert pair.kinds() == []
+
+
+def test_an_estimate_that_drifts_beside_a_live_source_is_not_believed(pair: Any) -> None:
+    anchored(pair)
+
+    def each(t_s: float) -> None:
+        pose(pair, (0.001 * math.sin(t_s), 0.0, -2.0))
+        estimated(pair, (0.3 * t_s, 0.0, -2.0), (0.3, 0.0, 0.0))
+
+    fly(pair, 60.0, each)
+    assert pair.kinds() == []
+
+
+def test_a_few_equal_positions_while_the_estimate_jumps_are_chance(pair: Any) -> None:
+    anchored(pair)
+
+    def each(t_s: float) -> None:
+        pose(pair, (0.001 * round(t_s * 4.0), 0.0, -2.0))  # coarse: each for a quarter of a second
+        estimated(pair, (8.0 * (round(t_s + 0.1) % 2), 0.0, -2.0))
+
+    fly(pair, 10.0, each)
+    assert pair.kinds() == []
+
+
+def test_who_stands_may_have_an_estimate_that_wanders(fake_vehicle: Any, rig: Any) -> None:
+    pair = anchored(make_pair(fake_vehicle, rig, real={"up_m": 0.0}))
+
+    def each(t_s: float) -> None:
+        pose(pair, STANDING)
+        estimated(pair, (0.2 * t_s, 0.0, 0.0))
+
+    fly(pair, 60.0, each)
+    assert pair.kinds() == []
+
+
+def test_a_long_landing_beside_a_frozen_source_ends_on_the_ground(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    pair = anchored(make_pair(fake_vehicle, rig, attached=False))
+    real = pair.vehicles["real"]
+    real.up_m = 12.0
+    abort(pair)
+
+    def each(_: float) -> None:
+        pose(pair, HERE)
+        estimated(pair, (0.0, 0.0, -real.up_m))
+
+    fly(pair, 40.0, each)
+    assert "TERMINATE" not in real.words()
+    assert pair.core.all_down
