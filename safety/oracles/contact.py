@@ -88,7 +88,7 @@ class Clearance(Oracle):
         super().__init__(terms)
         if context.probe is None:
             raise OracleError(f"oracle {self.name!r} needs the world of {self.vehicle!r}")
-        self._probe: Probe = context.probe
+        self._probe: Probe = context.probe.reaching(min_m + CLEAR_AGAIN_M)
         self._events = context.events
         self._min_m = min_m
         self._exclude = frozenset(exclude)
