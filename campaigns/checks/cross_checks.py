@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sized
+from typing import Self
 
 from campaigns.checks.actor_checks import actor_problems
 from campaigns.checks.external_checks import external_problems
@@ -204,6 +205,10 @@ def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 class _NothingNear:
     """A clearance probe of an empty world, to check that oracles can be built."""
+
+    def reaching(self, _: float) -> Self:
+        """Return this probe: nothing is near, however far it looks."""
+        return self
 
     def sweep(self, *_: object, **__: object) -> tuple[()]:
         """Return no clearance: nothing is near in the empty world of the check."""

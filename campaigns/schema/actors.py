@@ -53,8 +53,9 @@ class ActorPart(Part):
     pose_source: what moves the object: the simulator's ground truth (by default of a launched
     vehicle), or the vehicle's own estimate (by default of an attached one). geofence: where the
     vehicle may be; required for an attached one. max_offset_m: largest distance from its path,
-    beyond which the run is INVALID. max_delay_s: how late it may be at a waypoint of its motion.
-    max_silence_s: longest time without a position.
+    beyond which the run is INVALID. max_delay_s: how long before, at most, the motion was where it
+    is: how late it left the ground, and how far it has fallen behind since. max_silence_s: longest
+    time without a position.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
@@ -68,7 +69,7 @@ class ActorPart(Part):
     pose_source: ActorPoses | None = None
     geofence: ActorFencePart | None = None
     max_offset_m: Annotated[float, Field(gt=0, le=100)] = 0.5
-    max_delay_s: Annotated[float, Field(gt=0, le=600)] = 3.0
+    max_delay_s: Annotated[float, Field(gt=0, le=600)] = 4.0
     max_silence_s: Annotated[float, Field(gt=0, le=3)] = 0.5
 
     @model_validator(mode="after")

@@ -1,9 +1,14 @@
 """`oracles`: each name with its parameters, checked by the oracle's own model."""
 
+import re
+
 from safety.evaluation.judge import OracleUse
+from safety.model.verdict import PARTS
 from safety.oracles import registry
 from worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
 from worlds.files.yaml_nodes import mapping_node
+
+_WORDS = re.compile("[./]")
 
 
 def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
@@ -28,6 +33,11 @@ def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem
 
 
 def _use(campaign: Document, name: str, entry: Entry) -> OracleUse:
+    if _WORDS.split(name)[0] in PARTS:
+        message = f"'{name}' is the name of a part of a run, which decides verdicts itself; give "
+        raise BadInput(
+            [entry.key.problem(f"{message}the oracle another name, and its kind as `use`")]
+        )
     value = entry.node.value if isinstance(entry.node.value, dict) else {}
     usual = "stl" if "stl" in value else name
     kind = value["use"].node.value if "use" in value else usual

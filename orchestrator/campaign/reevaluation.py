@@ -212,9 +212,11 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
     """
     own = {source_of(oracle.name, oracle.vehicle) for oracle in before.oracles}
     try:
-        is_whole, events = False, list[DecisiveEvent]()
+        is_whole, events, flags = False, list[DecisiveEvent](), set[tuple[Any, ...]]()
         for text in read_limited(log).splitlines():
             line = loads_limited(text)
+            if line["event"] == "flag":
+                flags.add((line["t_s"], line["text"], source_of(line["oracle"], line["vehicle"])))
             if line["event"] == "decisive":
                 events.append(_event(line))
             is_whole = is_whole or (line["event"] == "stage" and line["stage"] == "end")
@@ -222,7 +224,9 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
         raise RecordingError(f"{log} cannot be read: {error}") from error
     if not is_whole:
         raise RecordingError(f"{log} was cut before the end of the run")
-    foreign = [one for one in events if one.source not in own and not _is_evidence(one.source)]
+    # An oracle may have the name of another part, as `sync`: only its events have a flag as well.
+    judged = [one for one in events if (one.t_s, one.text, one.source) in flags]
+    foreign = [one for one in events if one not in judged and not _is_evidence(one.source)]
     decided_by = before.decided_by
     known = {"", *own, *(one.source for one in foreign)}
     if decided_by not in known and not _is_evidence(decided_by):

@@ -68,8 +68,8 @@ class Geofence(LimitOracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge a pose; each time the vehicle leaves the fence's area is a flag."""
-        fence = self._low_fence if self.stages.near_ground else self._fence
-        if not self.stages.open or fence is None:
+        fence = self._low_fence if self.stages.near_ground_at(sample.t_s) else self._fence
+        if not self.stages.covers(sample.t_s) or fence is None:
             return NO_FLAGS
         position_ned_m = sample.pose.position_ned_m
         margin_m = fence.margin_m(position_ned_m)
@@ -93,9 +93,9 @@ class Altitude(LimitOracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge a pose; each time the altitude leaves its limits is a flag."""
-        if not self.stages.open:
+        if not self.stages.covers(sample.t_s):
             return NO_FLAGS
-        low_m = None if self.stages.near_ground else self._min_m
+        low_m = None if self.stages.near_ground_at(sample.t_s) else self._min_m
         if low_m is None and self._max_m is None:
             return NO_FLAGS
         up_m = -sample.pose.position_ned_m[2]

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from safety.model.oracle_results import OracleResult
-from safety.model.samples import PoseSample, StageSample
+from safety.model.samples import PoseSample
 from safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
@@ -88,7 +88,7 @@ class Clearance(Oracle):
         super().__init__(terms)
         if context.probe is None:
             raise OracleError(f"oracle {self.name!r} needs the world of {self.vehicle!r}")
-        self._probe: Probe = context.probe
+        self._probe: Probe = context.probe.reaching(min_m + CLEAR_AGAIN_M)
         self._events = context.events
         self._min_m = min_m
         self._exclude = frozenset(exclude)
@@ -98,22 +98,16 @@ class Clearance(Oracle):
         self._worst: Separation | None = None
         self._near: set[tuple[str, bool]] = set()
         self._limits = Limits()
-        self._limits.ignored = self._ground
-
-    def on_stage(self, sample: StageSample) -> Flags:
-        """Take a stage: it opens, narrows and closes the contact window."""
-        self.stages.reach(sample)
-        near_ground = self.stages.near_ground
-        self._limits.floors_ignored = near_ground
-        self._limits.ignored = self._ground if near_ground else self._exclude
-        return NO_FLAGS
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Sweep from the last pose to this one for contact."""
         last, self._last = self._last or sample, sample
-        if not self.stages.open:
+        if not self.stages.covers(sample.t_s):
             return NO_FLAGS
         self._seen = True
+        near_ground = self.stages.near_ground_at(sample.t_s)
+        self._limits.floors_ignored = near_ground
+        self._limits.ignored = self._ground if near_ground else self._exclude
         # Only objects nearer than ever, or near the limit, are of interest.
         known_m = math.inf if self._worst is None else self._worst.clearance_m
         self._limits.below_m = max(known_m, self._min_m + CLEAR_AGAIN_M)

@@ -53,7 +53,7 @@ class Distance(LimitOracle):
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge a pose; each time the distance leaves its limits is a flag."""
         last, self._last = self._last or sample, sample
-        if not self.stages.open:
+        if not self.stages.covers(sample.t_s):
             return NO_FLAGS
         judged: list[tuple[float, float, float]] = []
         if self._min_m is not None:

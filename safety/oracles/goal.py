@@ -62,7 +62,7 @@ class ReachedPosition(Oracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose: the distance to the goal's position."""
-        if not self.stages.open:
+        if not self.stages.covers(sample.t_s):
             return NO_FLAGS
         distance_m = norm(subtract(sample.pose.position_ned_m, self._target_ned_m))
         before_m = self._best[0] if self._best else float("inf")

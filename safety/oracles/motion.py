@@ -62,9 +62,9 @@ class Speed(LimitOracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge a pose's speed; each time it leaves the limits is a flag."""
-        if not self.stages.open:
+        if not self.stages.covers(sample.t_s):
             return NO_FLAGS
-        low_m_s = None if self.stages.near_ground else self._min_m_s
+        low_m_s = None if self.stages.near_ground_at(sample.t_s) else self._min_m_s
         if low_m_s is None and self._max_m_s is None:
             return NO_FLAGS
         speed_m_s = self._speed_m_s(sample)
@@ -89,7 +89,7 @@ class Attitude(LimitOracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge a pose's attitude; each time it exceeds a limit is a flag."""
-        if not self.stages.open:
+        if not self.stages.covers(sample.t_s):
             return NO_FLAGS
         angles = [(limit - abs(of(sample)), what, limit) for what, of, limit in self._limits]
         margin_deg, what, limit_deg = min(angles)

@@ -42,6 +42,9 @@ class Separation(Protocol):
 class Probe(Protocol):
     """An oracle context's clearance probe of the judged world (protocol of ClearanceProbe)."""
 
+    def reaching(self, distance_m: float, /) -> "Probe":
+        """Return the probe for an oracle that needs objects up to a distance, in metres."""
+
     def sweep(
         self,
         pose_0: Pose,

@@ -1,5 +1,6 @@
 """The terms of an oracle: the judged vehicle, whether it is required, its window, fail-fast."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self, get_args
 
@@ -96,15 +97,18 @@ class Windowed(Parameters):
 
 
 class Stages:
-    """The stages reached so far, and whether an oracle's window is open.
+    """The stages reached so far, and whether an oracle's window is open or covers a sample.
 
-    `open` is a plain attribute because it is read for each pose.
+    A pose may arrive long after its time: `covers` and `near_ground_at` go by the time of the
+    sample, so that how late it arrives changes no verdict. They are called for each pose.
     """
 
     def __init__(self, window: Window = FLIGHT) -> None:
         self._window = window
         self._closing = frozenset(STAGES[STAGES.index(window.last) :])
         self._at_s: dict[Stage, float] = {}
+        self._from_s = self._until_s = math.inf
+        self._at_height_s = self._land_s = math.inf
         self.open = False
         """Whether the window is open now."""
         self.near_ground = True
@@ -116,6 +120,18 @@ class Stages:
         closed = not self._closing.isdisjoint(self._at_s)
         self.open = self._window.first in self._at_s and not closed
         self.near_ground = "at_height" not in self._at_s or "land" in self._at_s
+        self._from_s = self._at_s.get(self._window.first, math.inf)
+        self._until_s = math.inf if self.end_s is None else self.end_s
+        self._at_height_s = self._at_s.get("at_height", math.inf)
+        self._land_s = self._at_s.get("land", math.inf)
+
+    def covers(self, t_s: float) -> bool:
+        """Return whether the window was open at the time of a sample, however late that arrives."""
+        return self._from_s <= t_s < self._until_s
+
+    def near_ground_at(self, t_s: float) -> bool:
+        """Return whether the vehicle may have been near the ground at the time of a sample."""
+        return t_s < self._at_height_s or t_s >= self._land_s
 
     def at(self, stage: Stage) -> float | None:
         """Return when a stage was reached, or None."""

@@ -52,7 +52,7 @@ class TwinDivergence(Oracle):
         """Judge a pose of either vehicle of the pair."""
         self._last[sample.vehicle] = sample
         other = self._last.get("twin" if sample.vehicle == "real" else "real")
-        if other is None or not self.stages.open:
+        if other is None or not self.stages.covers(sample.t_s):
             return NO_FLAGS
         distance_m = norm(
             subtract(sample.pose.position_ned_m, extrapolated_ned_m(other, sample.t_s))

@@ -84,7 +84,7 @@ class Reached(Oracle):
     def on_pose(self, sample: PoseSample) -> Flags:
         """Judge whether the path since the last pose leads through the next gate."""
         last, self._last = self._last or sample, sample
-        if self._done or not self.stages.open:
+        if self._done or not self.stages.covers(sample.t_s):
             return NO_FLAGS
         if not self._detectors:
             self._detectors = {

@@ -88,7 +88,8 @@ class Stl(Oracle):
                 self._trace.note(name, signal.of_pose(sample))
             elif signal.of_both:
                 self._trace.note(name, pair_distance_m)
-        self._add_row(sample.t_s)
+        if self.stages.covers(sample.t_s):
+            self._add_row(sample.t_s)
         return NO_FLAGS
 
     def on_state(self, sample: StateSample) -> Flags:
@@ -98,7 +99,8 @@ class Stl(Oracle):
         for name, signal in self._used.items():
             if signal.of_state is not None:
                 self._trace.note(name, signal.of_state(sample))
-        self._add_row(sample.t_s)
+        if self.stages.open:
+            self._add_row(sample.t_s)
         return NO_FLAGS
 
     def on_received(self, sample: LinkSample) -> Flags:
@@ -173,8 +175,6 @@ class Stl(Oracle):
         return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
 
     def _add_row(self, t_s: float) -> None:
-        if not self.stages.open:
-            return
         for name, signal in self._used.items():
             if signal.of_silence:
                 since_s = (

@@ -197,7 +197,7 @@ class _Nearest:
             self._probes = tuple(context.probe_of(thing) for thing in context.things)
         last, self._last = self._last or sample, sample
         limits = Limits()
-        limits.below_m, limits.floors_ignored = _FARTHEST_M, self._stages.near_ground
+        limits.below_m, limits.floors_ignored = _FARTHEST_M, self._stages.near_ground_at(sample.t_s)
         for probe in self._probes:
             swept = probe.sweep(
                 last.pose, last.t_s, sample.pose, sample.t_s, context.events, below_m=limits

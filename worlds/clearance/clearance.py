@@ -7,6 +7,7 @@ is tight at once: for convex parts a plane that separates at one end, for triang
 distance to the hull of the body at both ends.
 """
 
+import copy
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -63,7 +64,7 @@ class ClearanceProbe:
         within_m: float = 2.0,
     ) -> None:
         self._body = BodySolid(body)
-        self._within_m = within_m
+        self.within_m = within_m
         self._targets = [
             target
             for part in scene.bodies
@@ -71,6 +72,17 @@ class ClearanceProbe:
             for target in (_Target(part, is_floor=False), _Target(part, is_floor=True))
             if target.parts and (floors or not target.is_floor)
         ]
+
+    def reaching(self, distance_m: float) -> "ClearanceProbe":
+        """Return a probe of the same body and scene that reports objects up to a distance at least.
+
+        It is this probe where that suffices.
+        """
+        if distance_m <= self.within_m:
+            return self
+        farther = copy.copy(self)
+        farther.within_m = distance_m
+        return farther
 
     def sweep(
         self,
@@ -86,13 +98,14 @@ class ClearanceProbe:
         """Return the least clearance to each near object between two samples of the pose.
 
         The body moves straight and turns evenly from pose_0 to pose_1; objects by their motion.
-        below_m: known clearances by `Clearance.key`: only smaller ones are reported.
+        below_m: known clearances by `Clearance.key`: only smaller ones are reported, and none
+        beyond `within_m` (see `reaching`).
         only_least: whether an object that is farther than one before it may be left out, which is
         quicker; the least of all is reported.
         """
         stretch = _Stretch(pose_0, t_0_s, pose_1, t_1_s, events)
         found: dict[_Key, Clearance] = {}
-        within_m, radius_m = self._within_m, self._body.radius_m
+        within_m, radius_m = self.within_m, self._body.radius_m
         for target in self._targets:
             limit_m = within_m
             if target.is_limb and target.key in found:

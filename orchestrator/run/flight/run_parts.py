@@ -16,6 +16,7 @@ from orchestrator.run.flight.recorder_factory import recorder_of
 from orchestrator.run.flight.run_feed import RunFeed
 from orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from orchestrator.run.judging.oracle_runner import OracleRunner
+from orchestrator.run.judging.run_evidence import pair_gap_s
 from orchestrator.run.judging.run_oracles import build_judge
 from orchestrator.run.perception.perception import Perception
 from orchestrator.run.perception.perception_builder import PerceptionWatchers, build_perception
@@ -149,6 +150,7 @@ def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
     return TwinMonitor(
         coupling=setup.vehicle("twin").coupling,
         limit_m=setup.campaign.sync.max_twin_distance_m,
+        max_gap_s=pair_gap_s(setup),
         run_state=run_state,
     )
 

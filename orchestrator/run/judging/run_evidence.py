@@ -9,7 +9,7 @@ from campaigns.values.external_setups import CAPTURED, ESTIMATED, SIMULATED, Pos
 from orchestrator.state.run_setup import RunSetup
 from safety.evidence.agreement import Accuracy
 from safety.evidence.evidence import POSE, VELOCITY
-from safety.evidence.terms import SignalTerms, position_limit_s, status_limit_s
+from safety.evidence.terms import MOST_GAP_S, SignalTerms, position_limit_s, status_limit_s
 from safety.oracles.oracle import MotionName, Oracle
 from safety.oracles.oracle_terms import STAGES, Window
 from vehicles.autopilots.autopilot import TelemetryRates
@@ -130,6 +130,11 @@ def _pose_limit_s(setup: RunSetup, vehicle: VehicleSetup) -> float:
     else:
         rate_hz, declared_s = setup.profiles[vehicle.name].mocap.rate_hz, None
     return declared_s or position_limit_s(rate_hz, judged_every_s=JUDGED_EVERY_S)
+
+
+def pair_gap_s(setup: RunSetup) -> float:
+    """Return the longest accepted gap in the distance of real and twin: that of their poses."""
+    return max(MOST_GAP_S, *(_pose_limit_s(setup, vehicle) for vehicle in setup.vehicles))
 
 
 def _accuracy(accuracy: PoseAccuracy) -> Accuracy:

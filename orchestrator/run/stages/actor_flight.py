@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from campaigns.setup.actor_setups import ActorSetup
 from campaigns.setup.case_setup import SyncSetup
 from orchestrator.model.results import ActorResult
-from orchestrator.run.stages.actor_way import ActorWay
+from orchestrator.run.stages.actor_way import ActorProgress, ActorWay
 from orchestrator.run.stages.operator_hold import OperatorHold
 from orchestrator.state.run_state import FlightError, RunState
 from orchestrator.state.vehicle_context import VehicleContext
@@ -54,12 +54,14 @@ class ActorFlight:
     send_anchors: Callable[[], None]
     landed: asyncio.Event = field(default_factory=asyncio.Event)
     _way: ActorWay = field(init=False)
+    _progress: ActorProgress = field(init=False)
     _delay_s: float | None = None
     _offset_m: float = 0.0
     _last: PoseSample | None = None
 
     def __post_init__(self) -> None:
         self._way = ActorWay(self.setup.motion)
+        self._progress = ActorProgress(self._way)
         self.context.on_pose(self._take)
         self.context.driver.on_failure(lambda error: self._fail(str(error)))
 
@@ -88,10 +90,12 @@ class ActorFlight:
         """Fly the actor until the pair lands, then land it; an error decides the run."""
         try:
             async with together() as tasks:
+                watching = tasks.create_task(self._watch(), name=f"limits of {self.name}")
                 flying = tasks.create_task(self._fly(), name=f"flight of {self.name}")
                 await self.run_state.reaching("land")
                 await stop(flying)
-            await self._land()
+                await self._land()
+                await stop(watching)
         except (VehicleError, FlightError) as error:
             self._fail(str(error))
         self.landed.set()
@@ -107,7 +111,6 @@ class ActorFlight:
         try:
             started_s = await self._started_s()
             async with together() as tasks:
-                tasks.create_task(self._watch(started_s), name=f"limits of {self.name}")
                 await self.operator_hold.through(lambda: self._take_off(started_s))
                 self._delay_s = asyncio.get_running_loop().time() - started_s
                 tasks.create_task(
@@ -168,22 +171,29 @@ class ActorFlight:
             velocity = scale(velocity, most / speed)
         return VelocitySetpoint(velocity, yaw_rad=wanted.yaw_rad)
 
-    async def _watch(self, started_s: float) -> None:
+    async def _watch(self) -> None:
         """Watch the actor against its motion: beyond its limits the run is INVALID."""
+        started_s = await self._started_s()
         loop = asyncio.get_running_loop()
-        while True:
-            now_s, limits = loop.time(), self.setup
-            late_s = now_s - started_s if self._delay_s is None else self._delay_s
-            if late_s > limits.max_delay_s:
-                self._invalidate(f"is {late_s:.1f} s behind its motion (max_delay_s)")
-                return
-            if self._offset_m > limits.max_offset_m:
-                self._invalidate(f"is {self._offset_m:.2f} m off its path (max_offset_m)")
-                return
-            if self._last is None or now_s - self._last.t_s > limits.max_silence_s:
-                self._invalidate(f"has sent no pose for {limits.max_silence_s:g} s (max_silence_s)")
+        while not self.run_state.reached("landed"):
+            if why := self._why_invalid(started_s, loop.time()):
+                self._invalidate(why)
                 return
             await asyncio.sleep(2.0 / _SETPOINT_HZ)
+
+    def _why_invalid(self, started_s: float, now_s: float) -> str:
+        """Return which limit the actor exceeds; empty for none. While it lands, it has no path."""
+        limits, last = self.setup, self._last
+        if last is not None and not self.run_state.reached("land"):
+            place_ned_m = last.pose.position_ned_m
+            behind_s = self._progress.behind_s(place_ned_m, last.t_s - started_s)
+            if behind_s > limits.max_delay_s:
+                return f"is {behind_s:.1f} s behind its motion (max_delay_s)"
+        if self._offset_m > limits.max_offset_m:
+            return f"is {self._offset_m:.2f} m off its path (max_offset_m)"
+        if last is None or now_s - last.t_s > limits.max_silence_s:
+            return f"has sent no pose for {limits.max_silence_s:g} s (max_silence_s)"
+        return ""
 
     def _invalidate(self, why: str) -> None:
         reason = f"actor {self.name} {why}: the run did not fly what its world describes"

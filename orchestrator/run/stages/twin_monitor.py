@@ -3,6 +3,8 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import groupby
+from operator import itemgetter
 
 from orchestrator.model.results import percentiles
 from orchestrator.model.twin_results import DropOut, TwinResult
@@ -22,18 +24,23 @@ _WAIT_S = 1.5
 class TwinMonitor:
     """Measures the distance of real and twin while the goal is flown; beyond the limit: INVALID.
 
-    The run is also INVALID when the distance could never be measured, and when the twin drops out
-    while mixtures need readings from the twin's own pose. None of this ends the flight.
+    The run is also INVALID when the distance could not be measured for longer than `max_gap_s`, and
+    when the twin drops out while mixtures need readings from the twin's own pose. None of this ends
+    the flight.
     """
 
-    def __init__(self, *, coupling: Coupling, limit_m: float, run_state: RunState) -> None:
+    def __init__(
+        self, *, coupling: Coupling, limit_m: float, max_gap_s: float, run_state: RunState
+    ) -> None:
         self._coupling: Coupling = coupling
         self._limit_m = limit_m
+        self._max_gap_s = max_gap_s
         self._run_state = run_state
         self._distances_m: list[float] = []
         self._is_beyond = False
         self._waiting: deque[float] = deque()
-        self._due_count = 0
+        self._due: dict[float, bool] = {}
+        """Whether the distance was measured, by the times at which it was to be, in order."""
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
@@ -53,7 +60,7 @@ class TwinMonitor:
             await sleep_until(t0_s + _DELAY_S + count / _HZ)
             alive()
             if not self._is_over():
-                self._due_count += 1
+                self._due[t0_s + count / _HZ] = False
                 self._waiting.append(t0_s + count / _HZ)
             self._measure_waiting(contexts, loop.time())
 
@@ -89,6 +96,7 @@ class TwinMonitor:
                 self._waiting.append(t_s)
 
     def _take(self, distance_m: float, t_s: float) -> None:
+        self._due[t_s] = True
         self._distances_m.append(distance_m)
         if distance_m <= self._limit_m or self._is_beyond:
             return
@@ -103,18 +111,35 @@ class TwinMonitor:
         )
 
     def _stage(self, stage: Stage, t_s: float) -> None:
-        """Decide at the landing: a distance that was never measured makes the run INVALID."""
-        unseen = self._due_count and not self._distances_m and self._twin
-        if stage != "landed" or not unseen or self._twin in self._run_state.dropped_out:
+        """Decide at the landing: a distance that was not measured makes the run INVALID."""
+        if stage != "landed" or not self._twin or self._twin in self._run_state.dropped_out:
+            return
+        from_s, to_s = self._longest_gap()
+        if self._due and not self._distances_m:
+            what = f"was never measured: at none of {len(self._due)} times were there poses of both"
+        elif to_s - from_s > self._max_gap_s:
+            t_s = from_s + self._max_gap_s
+            what = f"was not measured from {from_s:.2f} s to {to_s:.2f} s: there were no poses of "
+            what += f"both, and a gap may last {self._max_gap_s:g} s"
+        else:
             return
         self._run_state.decide(
             "INVALID",
-            f"the distance of real and twin was never measured: at none of {self._due_count} times "
-            f"were there poses of both; sync.max_twin_distance_m is {self._limit_m:g} m",
+            f"the distance of real and twin {what}; sync.max_twin_distance_m is {self._limit_m:g} "
+            "m",
             t_s=t_s,
             source="sync/twin",
             ends_flight=False,
         )
+
+    def _longest_gap(self) -> tuple[float, float]:
+        """Return the first and the last time of the longest gap in the measured distances."""
+        gaps = [(0.0, 0.0)]
+        for measured, each in groupby(self._due.items(), key=itemgetter(1)):
+            times_s = [t_s for t_s, _ in each]
+            if not measured:
+                gaps.append((times_s[0], times_s[-1]))
+        return max(gaps, key=lambda gap: gap[1] - gap[0])
 
     def _drop_out(self, vehicle: str, left: DropOut) -> None:
         if vehicle != self._twin or not self._needed_by or self._run_state.reached("done"):

@@ -16,6 +16,7 @@ from orchestrator.model.document_writer import to_json, write_whole
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import read_result
 from orchestrator.recording.errors import RecordingError
+from safety.model.oracle_results import Verdict
 from tests.orchestrator.conftest import FEW_PICTURES, GATE_FLOWN, ROOT
 
 Fly = Callable[..., tuple[RunResult, Path]]
@@ -171,6 +172,35 @@ def test_a_run_whose_log_lacks_what_decided_it_is_refused(recorded: Path, tmp_pa
     write_whole(tmp_path / "result.json", to_json(invalid))
     with pytest.raises(RecordingError, match="lacks what decided the run: late frames"):
         judge_run_again(replace(plan_of(()), case="large", mode="sim"), tmp_path)
+
+
+def log_also(folder: Path, *lines: dict[str, Any]) -> None:
+    """Put lines before the end into the log of a run."""
+    log = folder / "log.jsonl"
+    first, *rest = log.read_text().splitlines()
+    log.write_text("\n".join([first, *(json.dumps(line) for line in lines), *rest]) + "\n")
+
+
+@pytest.mark.parametrize("with_flag", [False, True])
+def test_an_event_of_another_part_stays_whatever_the_oracles_are_named(
+    recorded: Path, tmp_path: Path, with_flag: bool
+) -> None:
+    """It was INVALID by sync/twin, or FAILed by the flag of an oracle `sync` of its file."""
+    shutil.copytree(recorded / "large" / "sim" / "1", tmp_path, dirs_exist_ok=True)
+    flown = read_result(tmp_path / "result.json")
+    one = replace(flown.oracles[0], name="sync", vehicle="twin")
+    kind: Verdict = "FAIL" if with_flag else "INVALID"
+    said = "twin is 9 m high" if with_flag else "they were 2 m apart"
+    decided = replace(
+        flown, verdict=kind, reason=said, decided_by="sync/twin", oracles=(*flown.oracles, one)
+    )
+    write_whole(tmp_path / "result.json", to_json(decided))
+    event = {"t_s": 5.0, "event": "decisive", "kind": kind, "reason": said, "source": "sync/twin"}
+    flag = {"t_s": 5.0, "event": "flag", "oracle": "sync", "vehicle": "twin", "text": said}
+    log_also(tmp_path, *([flag, event] if with_flag else [event]))
+    now = judge_run_again(replace(plan_of(()), case="large", mode="sim"), tmp_path).now
+    expected = ("PASS", "", "") if with_flag else ("INVALID", said, "sync/twin")
+    assert (now.verdict, now.reason, now.decided_by) == expected
 
 
 def test_a_flight_proves_nothing_of_a_world_that_it_was_not_flown_in(

@@ -1,6 +1,6 @@
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import pytest
 
@@ -210,6 +210,9 @@ def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
 
 class Nothing:
     """A probe of an empty world."""
+
+    def reaching(self, _: float) -> Self:
+        return self
 
     def sweep(self, *_: object, **__: object) -> tuple[()]:
         return ()

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import Flag, OracleResult
@@ -33,6 +33,9 @@ class ScriptedProbe:
 
     script: dict[float, list[tuple[str, str, float]]]
     asked: list[tuple[float, float]] = field(default_factory=list)
+
+    def reaching(self, _: float) -> Self:
+        return self
 
     def sweep(
         self,

@@ -6,7 +6,7 @@ is none of it: the body is a point here, and both vehicles are sampled at the sa
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, get_args
+from typing import Any, Self, get_args
 
 import pytest
 
@@ -38,6 +38,9 @@ class OfPoint:
 
     def __init__(self, *names: str) -> None:
         self._names = names or SCENE.names
+
+    def reaching(self, _: float) -> Self:
+        return self
 
     def sweep(
         self,

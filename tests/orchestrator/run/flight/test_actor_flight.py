@@ -1,18 +1,28 @@
 """Runs in which a vehicle of its own flies as the intruder of the world."""
 
-from dataclasses import asdict
+import asyncio
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.analysis.reading.judged_motion import read_judged_motion
 from orchestrator.campaign.reevaluation import judge_run_again
+from orchestrator.model.clock import run_on
 from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.run.stages.actor_flight import ActorFlight
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.run.vehicles.vehicle_backends import vehicle_seed
 from orchestrator.state.run_state import RunState
+from safety.model.samples import PoseSample
+from safety.model.verdict import DecisiveEvent
 from tests.orchestrator.conftest import ROOT, Fly
 from tests.orchestrator.flights import all_landed, log_of
+from worlds.frames import Pose
+from worlds.scene.motion import Motion, StartAt, Waypoint
 
 FLOWN = "actors={intruder: {link: embedded, autopilot: px4}}"
 BLIND = "autonomy.with={object: person}"
@@ -110,3 +120,101 @@ def test_no_two_vehicles_of_a_run_have_one_seed_and_each_fits_a_message() -> Non
         seeds = [vehicle_seed(seed, name) for name in ("real", "twin", "intruder", "other")]
         assert len(set(seeds)) == 4
         assert all(0 <= one < 2**64 for one in seeds)
+
+
+def test_an_actor_that_is_slower_than_its_motion_makes_the_run_invalid(fly_run: Fly) -> None:
+    slow = ("actors.intruder.max_delay_s=3", "actors.intruder.params={MPC_XY_VEL_MAX: 0.3}")
+    result, _ = fly_run("avoid", "fast", "sim", sets=(*SETS, *slow, "autonomy.with={for_s: 12}"))
+    assert (result.verdict, result.decided_by) == ("INVALID", "actor/intruder"), result.reason
+    assert "behind its motion (max_delay_s)" in result.reason
+
+
+MOTION = Motion(
+    Pose.of(0.0, 0.0, 0.0), (Waypoint((0, 0, -1), 1.0), Waypoint((8, 0, -1), 1.0)), StartAt(2.0)
+)
+
+
+async def _watched(stops_s: float, silent_s: float, land_s: float) -> list[DecisiveEvent]:
+    """Watch an actor that repeats its place from one time on, and is silent from another on."""
+    loop = asyncio.get_running_loop()
+    t0_s = loop.time()
+    run_state = RunState(time=loop.time)
+    took: list[Callable[[PoseSample], None]] = []
+
+    async def lands(*_: object) -> None:
+        await asyncio.sleep(2.0)
+
+    lasting_s = iter((2.0, 60.0))
+
+    async def through(_: object) -> None:
+        """It lifts off as the motion begins; from then on it is guided."""
+        await asyncio.sleep(next(lasting_s))
+
+    driver = SimpleNamespace(
+        on_failure=lambda _: None,
+        enter_guided=None,
+        estimate=None,
+        send=lambda _: None,
+        land=lands,
+        disarmed=lands,
+        state=SimpleNamespace(armed=True),
+    )
+    setup: Any = SimpleNamespace(
+        name="intruder",
+        autopilot="px4",
+        motion=replace(MOTION, start=StartAt(t0_s + 2.0)),
+        max_delay_s=3.0,
+        max_offset_m=0.5,
+        max_silence_s=0.5,
+    )
+    context: Any = SimpleNamespace(on_pose=took.append, driver=driver)
+    hold: Any = SimpleNamespace(through=through)
+    sync: Any = SimpleNamespace(landing_timeout_s=20.0)
+    flight = ActorFlight(
+        setup=setup,
+        context=context,
+        run_state=run_state,
+        operator_hold=hold,
+        sync=sync,
+        events={},
+        report_pose=lambda _: None,
+        send_anchors=lambda: None,
+    )
+    flying = asyncio.create_task(flight.fly())
+    for tick in range(round(20.0 * 20)):
+        now_s = 0.05 * tick
+        if now_s < silent_s:
+            place = setup.motion.pose_at(t0_s + min(now_s, stops_s), {})
+            took[0](PoseSample(t0_s + now_s, "intruder", place, (0.0, 0.0, 0.0)))
+        if now_s >= land_s and not run_state.reached("land"):
+            run_state.enter("land")
+        await asyncio.sleep(0.05)
+    await flying
+    return [replace(one, t_s=one.t_s - t0_s) for one in run_state.decisive]
+
+
+@pytest.mark.parametrize(
+    ("stops_s", "silent_s", "land_s", "said", "at_s"),
+    [
+        (99.0, 99.0, 12.0, "", 0.0),
+        (5.0, 99.0, 14.0, "is 3.1 s behind its motion (max_delay_s)", 8.1),
+        (5.0, 99.0, 7.0, "", 0.0),
+        (99.0, 8.0, 12.0, "has sent no pose for 0.5 s (max_silence_s)", 8.5),
+        (99.0, 13.0, 12.0, "has sent no pose for 0.5 s (max_silence_s)", 13.5),
+        (99.0, 16.5, 12.0, "", 0.0),
+    ],
+)
+def test_an_actor_that_stops_or_falls_silent_makes_the_run_invalid(
+    stops_s: float, silent_s: float, land_s: float, said: str, at_s: float
+) -> None:
+    """It repeats its place, with new times, or is silent: also until it has landed."""
+    found: list[DecisiveEvent] = []
+
+    async def main() -> None:
+        found.extend(await _watched(stops_s, silent_s, land_s))
+
+    run_on("virtual", main())
+    assert [one.kind for one in found] == (["INVALID"] if said else [])
+    if said:
+        assert said in found[0].text
+        assert found[0].t_s == pytest.approx(at_s, abs=0.15)

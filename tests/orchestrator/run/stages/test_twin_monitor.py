@@ -16,11 +16,16 @@ RATE_HZ = 50.0
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
-async def _fly(late_s: float, apart_m: float, gap_s: float) -> tuple[TwinMonitor, RunState]:
-    """Fly a goal of 4 s; the real vehicle's poses come so late, one every `gap_s`."""
+async def _fly(
+    late_s: float, apart_m: float, gap_s: float, silent_s: tuple[float, float]
+) -> tuple[TwinMonitor, RunState]:
+    """Fly a goal of 4 s; the real vehicle's poses come so late, one every `gap_s`.
+
+    silent_s: from when to when there are none of the twin, since t0.
+    """
     loop = asyncio.get_running_loop()
     run_state = RunState(time=loop.time)
-    monitor = TwinMonitor(coupling="free", limit_m=1.0, run_state=run_state)
+    monitor = TwinMonitor(coupling="free", limit_m=1.0, max_gap_s=0.5, run_state=run_state)
     monitor.attach("twin", needed_by=())
     contexts: Any = tuple(SimpleNamespace(poses=PoseHistory(2.0)) for _ in range(2))
     real, twin = (context.poses for context in contexts)
@@ -28,7 +33,8 @@ async def _fly(late_s: float, apart_m: float, gap_s: float) -> tuple[TwinMonitor
     watching = asyncio.create_task(monitor.run(contexts, lambda: None))
     for tick in range(round(5.0 * RATE_HZ)):
         t_s = t0_s + tick / RATE_HZ
-        twin.add(t_s, Pose((0.0, apart_m, 0.0), UPRIGHT))
+        if not silent_s[0] <= t_s - t0_s < silent_s[1]:
+            twin.add(t_s, Pose((0.0, apart_m, 0.0), UPRIGHT))
         if t_s - late_s >= due_s:
             real.add(t_s - late_s, Pose((0.0, 0.0, 0.0), UPRIGHT))
             due_s = t_s - late_s + gap_s
@@ -41,11 +47,16 @@ async def _fly(late_s: float, apart_m: float, gap_s: float) -> tuple[TwinMonitor
     return monitor, run_state
 
 
-def flown(late_s: float, apart_m: float, gap_s: float = 0.02) -> tuple[TwinMonitor, RunState]:
+def flown(
+    late_s: float,
+    apart_m: float,
+    gap_s: float = 0.02,
+    silent_s: tuple[float, float] = (9.0, 9.0),
+) -> tuple[TwinMonitor, RunState]:
     found: list[tuple[TwinMonitor, RunState]] = []
 
     async def main() -> None:
-        found.append(await _fly(late_s, apart_m, gap_s))
+        found.append(await _fly(late_s, apart_m, gap_s, silent_s))
 
     run_on("virtual", main())
     return found[0]
@@ -76,6 +87,33 @@ def test_a_distance_that_was_never_measured_proves_nothing() -> None:
 
 
 @pytest.mark.parametrize(
+    ("silent_s", "said"),
+    [
+        ((0.51, 9.0), "was not measured from 0.55 s to 3.90 s"),
+        ((0.0, 0.79), "was not measured from 0.05 s to 0.75 s"),
+        ((2.01, 2.79), "was not measured from 2.05 s to 2.75 s"),
+    ],
+)
+@pytest.mark.parametrize("late_s", [0.0, 0.6])
+def test_a_distance_that_was_not_measured_for_too_long_proves_nothing(
+    silent_s: tuple[float, float], said: str, late_s: float
+) -> None:
+    monitor, run_state = flown(late_s, 0.2, silent_s=silent_s)
+    assert monitor.result().distance_max_m == pytest.approx(0.2)
+    (event,) = run_state.decisive
+    assert (event.kind, event.source) == ("INVALID", "sync/twin")
+    assert said in event.text
+    assert not run_state.over.is_set()
+
+
+@pytest.mark.parametrize("silent_s", [(1.01, 1.49), (3.7, 9.0)])
+def test_a_gap_as_poses_may_have_is_none_of_the_distance(silent_s: tuple[float, float]) -> None:
+    monitor, run_state = flown(0.0, 0.2, silent_s=silent_s)
+    assert monitor.result().distance_max_m == pytest.approx(0.2)
+    assert run_state.decisive == []
+
+
+@pytest.mark.parametrize(
     ("needed_by", "vehicle", "stage", "decided"),
     [
         (("lidar",), "twin", "goal", ["INVALID"]),
@@ -89,7 +127,7 @@ def test_a_twin_that_lands_alone_takes_the_mixture_that_needs_it_along(
 ) -> None:
     """Its sensors may go on where it stands: no reading is missing, and no distance is measured."""
     run_state = RunState(time=lambda: 7.0)
-    monitor = TwinMonitor(coupling="free", limit_m=1.0, run_state=run_state)
+    monitor = TwinMonitor(coupling="free", limit_m=1.0, max_gap_s=0.5, run_state=run_state)
     monitor.attach("twin", needed_by=needed_by)
     run_state.enter("goal")
     run_state.enter(stage)
