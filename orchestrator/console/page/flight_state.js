@@ -105,28 +105,47 @@ export function isIdle(model) {
   return !status.guards.length && status.campaigns.every((/** @type {any} */ one) => one.is_over);
 }
 
-/** The progress of an abort, per vehicle; null without one.
+/** The progress of an abort, per vehicle; null without one. ALL DOWN only where each flight has confirmed it.
  * @param {Model} model @returns {{ok: boolean, text: string} | null} */
 export function abortText(model) {
   const { abort } = model;
   if (!abort) return null;
   const by = `ABORT by ${abort.who} at ${clock(abort.at)}`;
-  if (!abort.ok) return { ok: false, text: `${by} FAILED: ${abort.texts.join("; ")}` };
-  const since = abort.at - BEFORE_ABORT_MS;
-  const runs = [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
+  if (!abort.isObeyed) return { ok: false, text: `${by} FAILED: ${abort.texts.join("; ")}` };
+  const missing = unconfirmedNames(model, abort);
+  const ok = !missing.length;
+  const lead = ok ? ": " : ` NOT CONFIRMED by ${missing.join(", ")}: press ABORT again, or land by the transmitter; `;
+  const land = ok ? "all vehicles land; " : "";
+  const runs = runsSince(model, abort.at - BEFORE_ABORT_MS);
   const several = runs.length > 1;
   const all = runs.flatMap((run) => flownOf(run).map(([name, one]) => ({ name: several ? `${runName(run.key)} ${name}` : name, one, run })));
   const up = all.filter(({ one }) => one.isUp).map(({ name, run }) => name + oldText(run));
   const armed = all.filter(({ one }) => !one.isUp && one.armed).map(({ name, run }) => name + oldText(run));
-  if (up.length) return { ok: true, text: `${by}: all vehicles land; still in the air: ${up.join(", ")}` };
-  if (armed.length) return { ok: true, text: `${by}: on the ground, still armed: ${armed.join(", ")}` };
-  if (!all.length) return { ok: true, text: `${by}: all vehicles land; this page has seen none in the air` };
-  const known = runs.flatMap((run) => run.view.vehicles.map((/** @type {any} */ one) => ({ run, name: one.name })));
-  const silent = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
-  if (silent.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; no data was ever received from ${silent.join(", ")}` };
+  if (up.length) return { ok, text: `${by}${lead}${land}still in the air: ${up.join(", ")}` };
+  if (armed.length) return { ok, text: `${by}${lead}on the ground, still armed: ${armed.join(", ")}` };
+  if (!all.length) return { ok, text: `${by}${lead}${land}this page has seen none in the air` };
+  const silent = runs.flatMap((run) => silentOf(run));
+  if (silent.length) return { ok, text: `${by}${lead}${all.map(({ name }) => name).join(", ")} down; no data was ever received from ${silent.join(", ")}` };
   const at = Math.max(...all.map(({ one }) => one.downAt));
-  const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`);
-  return { ok: true, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each.join(", ")})` };
+  const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`).join(", ");
+  if (!ok) return { ok, text: `${by}${lead}down: ${each}` };
+  return { ok, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each})` };
+}
+
+/** What has not confirmed an abort, and does not land by its own status. @param {Model} model @param {import("./model.js").Abort} abort */
+function unconfirmedNames(model, abort) {
+  const landing = (model.status?.campaigns ?? []).filter((/** @type {any} */ one) => one.stopped || one.is_over).map((/** @type {any} */ one) => one.folder);
+  return abort.unconfirmed.filter((one) => !landing.includes(one.folder)).map((one) => one.name);
+}
+
+/** The runs of which something was seen since a time. @param {Model} model @param {number} since ms since 1970 */
+function runsSince(model, since) {
+  return [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
+}
+
+/** The vehicles of a run that were never heard. @param {Run} run @returns {string[]} */
+function silentOf(run) {
+  return run.view.vehicles.map((/** @type {any} */ one) => one.name).filter((/** @type {string} */ name) => !run.flown.has(name));
 }
 
 /** The time of a run's newest state, if it is old. @param {Run} run */

@@ -16,6 +16,9 @@ const DOWN = /: down\b/;
  * @typedef {{key: string, scene: any, view: any, at: number, seenAt: number, flown: Map<string, Flown>, trails: Map<string, number[][]>,
  *   margins: Map<string, number[]>, largest: Map<string, number>, contacts: number[][], poses: Map<string, number[]>}} Run */
 
+/** isObeyed: by one flight at least. unconfirmed: the campaigns, and guards without one, that did not confirm it.
+ * @typedef {{who: string, at: number, ok: boolean, isObeyed: boolean, texts: string[], unconfirmed: {name: string, folder: string}[]}} Abort */
+
 export class Model {
   constructor() {
     /** @type {any} */ this.you = null;
@@ -34,7 +37,7 @@ export class Model {
     this.answer = null;
     /** The newest reply to this page. @type {{ok: boolean, text: string, at: number} | null} */
     this.reply = null;
-    /** The newest abort by this console. @type {{who: string, at: number, ok: boolean, texts: string[]} | null} */
+    /** The newest abort by this console. @type {Abort | null} */
     this.abort = null;
     this.isOver = false;
     this.changes = 0;
@@ -109,8 +112,10 @@ export class Model {
   takeCommand(message) {
     const when = (message.at_s ?? Date.now() / 1000) * 1000;
     this.note({ ...message, kind: "command", run: "", t_s: null, when });
-    // A second abort does not replace the first.
-    if (message.command === "abort" && !this.abort?.ok) this.abort = { who: message.who, at: when, ok: message.ok, texts: message.texts };
+    // A second abort does not replace the first, unless a flight does not confirm it.
+    if (message.command !== "abort" || (this.abort?.ok && message.ok)) return;
+    const { who, ok, texts, unconfirmed, is_obeyed: isObeyed } = message;
+    this.abort = { who, at: when, ok, isObeyed, texts, unconfirmed };
   }
 
   /** Guards report that a vehicle is down even if their program is dead. @param {any} status */
