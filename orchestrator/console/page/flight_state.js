@@ -167,9 +167,11 @@ function unconfirmedNames(model, abort) {
   return abort.unconfirmed.filter((one) => !landing.includes(one.folder)).map((one) => one.name);
 }
 
-/** The runs of which something was seen since a time. @param {Model} model @param {number} since ms since 1970 */
+/** The runs that an abort concerns: seen since a time, or with a vehicle that was not seen to come down before it.
+ * @param {Model} model @param {number} since ms since 1970 */
 function runsSince(model, since) {
-  return [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
+  const isOpen = (/** @type {import("./model.js").Flown} */ one) => one.isUp || one.armed || one.downAt >= since;
+  return [...model.runs.values()].filter((run) => run.flown.size && (run.seenAt >= since || [...run.flown.values()].some(isOpen)));
 }
 
 /** The vehicles of a run that were never heard. @param {Run} run @returns {string[]} */

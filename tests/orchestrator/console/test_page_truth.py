@@ -114,6 +114,12 @@ class FakeFeed:
 
         self.run(show())
 
+    def guards(self, *guards: dict[str, Any]) -> None:
+        async def show() -> None:
+            self._console.hub.show_status(status() | {"guards": guards})
+
+        self.run(show())
+
     def goodbye(self) -> None:
         async def say() -> None:
             self._console.hub.say_goodbye()

@@ -40,3 +40,30 @@ async def test_a_run_on_another_node_is_never_nothing_in_the_air(console: Consol
         wait_until(page, text("state"), "aborted, nothing in the air")
 
     await look(console, seen)
+
+
+async def test_a_vehicle_last_seen_up_is_not_forgotten_when_its_feed_falls_silent(
+    console: Console,
+) -> None:
+    follow = "/results/follow/2026"
+
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
+        page.value("{ window.now = Date.now; Date.now = () => window.now() - 6000; }")
+        feed.take(view("line/wil/1", run=f"{follow}/line/wil/1", vehicles=(vehicle("tail"),)))
+        wait_until(page, text("air"), "tail")
+        page.value("Date.now = window.now")
+        feed.take(view("large/wil/1"))
+        wait_until(page, text("air"), "real and twin")
+        page.press("Escape")
+        wait_until(page, text("reply"), "in the air: line/wil/1 tail")
+        feed.take(view("large/wil/1", vehicles=DOWN, t_s=15.0, stage="landed"))
+        wait_until(page, text("reply"), "still in the air: line/wil/1 tail")
+        assert "ALL DOWN" not in page.value(text("reply"))
+        # Its guard reports it down, though its program has died.
+        guard = {"name": "line", "folder": f"{follow}/line/wil/1", "is_answering": True}
+        feed.guards({**guard, "vehicles": {"tail": "down"}})
+        wait_until(page, text("reply"), "ALL DOWN at ")
+        assert "line/wil/1 tail" in page.value(text("reply"))
+
+    await look(console, seen)
