@@ -120,6 +120,10 @@ class FakeFeed:
 
         self.run(show())
 
+    def reload(self) -> None:
+        self.page.open(f"{self._console.origin}/")
+        wait_until(self.page, text("control"), "anna has control")
+
     def goodbye(self) -> None:
         async def say() -> None:
             self._console.hub.say_goodbye()
