@@ -174,7 +174,7 @@ function runsSince(model, since) {
   return [...model.runs.values()].filter((run) => run.flown.size && (run.seenAt >= since || [...run.flown.values()].some(isOpen)));
 }
 
-/** The vehicles of a run that were never heard. @param {Run} run @returns {string[]} */
+/** The vehicles of a run without any message so far. @param {Run} run @returns {string[]} */
 function silentOf(run) {
   return run.view.vehicles.map((/** @type {any} */ one) => one.name).filter((/** @type {string} */ name) => !run.flown.has(name));
 }

@@ -40,7 +40,7 @@ def test_the_first_time_stays_until_the_vehicle_is_up_again() -> None:
     assert times.at_s == {}
 
 
-def test_a_vehicle_that_was_never_heard_is_not_down() -> None:
+def test_a_vehicle_without_a_message_is_not_down() -> None:
     times = DownTimes()
     silent = structs.replace(vehicle("real", armed=False, landed="on_ground"), silent_s=None)
     times.take_view(view("large/wil/1", vehicles=(silent,)), 5.0)
