@@ -15,7 +15,7 @@ from orchestrator.operator.local_commands import (
     CommandReply,
     send_command,
     unconfirmed,
-    unconfirmed_text,
+    unconfirmed_texts,
 )
 from orchestrator.operator.operator_log import OperatorLog
 from orchestrator.operator.socket_client import NoAnswerError, ask
@@ -68,7 +68,7 @@ class CommandOutcome:
     def of(cls, replies: Sequence[CommandReply], flying: Places) -> "CommandOutcome":
         """Return the outcome of a command by its replies. flying: the flights it was sent to."""
         missing = unconfirmed(flying, replies)
-        notes = (f"{place.name}: {unconfirmed_text(place, flying)}" for place in missing)
+        notes = unconfirmed_texts(missing, flying, replies)
         texts = (*(reply.text for reply in replies), *notes)
         return cls(any(reply.ok for reply in replies), texts, missing)
 

@@ -71,17 +71,23 @@ def unconfirmed(flying: Places, replies: Iterable[CommandReply]) -> tuple[Place,
     return (*missing, *(guard for guard in orphans if guard not in confirmed))
 
 
-def unconfirmed_text(place: Place, flying: Places) -> str:
-    """Return in words that a campaign or guard has not confirmed a command, and what to do."""
-    who = (
-        "neither its program nor the guard of each of its runs has confirmed the command"
-        if place in flying.campaigns
-        else "the guard has not confirmed the command"
-    )
-    return (
-        f"{who}; `wil-campaign watch` shows its vehicles: send the command again, or land them by "
-        "the transmitter"
-    )
+def unconfirmed_texts(
+    missing: Iterable[Place], flying: Places, replies: Iterable[CommandReply]
+) -> Iterator[str]:
+    """Yield in words what has not confirmed a command; a refusal, with its reason, is a reply."""
+    refusing = {reply.place for reply in replies if reply.answered}
+    for place in missing:
+        if place in refusing:
+            continue
+        who = (
+            "neither its program nor the guard of each of its runs has confirmed the command"
+            if place in flying.campaigns
+            else "the guard has not confirmed the command"
+        )
+        yield (
+            f"{place.name}: {who}; `wil-campaign watch` shows its vehicles: send the command "
+            "again, or land them by the transmitter"
+        )
 
 
 def asked_of(flying: Places, replies: Iterable[CommandReply]) -> Places:

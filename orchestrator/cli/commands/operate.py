@@ -14,7 +14,7 @@ from orchestrator.operator.local_commands import (
     asked_of,
     send_command,
     unconfirmed,
-    unconfirmed_text,
+    unconfirmed_texts,
 )
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.core.operator_command import OperatorKind
@@ -141,8 +141,8 @@ def _check(replies: list[CommandReply], flying: Places) -> int:
     if not obeying:
         return NONE_OBEYED
     missing = unconfirmed(flying, replies)
-    for place in missing:
-        err(f"{place.name}: {unconfirmed_text(place, flying)}")
+    for text in unconfirmed_texts(missing, flying, replies):
+        err(text)
     late = [one for one in flying.campaigns if one in obeying and not _is_acknowledged(one)]
     return NONE_OBEYED if missing or late else 0
 

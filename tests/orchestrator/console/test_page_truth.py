@@ -348,3 +348,12 @@ async def test_an_abort_is_answered_for_each_campaign(
             assert reply["ok"] is ok
             assert reply["is_obeyed"]
             assert "hall: " in reply["text"]
+
+
+async def test_a_refused_command_has_its_reason_alone(console: Console) -> None:
+    client = await console.client("operator")
+    for ok, said in ((True, "held: 1 run"), (False, "gate: hold: all vehicles hold already")):
+        done = await console.post(client, "/command", {"command": "hold"})
+        reply = await done.json()
+        assert (reply["ok"], said in reply["text"]) == (ok, True)
+    assert reply["text"] == "gate: hold: all vehicles hold already"
