@@ -157,13 +157,19 @@ class ConsoleServer:
         self._access.require_command(session, command.kind)
         if command.kind == "geofence":
             check_fence(command.document, self._hub.views())
-        replies = await self._sender.send(command, f"{NAME_PREFIX}{session.name}")
-        ok = any(reply.ok for reply in replies)
-        texts = [reply.text for reply in replies]
+        outcome = await self._sender.send(command, f"{NAME_PREFIX}{session.name}")
+        about = {"command": command.kind, "who": session.name, "is_obeyed": outcome.is_obeyed}
+        missing = [{"name": one.name, "folder": str(one.folder)} for one in outcome.unconfirmed]
         self._hub.show_command(
-            {"command": command.kind, "who": session.name, "ok": ok, "texts": texts}
+            {**about, "ok": outcome.ok, "texts": outcome.texts, "unconfirmed": missing}
         )
-        return web.json_response({"ok": ok, "text": "; ".join(texts)})
+        return web.json_response(
+            {
+                "ok": outcome.ok,
+                "is_obeyed": outcome.is_obeyed,
+                "text": "; ".join(outcome.texts),
+            }
+        )
 
     async def _control(self, request: web.Request) -> web.StreamResponse:
         session = self._session(request)

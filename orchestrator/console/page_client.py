@@ -115,15 +115,18 @@ def as_text(document: Any) -> str:
     return msgspec.json.encode(document).decode()
 
 
-def image_packet(image: ImageView) -> bytes:
-    """Return an image for the page: the length of its head, the head as JSON, the JPEG."""
+def image_packet(image: ImageView, *, waited_s: float = 0.0) -> bytes:
+    """Return an image for the page: the length of its head, the head as JSON, the JPEG.
+
+    waited_s: the time since it was received, which is added to its age.
+    """
     head = msgspec.json.encode(
         {
             "run": image.run,
             "name": image.name,
             "seq": image.seq,
             "t_s": image.t_s,
-            "age_s": image.age_s,
+            "age_s": image.age_s + waited_s,
             "width_px": image.width_px,
             "height_px": image.height_px,
             "rendered": image.rendered,

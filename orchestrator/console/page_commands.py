@@ -3,14 +3,20 @@
 import asyncio
 import json
 import secrets
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, cast, get_args
 
 from orchestrator.console.console_access import AccessError
-from orchestrator.operator.campaign_records import Places
+from orchestrator.operator.campaign_records import Place, Places
 from orchestrator.operator.flight_scope import FlightScope
-from orchestrator.operator.local_commands import CommandReply, send_command
+from orchestrator.operator.local_commands import (
+    CommandReply,
+    send_command,
+    unconfirmed,
+    unconfirmed_texts,
+)
 from orchestrator.operator.operator_log import OperatorLog
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.core.operator_command import OperatorKind
@@ -42,6 +48,31 @@ class PageCommand:
         return cls(cast("OperatorKind", kind), fences)
 
 
+@dataclass(frozen=True, slots=True)
+class CommandOutcome:
+    """What became of a command from a page. texts: the replies.
+
+    is_obeyed: by one flight at least. unconfirmed: the flights that did not confirm it.
+    """
+
+    is_obeyed: bool
+    texts: tuple[str, ...]
+    unconfirmed: tuple[Place, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether each flight has confirmed the command."""
+        return self.is_obeyed and not self.unconfirmed
+
+    @classmethod
+    def of(cls, replies: Sequence[CommandReply], flying: Places) -> "CommandOutcome":
+        """Return the outcome of a command by its replies. flying: the flights it was sent to."""
+        missing = unconfirmed(flying, replies)
+        notes = unconfirmed_texts(missing, flying, replies)
+        texts = (*(reply.text for reply in replies), *notes)
+        return cls(any(reply.ok for reply in replies), texts, missing)
+
+
 class CommandSender:
     """Sends commands to a scope's flights in threads, so that an abort never waits."""
 
@@ -49,8 +80,8 @@ class CommandSender:
         self._scope = scope
         self._threads = ThreadPoolExecutor(_THREADS, thread_name_prefix="command")
 
-    async def send(self, command: PageCommand, who: str) -> list[CommandReply]:
-        """Send a command; return the replies."""
+    async def send(self, command: PageCommand, who: str) -> CommandOutcome:
+        """Send a command; return what became of it."""
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._threads, self._send, command, who)
 
@@ -62,17 +93,18 @@ class CommandSender:
         """End the threads, after the commands in progress."""
         self._threads.shutdown(wait=True)
 
-    def _send(self, command: PageCommand, who: str) -> list[CommandReply]:
+    def _send(self, command: PageCommand, who: str) -> CommandOutcome:
         try:
             flying = self._scope.places()
         except OSError as error:
-            return [CommandReply(ok=False, text=str(error))]
+            return CommandOutcome(is_obeyed=False, texts=(str(error),))
         if not flying.campaigns and not flying.guards:
             where = "on this machine" if self._scope.is_whole_machine else "for this console"
-            return [CommandReply(ok=False, text=f"no campaign is in flight {where}")]
+            return CommandOutcome(is_obeyed=False, texts=(f"no campaign is in flight {where}",))
         if command.kind == "geofence":
-            return [_change_fences(flying, command.document, who)]
-        return list(send_command(flying, command.kind, who))
+            reply = _change_fences(flying, command.document, who)
+            return CommandOutcome(is_obeyed=reply.ok, texts=(reply.text,))
+        return CommandOutcome.of(list(send_command(flying, command.kind, who)), flying)
 
     def _record(self, text: str) -> None:
         try:

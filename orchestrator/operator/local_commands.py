@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +14,15 @@ from safety.guard.core.operator_command import OperatorKind
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """The reply of one campaign or guard to a command, in words."""
+    """The reply of one campaign or guard to a command, in words.
+
+    place: the campaign or guard; None for a command that was not sent. answered: by its socket.
+    """
 
     ok: bool
     text: str
+    place: Place | None = None
+    answered: bool = False
 
 
 def tell_guards(folder: Path, who: str) -> None:
@@ -47,6 +52,53 @@ def abort_place(flying: Places, who: str, *, node: str, bench: str) -> Iterator[
         yield _send_to_socket(campaign, "abort", who, **names)
 
 
+def unconfirmed(flying: Places, replies: Iterable[CommandReply]) -> tuple[Place, ...]:
+    """Return the campaigns and guards among flights that have not confirmed a command.
+
+    A campaign's program confirms it, or the guard of each of its runs; a program that has ended
+    has only its guards. The guard of a run without a campaign confirms it by itself.
+    """
+    confirmed = {reply.place for reply in replies if reply.ok}
+    missing = []
+    orphans = list(flying.guards)
+    for campaign in flying.campaigns:
+        own = flying.guards_of(campaign)
+        orphans = [guard for guard in orphans if guard not in own]
+        has_ended = campaign.process is not None and not campaign.process.lives
+        by_guards = bool(own or has_ended) and confirmed.issuperset(own)
+        if campaign not in confirmed and not by_guards:
+            missing.append(campaign)
+    return (*missing, *(guard for guard in orphans if guard not in confirmed))
+
+
+def unconfirmed_texts(
+    missing: Iterable[Place], flying: Places, replies: Iterable[CommandReply]
+) -> Iterator[str]:
+    """Yield in words what has not confirmed a command; a refusal, with its reason, is a reply."""
+    refusing = {reply.place for reply in replies if reply.answered}
+    for place in missing:
+        if place in refusing:
+            continue
+        who = (
+            "neither its program nor the guard of each of its runs has confirmed the command"
+            if place in flying.campaigns
+            else "the guard has not confirmed the command"
+        )
+        yield (
+            f"{place.name}: {who}; `wil-campaign watch` shows its vehicles: send the command "
+            "again, or land them by the transmitter"
+        )
+
+
+def asked_of(flying: Places, replies: Iterable[CommandReply]) -> Places:
+    """Return the campaigns that a command for one node or bench concerns, by their replies.
+
+    A campaign that refuses it has no run there; one that does not answer may have one.
+    """
+    refusing = {reply.place for reply in replies if reply.answered and not reply.ok}
+    return Places(tuple(one for one in flying.campaigns if one not in refusing), ())
+
+
 def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
     """Send abort to all sockets at once, so that none delays another; signal those that fail."""
     everyone = (*flying.guards, *flying.campaigns)
@@ -69,12 +121,14 @@ def _signal(place: Place) -> Iterator[CommandReply]:
         yield CommandReply(
             ok=False,
             text=f"{place.name}: SIGTERM cannot be sent to process {process.pid}: {error.strerror}",
+            place=place,
         )
         return
     yield CommandReply(
         ok=False,
         text=f"{place.name}: SIGTERM was sent to process {process.pid}; `wil-campaign watch` shows "
         "whether it lands",
+        place=place,
     )
 
 
@@ -86,7 +140,7 @@ def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comm
         try:
             answer = ask(campaign.socket, kind, who=who)
         except NoAnswerError as error:
-            yield CommandReply(ok=False, text=str(error))
+            yield _no_answer(campaign, error)
             continue
         yield _reply(campaign, answer)
         orphans = [one for one in orphans if one not in own]
@@ -99,9 +153,15 @@ def _send_to_socket(place: Place, kind: OperatorKind, who: str, **more: str) -> 
     try:
         return _reply(place, ask(place.socket, kind, who=who, **more))
     except NoAnswerError as error:
-        return CommandReply(ok=False, text=str(error))
+        return _no_answer(place, error)
+
+
+def _no_answer(place: Place, error: NoAnswerError) -> CommandReply:
+    """Return the reply for a socket that does not answer."""
+    return CommandReply(ok=False, text=f"{place.name}: {error}", place=place)
 
 
 def _reply(place: Place, answer: dict[str, object]) -> CommandReply:
     """Return a socket's answer to an operator's command as a reply."""
-    return CommandReply(ok=answer.get("ok") is True, text=f"{place.name}: {answer.get('text', '')}")
+    text = f"{place.name}: {answer.get('text', '')}"
+    return CommandReply(ok=answer.get("ok") is True, text=text, place=place, answered=True)

@@ -8,14 +8,21 @@ from pathlib import Path
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.operator.acknowledgements import WITHIN_S, runs_text
 from orchestrator.operator.campaign_records import Place, Places, places
-from orchestrator.operator.local_commands import CommandReply, abort_place, send_command
+from orchestrator.operator.local_commands import (
+    CommandReply,
+    abort_place,
+    asked_of,
+    send_command,
+    unconfirmed,
+    unconfirmed_texts,
+)
 from orchestrator.operator.socket_client import NoAnswerError, ask
 from safety.guard.core.operator_command import OperatorKind
 from safety.guard.process.runtime_folder import unsafe_folders
 
 _POLL_S = 0.1
 NONE_OBEYED = 3
-"""The exit code when no run is in flight, or none obeyed."""
+"""The exit code when no run is in flight, or a flight does not confirm a command."""
 
 
 def abort(
@@ -49,7 +56,8 @@ def abort(
     if flying is None:
         return NONE_OBEYED
     replies = abort_place(flying, f"cli:{who or account()}", node=node or "", bench=bench or "")
-    return _show(replies, flying)
+    shown = _show(replies)
+    return _check(shown, asked_of(flying, shown))
 
 
 def hold(folder: Path | None = None, *, who: str | None = None) -> int:
@@ -115,45 +123,66 @@ def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
     flying = find_campaigns(folder)
     if flying is None:
         return NONE_OBEYED
-    return _show(send_command(flying, kind, f"cli:{who or account()}"), flying)
+    return _check(_show(send_command(flying, kind, f"cli:{who or account()}")), flying)
 
 
-def _show(replies: Iterable[CommandReply], flying: Places) -> int:
-    """Print the replies to a command, and which runs acknowledge it; return the exit code."""
-    is_obeyed = False
+def _show(replies: Iterable[CommandReply]) -> list[CommandReply]:
+    """Print the replies to a command as they come; return them."""
+    shown = []
     for reply in replies:
         (out if reply.ok else err)(reply.text)
-        is_obeyed = is_obeyed or reply.ok
-    if not is_obeyed:
+        shown.append(reply)
+    return shown
+
+
+def _check(replies: list[CommandReply], flying: Places) -> int:
+    """Print which runs acknowledge a command, and which flights do not; return the exit code."""
+    obeying = {reply.place for reply in replies if reply.ok}
+    if not obeying:
         return NONE_OBEYED
-    missing = [run for campaign in flying.campaigns for run in _print_acknowledgements(campaign)]
-    return NONE_OBEYED if missing else 0
+    missing = unconfirmed(flying, replies)
+    for text in unconfirmed_texts(missing, flying, replies):
+        err(text)
+    late = [one for one in flying.campaigns if one in obeying and not _is_acknowledged(one)]
+    return NONE_OBEYED if missing or late else 0
 
 
-def _print_acknowledgements(campaign: Place) -> list[str]:
-    """Print which runs of a campaign acknowledge the newest command; return those that do not.
+def _is_acknowledged(campaign: Place) -> bool:
+    """Print which runs of a campaign acknowledge the newest command; return whether all do.
 
     A campaign that has ended meanwhile has none in flight.
     """
     due_s = time.monotonic() + WITHIN_S
     while True:
-        try:
-            found = ask(campaign.socket, "status", who="operator").get("acknowledged")
-        except NoAnswerError:
-            return []
-        if not isinstance(found, dict):
-            return []
-        if not found["waiting"] or time.monotonic() > due_s:
+        found = _acknowledged(campaign)
+        is_complete = found is not None and not found.get("waiting")
+        if is_complete or time.monotonic() > due_s:
             break
         time.sleep(_POLL_S)
-    if found["by"]:
+    if found is None:
+        err(
+            f"{campaign.name}: it does not answer any more: whether its runs have acknowledged the "
+            "command is not known; `wil-campaign watch` shows them"
+        )
+        return False
+    if found.get("by"):
         out(f"{campaign.name}: acknowledged by {runs_text(found['by'])}")
-    if found["waiting"]:
+    if found.get("waiting"):
         err(
             f"{campaign.name}: not acknowledged within {WITHIN_S:g} s by "
             f"{runs_text(found['waiting'])}; `wil-campaign watch` shows them"
         )
-    return list(found["waiting"])
+    return is_complete
+
+
+def _acknowledged(campaign: Place) -> dict[str, dict[str, str]] | None:
+    """Return a campaign's acknowledgements, none of one that has ended; None without an answer."""
+    try:
+        found = ask(campaign.socket, "status", who="operator").get("acknowledged")
+    except NoAnswerError:
+        flying = list_flights(campaign.folder)
+        return None if flying is None or campaign in flying.campaigns else {}
+    return found if isinstance(found, dict) else {}
 
 
 def account() -> str:

@@ -8,7 +8,7 @@ import { by } from "./panels/dom.js";
 const WAIT_MS = 5000;
 
 /** Send a request; return its reply, or a failure if the server does not answer.
- * @param {string} path @param {any} body @returns {Promise<{ok: boolean, text: string}>} */
+ * @param {string} path @param {any} body @returns {Promise<{ok: boolean, is_obeyed?: boolean, text: string}>} */
 export async function showReply(path, body) {
   try {
     const response = await fetch(path, {
@@ -32,8 +32,8 @@ export function wireCommands(model) {
   const send = async (command) => {
     model.say(true, `${command}: sent`);
     const reply = await showReply("/command", { command });
-    // The head shows the progress of an abort.
-    if (command === "abort" && reply.ok) model.reply = null;
+    // The head shows the progress of an abort, and what did not confirm it.
+    if (command === "abort" && reply.is_obeyed) model.reply = null;
     else model.say(reply.ok, reply.text);
     model.changes += 1;
   };

@@ -70,21 +70,48 @@ export function aloft(model) {
       one.isUp || one.armed ? [{ run, name, isUp: one.isUp, armed: one.armed, hasLink: one.hasLink, age_s: (now - run.at) / 1000 }] : []));
 }
 
+/** Where a run flies that this page does not see, and its stage by the campaign's status.
+ * @typedef {{folder: string, place: string, stage: string}} Unseen */
+
+/** The runs in flight whose present state this page does not see, as on other nodes. @param {Model} model @returns {Unseen[]} */
+function unseen(model) {
+  const now = performance.now();
+  const campaigns = (model.status?.campaigns ?? []).filter((/** @type {any} */ one) => !one.is_over);
+  return campaigns.flatMap((/** @type {any} */ campaign) =>
+    Object.entries(campaign.flying ?? {}).flatMap(([name, one]) => {
+      const run = model.runs.get(`${campaign.folder}/${name}`);
+      const isSeen = run?.view && (run.view.stage === "end" || now - run.at < OLD_S * 1000);
+      return isSeen ? [] : [{ folder: campaign.folder, place: one.place ?? "", stage: one.stage }];
+    }));
+}
+
+/** The number of runs that are not seen, and their stages, per place; empty without any. @param {Unseen[]} runs */
+function unseenText(runs) {
+  const places = [...new Set(runs.map((one) => one.place))];
+  return places.map((place) => {
+    const there = runs.filter((one) => one.place === place);
+    const where = place && (place.startsWith("bench ") ? ` on ${place}` : ` on node ${place}`);
+    const stages = [...new Set(there.map((one) => one.stage))].join(", ");
+    return `${there.length} ${there.length === 1 ? "run" : "runs"}${where}, state not seen here: stage ${stages}`;
+  }).join("; ");
+}
+
 /** The vehicles in the air over all runs of this console, as text. @param {Model} model */
 export function airText(model) {
-  if (!model.runs.size) return "no data";
+  const notSeen = unseenText(unseen(model));
+  if (!model.runs.size) return notSeen || "no data";
   const all = aloft(model);
   const up = all.filter((one) => one.isUp);
   if (!up.length) {
-    const armed = all.map((one) => nameOf(model, one));
-    return armed.length ? `nothing; on the ground, armed: ${armed.join(", ")}` : "nothing";
+    const armed = all.length ? `on the ground, armed: ${all.map((one) => nameOf(model, one)).join(", ")}` : "";
+    return [notSeen || "nothing", armed].filter(Boolean).join("; ");
   }
   const runs = new Set(up.map((one) => one.run));
   const texts = [...runs].map((run) => {
     const names = up.filter((one) => one.run === run).map((one) => nameOf(model, one)).join(" and ");
     return runs.size > 1 || run !== model.run ? `${names} of ${runName(run.key)}` : names;
   });
-  return `${model.mode === "recorded" ? "then: " : ""}${texts.join("; ")}`;
+  return `${model.mode === "recorded" ? "then: " : ""}${[...texts, notSeen].filter(Boolean).join("; ")}`;
 }
 
 /** A vehicle's name with warnings: hardware, a lost link, or old data.
@@ -105,28 +132,51 @@ export function isIdle(model) {
   return !status.guards.length && status.campaigns.every((/** @type {any} */ one) => one.is_over);
 }
 
-/** The progress of an abort, per vehicle; null without one.
+/** The progress of an abort, per vehicle; null without one. ALL DOWN only where each flight has confirmed it, and is seen.
  * @param {Model} model @returns {{ok: boolean, text: string} | null} */
 export function abortText(model) {
   const { abort } = model;
   if (!abort) return null;
   const by = `ABORT by ${abort.who} at ${clock(abort.at)}`;
-  if (!abort.ok) return { ok: false, text: `${by} FAILED: ${abort.texts.join("; ")}` };
-  const since = abort.at - BEFORE_ABORT_MS;
-  const runs = [...model.runs.values()].filter((run) => run.flown.size && run.seenAt >= since);
+  if (!abort.isObeyed) return { ok: false, text: `${by} FAILED: ${abort.texts.join("; ")}` };
+  const missing = unconfirmedNames(model, abort);
+  const ok = !missing.length;
+  const notSeen = unseenText(unseen(model));
+  const also = notSeen && `; ${notSeen}`;
+  const lead = ok ? ": " : ` NOT CONFIRMED by ${missing.join(", ")}: press ABORT again, or land by the transmitter; `;
+  const land = ok ? "all vehicles land; " : "";
+  const runs = runsSince(model, abort.at - BEFORE_ABORT_MS);
   const several = runs.length > 1;
   const all = runs.flatMap((run) => flownOf(run).map(([name, one]) => ({ name: several ? `${runName(run.key)} ${name}` : name, one, run })));
   const up = all.filter(({ one }) => one.isUp).map(({ name, run }) => name + oldText(run));
   const armed = all.filter(({ one }) => !one.isUp && one.armed).map(({ name, run }) => name + oldText(run));
-  if (up.length) return { ok: true, text: `${by}: all vehicles land; still in the air: ${up.join(", ")}` };
-  if (armed.length) return { ok: true, text: `${by}: on the ground, still armed: ${armed.join(", ")}` };
-  if (!all.length) return { ok: true, text: `${by}: all vehicles land; this page has seen none in the air` };
-  const known = runs.flatMap((run) => run.view.vehicles.map((/** @type {any} */ one) => ({ run, name: one.name })));
-  const silent = known.filter(({ run, name }) => !run.flown.has(name)).map(({ name }) => name);
-  if (silent.length) return { ok: true, text: `${by}: ${all.map(({ name }) => name).join(", ")} down; no data was ever received from ${silent.join(", ")}` };
+  if (up.length) return { ok, text: `${by}${lead}${land}still in the air: ${up.join(", ")}${also}` };
+  if (armed.length) return { ok, text: `${by}${lead}on the ground, still armed: ${armed.join(", ")}${also}` };
+  if (!all.length) return { ok, text: `${by}${lead}${land}this page has seen none in the air${also}` };
+  const silent = runs.flatMap((run) => silentOf(run));
+  if (silent.length) return { ok, text: `${by}${lead}${all.map(({ name }) => name).join(", ")} down; no data was ever received from ${silent.join(", ")}${also}` };
   const at = Math.max(...all.map(({ one }) => one.downAt));
-  const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`);
-  return { ok: true, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each.join(", ")})` };
+  const each = all.map(({ name, one }) => `${name} ${one.downAt < abort.at ? "was down before" : clock(one.downAt)}`).join(", ");
+  if (!ok || notSeen) return { ok, text: `${by}${lead}down: ${each}${also}` };
+  return { ok, text: at < abort.at ? `${by}: all vehicles were down already` : `${by}. ALL DOWN at ${clock(at)} (${each})` };
+}
+
+/** What has not confirmed an abort, and does not land by its own status. @param {Model} model @param {import("./model.js").Abort} abort */
+function unconfirmedNames(model, abort) {
+  const landing = (model.status?.campaigns ?? []).filter((/** @type {any} */ one) => one.stopped || one.is_over).map((/** @type {any} */ one) => one.folder);
+  return abort.unconfirmed.filter((one) => !landing.includes(one.folder)).map((one) => one.name);
+}
+
+/** The runs that an abort concerns: seen since a time, or with a vehicle that was not seen to come down before it.
+ * @param {Model} model @param {number} since ms since 1970 */
+function runsSince(model, since) {
+  const isOpen = (/** @type {import("./model.js").Flown} */ one) => one.isUp || one.armed || one.downAt >= since;
+  return [...model.runs.values()].filter((run) => run.flown.size && (run.seenAt >= since || [...run.flown.values()].some(isOpen)));
+}
+
+/** The vehicles of a run without any message so far. @param {Run} run @returns {string[]} */
+function silentOf(run) {
+  return run.view.vehicles.map((/** @type {any} */ one) => one.name).filter((/** @type {string} */ name) => !run.flown.has(name));
 }
 
 /** The time of a run's newest state, if it is old. @param {Run} run */
@@ -158,8 +208,12 @@ function wordOf(model, campaign) {
   if (campaign.is_over || model.isOver) return campaign.stopped ? "ended, aborted" : "ended";
   if (!campaign.is_answering) return `the campaign does not answer: ${campaign.problem}`;
   const isUp = aloft(model).some((one) => one.isUp && one.run.key.startsWith(`${campaign.folder}/`));
-  if (campaign.stopped) return isUp ? "aborted: landing, no further runs" : "aborted, nothing in the air";
-  if (campaign.held) return "HELD by the operator";
-  if (isUp) return "flying";
+  const notSeen = unseenText(unseen(model).filter((one) => one.folder === campaign.folder));
+  const also = notSeen && `; ${notSeen}`;
+  if (campaign.stopped && isUp) return `aborted: landing, no further runs${also}`;
+  if (campaign.stopped) return notSeen ? `aborted: ${notSeen}` : "aborted, nothing in the air";
+  if (campaign.held) return `HELD by the operator${also}`;
+  if (isUp) return `flying${also}`;
+  if (notSeen) return notSeen;
   return Object.keys(campaign.flying ?? {}).length ? "on the ground, nothing in the air" : "between runs, nothing in the air";
 }

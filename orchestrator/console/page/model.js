@@ -7,14 +7,16 @@ const HISTORY = 120;
 const MOST_EVENTS = 400;
 const MOST_RUNS = 24;
 const LATE_MS = 5000;
-const DOWN = /: down\b/;
 
 /** The known state of a vehicle; downAt: since when it is down (ms since 1970).
  * @typedef {{isUp: boolean, armed: boolean, hasLink: boolean, downAt: number}} Flown */
 
-/** at: arrival of the newest state, on the page's clock; seenAt: the same, ms since 1970.
+/** at: reception of the newest state, on the page's clock; seenAt: the same by the server's clock, ms since 1970.
  * @typedef {{key: string, scene: any, view: any, at: number, seenAt: number, flown: Map<string, Flown>, trails: Map<string, number[][]>,
  *   margins: Map<string, number[]>, largest: Map<string, number>, contacts: number[][], poses: Map<string, number[]>}} Run */
+
+/** isObeyed: by one flight at least. unconfirmed: the campaigns, and guards without one, that did not confirm it.
+ * @typedef {{who: string, at: number, ok: boolean, isObeyed: boolean, texts: string[], unconfirmed: {name: string, folder: string}[]}} Abort */
 
 export class Model {
   constructor() {
@@ -34,7 +36,7 @@ export class Model {
     this.answer = null;
     /** The newest reply to this page. @type {{ok: boolean, text: string, at: number} | null} */
     this.reply = null;
-    /** The newest abort by this console. @type {{who: string, at: number, ok: boolean, texts: string[]} | null} */
+    /** The newest abort by this console. @type {Abort | null} */
     this.abort = null;
     this.isOver = false;
     this.changes = 0;
@@ -83,7 +85,7 @@ export class Model {
         break;
       case "status":
         this.status = message;
-        this.statusAt = performance.now();
+        this.statusAt = performance.now() - ageMs(message);
         this.takeAnswers(message);
         this.takeGuards(message);
         break;
@@ -109,16 +111,16 @@ export class Model {
   takeCommand(message) {
     const when = (message.at_s ?? Date.now() / 1000) * 1000;
     this.note({ ...message, kind: "command", run: "", t_s: null, when });
-    // A second abort does not replace the first.
-    if (message.command === "abort" && !this.abort?.ok) this.abort = { who: message.who, at: when, ok: message.ok, texts: message.texts };
+    // A second abort does not replace the first, unless a flight does not confirm it.
+    if (message.command !== "abort" || (this.abort?.ok && message.ok)) return;
+    const { who, ok, texts, unconfirmed, is_obeyed: isObeyed } = message;
+    this.abort = { who, at: when, ok, isObeyed, texts, unconfirmed };
   }
 
   /** Guards report that a vehicle is down even if their program is dead. @param {any} status */
   takeGuards(status) {
     for (const guard of status.guards) {
-      for (const [name, phase] of Object.entries(guard.vehicles ?? {})) {
-        if (phase === "down") this.takeDown(this.runs.get(guard.folder), name, Date.now());
-      }
+      for (const [name, at_s] of Object.entries(guard.down_at_s ?? {})) this.takeDown(this.runs.get(guard.folder), name, Number(at_s) * 1000);
     }
   }
 
@@ -180,11 +182,11 @@ export class Model {
       run.contacts = [];
     }
     run.view = view;
-    run.at = performance.now();
-    run.seenAt = Date.now();
+    run.at = performance.now() - ageMs(view);
+    run.seenAt = view.at_s * 1000;
     for (const vehicle of view.vehicles) {
       // Arming after an abort begins another flight.
-      if (takeFlown(run, vehicle)) this.abort = null;
+      if (takeFlown(run, vehicle, view.down_at_s[vehicle.name])) this.abort = null;
       const place = vehicle.position_ned_m;
       if (!place || place.some((/** @type {any} */ one) => one === null)) continue;
       run.poses.set(vehicle.name, place);
@@ -215,11 +217,9 @@ export class Model {
     }
     // The newest state may be slightly older than the run's end.
     if (event.kind === "stage" && run.view && event.t_s >= run.view.t_s) run.view.stage = event.word;
-    const when = timeOf(event, run);
-    const isDown = (event.kind === "guard" && DOWN.test(event.text)) || (event.kind === "vehicle" && event.word === "disarmed");
-    // An event may arrive after newer states.
-    if (isDown && event.vehicle && run.view && event.t_s >= run.view.t_s) this.takeDown(run, event.vehicle, when);
-    this.note({ ...event, when });
+    // A page that joins gets the events before the state, which has the times then.
+    if (event.down_at_s !== null && run.view) this.takeDown(run, event.vehicle, event.down_at_s * 1000);
+    this.note({ ...event, when: timeOf(event, run) });
   }
 
   /** @param {any} event */
@@ -230,24 +230,29 @@ export class Model {
 }
 
 /** Record whether a vehicle is up, or since when it is down; nothing before its first message.
- * @param {Run} run @param {any} vehicle @returns {boolean} whether it was down, and is armed now */
-function takeFlown(run, vehicle) {
-  if (vehicle.silent_s === null) return false;
-  const isUp = vehicle.landed ? vehicle.landed !== "on_ground" : vehicle.armed;
+ * @param {Run} run @param {any} vehicle @param {number | undefined} down_at_s since 1970, by the server, which may know by its guard
+ * @returns {boolean} whether it was down, and is armed now */
+function takeFlown(run, vehicle, down_at_s) {
+  const isDown = down_at_s !== undefined;
+  if (vehicle.silent_s === null && !isDown) return false;
+  const isUp = !isDown && (vehicle.landed ? vehicle.landed !== "on_ground" : vehicle.armed);
   const before = run.flown.get(vehicle.name);
-  const isDown = !isUp && !vehicle.armed;
   const wasDown = before && !before.isUp && !before.armed;
-  const downAt = isDown ? (wasDown ? before.downAt : run.seenAt) : 0;
-  run.flown.set(vehicle.name, { isUp, armed: vehicle.armed, hasLink: vehicle.link_up, downAt });
+  run.flown.set(vehicle.name, { isUp, armed: !isDown && vehicle.armed, hasLink: vehicle.link_up, downAt: isDown ? down_at_s * 1000 : 0 });
   // A state may be slightly older than its guard's message.
   return before !== undefined && Boolean(wasDown) && !isDown && run.seenAt - before.downAt > LATE_MS;
 }
 
-/** The time of an event, ms since 1970: by the run's clock if that is the wall clock, else its arrival.
+/** The time of an event, ms since 1970: by the run's clock if that is the wall clock, else its reception.
  * @param {any} event @param {Run} run */
 function timeOf(event, run) {
   const epoch = run.scene?.epoch_s;
-  return epoch && event.t_s !== null ? (epoch + event.t_s) * 1000 : Date.now();
+  return (epoch && event.t_s !== null ? epoch + event.t_s : event.at_s) * 1000;
+}
+
+/** The age of a message that the server kept for pages that join later, ms. @param {any} message */
+function ageMs(message) {
+  return message.age_s * 1000;
 }
 
 /** @param {number[]} a @param {number[]} b */

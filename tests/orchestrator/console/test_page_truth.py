@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,8 +16,10 @@ from orchestrator.live_feed.feed_messages import (
     RunView,
     VehicleView,
 )
+from orchestrator.operator.campaign_records import Place, Places, places
 from tests.orchestrator.console.conftest import Console
 from tests.orchestrator.console.test_two_operators import join, wait_until
+from tests.orchestrator.operator.controllers import silent_place
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import CAMPAIGN, WORLD
 
@@ -110,6 +113,16 @@ class FakeFeed:
             self._console.hub.show_status(status(**changes))
 
         self.run(show())
+
+    def guards(self, *guards: dict[str, Any]) -> None:
+        async def show() -> None:
+            self._console.hub.show_status(status() | {"guards": guards})
+
+        self.run(show())
+
+    def reload(self) -> None:
+        self.page.open(f"{self._console.origin}/")
+        wait_until(self.page, text("control"), "anna has control")
 
     def goodbye(self) -> None:
         async def say() -> None:
@@ -290,3 +303,57 @@ async def test_two_campaigns_are_both_named_and_what_is_up_counts_over_all(
         assert "line/wil/1" in page.value(text("air"))
 
     await look(console, seen)
+
+
+async def test_an_abort_that_one_of_two_campaigns_does_not_confirm_is_red_and_names_it(
+    console: Console, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (gate,) = places().campaigns
+    with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
+        flying = Places((gate, hall), ())
+        monkeypatch.setattr("orchestrator.operator.flight_scope.places", lambda: flying)
+
+        def seen(feed: FakeFeed) -> None:
+            page = feed.page
+            feed.take(view("large/wil/1"))
+            feed.status(flying={"large/wil/1": {"stage": "goal"}})
+            wait_until(page, text("air"), "real and twin")
+            page.press("Escape")
+            wait_until(page, text("reply"), "NOT CONFIRMED by hall")
+            wait_until(page, text("reply"), "still in the air: real, twin")
+            assert page.value("document.getElementById('reply').className") == "reply bad"
+            down = tuple(vehicle(one, armed=False, landed="on_ground") for one in ("real", "twin"))
+            feed.take(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
+            wait_until(page, text("reply"), "down: real")
+            assert "NOT CONFIRMED by hall" in page.value(text("reply"))
+            assert "ALL DOWN" not in page.value(text("reply"))
+
+        await look(console, seen)
+    assert console.commands() == [("abort", "console:anna")]
+
+
+async def test_an_abort_is_answered_for_each_campaign(
+    console: Console, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (gate,) = places().campaigns
+    client = await console.client("operator")
+    folder = short_folder / "hall"
+    with silent_place("hall", folder, short_folder / "hall.sock") as hall:
+        guard = Place("hall's run", folder / "large/wil/1", gate.socket)
+        for guards, ok in (((), False), ((guard,), True)):
+            flying = Places((gate, hall), guards)
+            monkeypatch.setattr("orchestrator.operator.flight_scope.places", lambda: flying)  # noqa: B023
+            done = await console.post(client, "/command", {"command": "abort"})
+            reply = await done.json()
+            assert reply["ok"] is ok
+            assert reply["is_obeyed"]
+            assert "hall: " in reply["text"]
+
+
+async def test_a_refused_command_has_its_reason_alone(console: Console) -> None:
+    client = await console.client("operator")
+    for ok, said in ((True, "held: 1 run"), (False, "gate: hold: all vehicles hold already")):
+        done = await console.post(client, "/command", {"command": "hold"})
+        reply = await done.json()
+        assert (reply["ok"], said in reply["text"]) == (ok, True)
+    assert reply["text"] == "gate: hold: all vehicles hold already"

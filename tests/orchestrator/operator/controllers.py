@@ -1,8 +1,12 @@
 """A desk without a campaign behind it, for tests of what comes to it."""
 
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from orchestrator.operator.campaign_controller import CampaignController
+from orchestrator.operator.campaign_records import Place
 from safety.guard.core.operator_command import OperatorCommand
 
 
@@ -35,3 +39,12 @@ def make_controller(
 ) -> CampaignController:
     say = (lambda _: None) if said is None else said.append
     return CampaignController(campaign="gate", folder=folder, total=4, fleet=fleet, say=say)
+
+
+@contextmanager
+def silent_place(name: str, folder: Path, path: Path) -> Iterator[Place]:
+    """Have an operator socket at a path that accepts commands and never replies to them."""
+    with socket.socket(socket.AF_UNIX) as end:
+        end.bind(str(path))
+        end.listen()
+        yield Place(name, folder, path)

@@ -66,11 +66,10 @@ def test_a_program_s_console_is_for_its_campaign_alone(tmp_path: Path) -> None:
 async def test_an_abort_reaches_no_other_program_s_campaign(tmp_path: Path) -> None:
     with CampaignRecord(name="gate", folder=tmp_path / "gate"):
         sender = CommandSender(FlightScope(program=OTHER))
-        replies = await sender.send(PageCommand("abort"), "console:anna")
+        outcome = await sender.send(PageCommand("abort"), "console:anna")
         sender.close()
-    assert [(one.ok, one.text) for one in replies] == [
-        (False, "no campaign is in flight for this console")
-    ]
+    assert not outcome.ok
+    assert outcome.texts == ("no campaign is in flight for this console",)
 
 
 def test_a_folder_s_console_is_for_what_is_in_it_or_around_it(tmp_path: Path) -> None:

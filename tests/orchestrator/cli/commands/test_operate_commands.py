@@ -13,8 +13,10 @@ from orchestrator.model.progress import Happening, Progress
 from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.campaign_records import Place, Places, places
 from orchestrator.operator.operator_channels import open_operator_channels
+from orchestrator.operator.socket_client import NoAnswerError
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from safety.guard.operator.operator_socket import OperatorSocket
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller, silent_place
 
 Said = tuple[int, str, str]
 Cli = Callable[..., Awaitable[Said]]
@@ -240,3 +242,96 @@ async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
     assert "gate: 1 run on node first will land, and no further run is flown there" in out
     assert (code, fleet.aborted[0].node) == (3, "first")  # for nobody acknowledges it here
     assert "large/wil/1 on first" in err
+
+
+def show_places(monkeypatch: pytest.MonkeyPatch, flying: Places) -> None:
+    monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: flying)
+
+
+@pytest.mark.parametrize("command", ["abort", "hold"])
+async def test_a_command_that_one_of_two_campaigns_does_not_answer_names_it(
+    cli: Cli,
+    controller: CampaignController,
+    short_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+) -> None:
+    del controller
+    (gate,) = places().campaigns
+    with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
+        show_places(monkeypatch, Places((gate, hall), ()))
+        code, out, err = await cli(command)
+    assert code == 3
+    assert out.startswith("gate: ")
+    assert err.startswith("hall: ")
+    assert "hall: neither its program nor the guard of each of its runs has confirmed" in err
+
+
+async def test_a_campaign_that_does_not_answer_is_reached_by_the_guard_of_each_of_its_runs(
+    cli: Cli, controller: CampaignController, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del controller
+    (gate,) = places().campaigns
+    folder = short_folder / "hall"
+    first = Place("first", folder / "first", gate.socket)
+    with (
+        silent_place("hall", folder, short_folder / "hall.sock") as hall,
+        silent_place("second", folder / "second", short_folder / "second.sock") as second,
+    ):
+        show_places(monkeypatch, Places((hall,), (first,)))
+        assert (await cli("abort"))[0] == 0
+        show_places(monkeypatch, Places((hall,), (first, second)))
+        assert (await cli("abort"))[0] == 3
+        # A guard whose program has died counts by itself.
+        show_places(monkeypatch, Places((), (first, second)))
+        code, _, err = await cli("abort")
+    assert code == 3
+    assert "second: the guard has not confirmed" in err
+
+
+async def test_a_campaign_that_stops_answering_has_not_acknowledged(
+    cli: Cli, controller: CampaignController, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del controller
+    monkeypatch.setattr("orchestrator.cli.commands.operate.WITHIN_S", 0.1)
+
+    def silent(path: Path, command: str, *, who: str) -> dict[str, object]:
+        raise NoAnswerError(f"{path} does not answer to {command} of {who}")
+
+    monkeypatch.setattr("orchestrator.cli.commands.operate.ask", silent)
+    code, out, err = await cli("abort")
+    assert (code, out) == (3, "gate: all vehicles land, and no further run is flown\n")
+    assert err == (
+        "gate: it does not answer any more: whether its runs have acknowledged the command is not "
+        "known; `wil-campaign watch` shows them\n"
+    )
+    (gate,) = places().campaigns
+    flights = [Places((gate,), ()), Places((), ())]
+    monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: flights.pop(0))
+    # It has ended meanwhile: nothing of it flies.
+    assert (await cli("abort"))[0] == 0
+
+
+async def test_an_abort_of_a_node_needs_only_the_campaign_that_flies_there(
+    cli: Cli,
+    controller: CampaignController,
+    short_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    # The acknowledgements are not the subject.
+    monkeypatch.setattr("orchestrator.cli.commands.operate.ask", lambda *_, **__: {})
+    controller.begun("large/wil/1", FlightPlace("first"))
+    (gate,) = places().campaigns
+    other = make_controller(tmp_path / "other", FakeFleet())
+    path = short_folder / "other.sock"
+    async with OperatorSocket(path=path, obey=other.obey, status=other.status, refused=other.warn):
+        beside = Place("other", tmp_path / "other", path)
+        show_places(monkeypatch, Places((gate, beside), ()))
+        code, out, err = await cli("abort", "--node", "first")
+        assert (code, "no run flies on node first" in err) == (0, True)
+        assert out.startswith("gate: 1 run on node first will land")
+        with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
+            show_places(monkeypatch, Places((gate, hall), ()))
+            code, _, err = await cli("abort", "--node", "first")
+    assert (code, "hall: " in err) == (3, True)
