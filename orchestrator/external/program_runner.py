@@ -233,7 +233,7 @@ def _video(camera: CameraSetup, sdp: Path) -> ProgramVideo:
         address=RtpAddress(_HOST, _free_even_port()),
         sdp_path=sdp,
     )
-    return ProgramVideo(sensor=camera.name, delivery=delivery)
+    return ProgramVideo(sensor=camera.name, period_s=1.0 / camera.rate_hz, delivery=delivery)
 
 
 def _free_even_port() -> int:

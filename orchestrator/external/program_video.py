@@ -13,11 +13,13 @@ _LEAST_SHARE = 0.5
 class ProgramVideo:
     """Sends the images of one camera to a program, and checks while the goal is flown that it can.
 
-    sensor: the camera that the program perceives; readings of others are not sent.
+    sensor: the camera that the program perceives; readings of others are not sent. period_s: of its
+    images.
     """
 
-    def __init__(self, *, sensor: str, delivery: Delivery) -> None:
+    def __init__(self, *, sensor: str, period_s: float, delivery: Delivery) -> None:
         self.sensor = sensor
+        self._window_s = max(_WINDOW_S, 2.0 * period_s)
         self.delivery = delivery
         self._goal = self._checked = DeliveryCounts()
         self._checked_s = 0.0
@@ -34,10 +36,12 @@ class ProgramVideo:
 
     def fault(self, now_s: float) -> str:
         """Return why too few of the last seconds' images were sent; "" while enough are."""
-        if now_s - self._checked_s < _WINDOW_S:
+        if now_s - self._checked_s < self._window_s:
             return ""
         before, self._checked = self._checked, self.delivery.counts
         self._checked_s = now_s
+        if self._checked.offered == before.offered:
+            return f"no image of '{self.sensor}' came for its program for {self._window_s:g} s"
         return self._fault_of(before, self._checked)
 
     def fault_in_all(self) -> str:

@@ -121,6 +121,7 @@ class CampaignController:
     def begun(self, run: str, place: FlightPlace) -> None:
         """Record that a run has started, and where."""
         self._places[run] = place
+        self._holding.discard(run)  # an earlier attempt at this run may have held
 
     def obey(self, command: OperatorCommand, *, stop: Stop = "command") -> str:
         """Execute an operator's command; return what was done. Raises RefusedLineError."""

@@ -75,23 +75,38 @@ _GAP_SAMPLES = 1.5
 
 
 class TimeLine:
-    """A buffer of the last seconds of a microphone's sound, readable at any time."""
+    """A buffer of the last seconds of a microphone's sound, readable at any time.
 
-    def __init__(self) -> None:
+    is_steady: stamps of consecutive blocks may deviate by up to half a block, 20 ms at most, as
+    those of a live microphone do: such a block follows the last one, a sample nearer to its stamp.
+    """
+
+    def __init__(self, *, is_steady: bool = False) -> None:
+        self._is_steady = is_steady
         self._blocks: deque[MicrophoneReading] = deque()
+        self._stamp_s = -math.inf
 
     def add(self, block: MicrophoneReading) -> None:
         """Add an audio block; one not newer than the last changes nothing.
 
         With a block of another sample rate the line begins anew.
         """
-        if self._blocks and block.t_s <= self._blocks[-1].t_s:
+        if block.t_s <= self._stamp_s:
             return
+        self._stamp_s = block.t_s
         if self._blocks and block.sample_rate_hz != self._blocks[-1].sample_rate_hz:
             self._blocks.clear()
-        self._blocks.append(block)
+        self._blocks.append(self._joined(block) if self._is_steady else block)
         while end_s(self._blocks[0]) < block.t_s - _HELD_S:
             self._blocks.popleft()
+
+    def _joined(self, block: MicrophoneReading) -> MicrophoneReading:
+        """Return an audio block at the end of the line where it follows; as it is at a hole."""
+        sample_s = 1.0 / block.sample_rate_hz
+        late_s = block.t_s - end_s(self._blocks[-1]) if self._blocks else 0.0
+        if not _JITTER_SAMPLES * sample_s < abs(late_s) < min(_JITTER_S, block.duration_s / 2.0):
+            return block
+        return replace(block, t_s=block.t_s - late_s + math.copysign(sample_s, late_s))
 
     def block_during(self, real: MicrophoneReading, like: MicrophoneReading) -> MicrophoneReading:
         """Return the line's audio block for exactly the time of a real one.
@@ -143,5 +158,6 @@ def _hole(samples: int) -> int:
 
 
 _JITTER_SAMPLES = 2
+_JITTER_S = 0.02
 _HELD_S = 10.0
 """How much sound a line holds: longer than a block and its latency."""

@@ -104,7 +104,7 @@ class Mixer:
             Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
         )
         is_sound = all(sensor.kind_of(side) == "microphone" for side in SIDES)
-        self._twin_sound = TimeLine() if is_sound else None
+        self._twin_sound = TimeLine(is_steady=True) if is_sound else None
         self._frames = 0
         self._mixed = 0
         self._dropped: Counter[DropReason] = Counter()

@@ -10,7 +10,7 @@ from safety.model.oracle_results import OracleResult, Verdict
 GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
 
-PARTS = ("actor", "autonomy", "contact", "evidence", "guard", "operator", "sync")
+PARTS = ("actor", "autonomy", "contact", "evidence", "guard", "operator", "sync", "video")
 """The words with which the sources of events begin that are of a part of a run, not of an oracle:
 "sync/twin", "guard.lost/real". No oracle may have such a name."""
 

@@ -34,7 +34,7 @@ async def test_motion_capture_that_repeats_itself_before_a_wall_proves_nothing(
     tmp_path: Path,
 ) -> None:
     outcome = await inject(WALL, tmp_path)
-    assert outcome.verdict == "INVALID"
+    assert outcome.verdict == "INVALID", outcome.reason
     assert outcome.reason.startswith("pose of twin from mocap: ")
 
 

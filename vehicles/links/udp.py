@@ -16,6 +16,10 @@ _FORGOTTEN_S = 60.0
 """A vehicle keeps its place for so long during a link outage, even if others flood the port."""
 _OVERLAP_S = 0.5
 """One vehicle on two ways: frames that were under way on the old one arrive for no longer."""
+_APART_S = 5.0
+"""Frames that are farther apart are no sender beside another: each may have been under way."""
+_RETURN_S = 10.0
+"""A vehicle takes its place back at once from a sender that followed it so lately."""
 _MOST_SOURCES = 4
 _MOST_BESIDE = 8
 _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
@@ -29,17 +33,30 @@ _Address = tuple[str, int]
 
 
 @dataclass(slots=True)
-class _Source:
-    """A UDP sender: its address, and when it was last received.
+class _Beside:
+    """Another address that sends with a sender's system id: since when, and until when.
 
-    beside: other addresses that sent with its system id meanwhile, and when each was received
-    first. first: the sender of this system that was received first; it may come back. confirmed:
-    a frame from there had a correct signature.
+    is_rival: whether the two sent for longer than one vehicle on two ways does: it is another.
+    """
+
+    since_s: float
+    last_s: float
+    is_rival: bool = False
+
+
+@dataclass(slots=True)
+class _Source:
+    """A UDP sender: its address, when it was last received, and when it was accepted.
+
+    beside: other addresses that sent with its system id meanwhile. first: the sender of this system
+    that was received first; it may come back. confirmed: a frame from there had a correct
+    signature.
     """
 
     address: _Address
     last_received_s: float
-    beside: dict[_Address, float] = field(default_factory=dict)
+    accepted_s: float
+    beside: dict[_Address, _Beside] = field(default_factory=dict)
     first: "_Source | None" = None
     confirmed: bool = False
 
@@ -52,17 +69,26 @@ class _Source:
 
         Another vehicle, which sent beside it, must wait until this one is forgotten.
         """
-        since_s = self.beside.get(address)
-        if since_s is None:
-            is_rival = len(self.beside) >= _MOST_BESIDE
-        else:
-            is_rival = self.last_received_s - since_s > _OVERLAP_S
-        return _FORGOTTEN_S if is_rival else _SILENT_S
+        return _FORGOTTEN_S if self._is_rival(address) else _SILENT_S
 
-    def note_beside(self, address: _Address, now_s: float) -> None:
-        """Remember another address that sends with the same system id; the first few."""
-        if len(self.beside) < _MOST_BESIDE:
-            self.beside.setdefault(address, now_s)
+    def note_beside(self, address: _Address, now_s: float) -> bool:
+        """Note a frame from another address with the same system id; return if it is a rival's."""
+        one = self.beside.get(address)
+        if one is None or now_s - one.last_s > (_FORGOTTEN_S if one.is_rival else _APART_S):
+            if one is None and len(self.beside) >= _MOST_BESIDE:
+                return True
+            one = self.beside[address] = _Beside(now_s, now_s)
+        one.last_s = now_s
+        one.is_rival = one.is_rival or self.last_received_s - one.since_s > _OVERLAP_S
+        return one.is_rival
+
+    def may_give_back(self, first: "_Source", now_s: float) -> bool:
+        """Return whether the sender that was received first takes its place back at once."""
+        return first.is_remembered(now_s) and now_s - self.accepted_s <= _RETURN_S
+
+    def _is_rival(self, address: _Address) -> bool:
+        one = self.beside.get(address)
+        return len(self.beside) >= _MOST_BESIDE if one is None else one.is_rival
 
 
 class UdpLink(asyncio.DatagramProtocol):
@@ -71,11 +97,12 @@ class UdpLink(asyncio.DatagramProtocol):
     `udpin` binds to its address, receives from any sender, and writes to all senders, at most four.
     A MAVLink system is one vehicle: it is accepted from its first address as long as it sends from
     there; frames with its system id from another address are dropped and reported. After a silence
-    it is accepted from a new address, but for a minute not from one that sent beside it: that is
-    another vehicle. Bytes written before anything was received are lost. `udpout` sends to its
-    address and receives only from that peer. signed: senders are authenticated by signatures
-    instead; a new sender replaces the one that was silent longest, but no sender without a correct
-    signature (`confirm_sender`) replaces one with it.
+    it is accepted from a new address, but for a minute not from one that kept sending beside it:
+    that is another vehicle. For some seconds it takes its place back at once. Bytes written before
+    anything was received are lost. `udpout` sends to its address and receives only from that peer.
+    signed: senders are authenticated by signatures instead; a new sender replaces the one that was
+    silent longest, but no sender without a correct signature (`confirm_sender`) replaces one with
+    it.
     """
 
     def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
@@ -94,6 +121,8 @@ class UdpLink(asyncio.DatagramProtocol):
         self._on_change: Callable[[str], None] | None = None
         self.rivals: dict[_Address, str] = {}
         """Messages about other senders with the same system id, by address; the first few."""
+        self._lasting: set[_Address] = set()
+        """Those of them that are rivals, and not one vehicle on two ways."""
 
     @property
     def name(self) -> str:
@@ -117,13 +146,13 @@ class UdpLink(asyncio.DatagramProtocol):
         self._receiver = receiver
 
     def on_rival(self, listener: Callable[[str], None]) -> None:
-        """Call `listener` with a message for each UDP sender with another's system id.
+        """Call `listener` with a message for each UDP sender that sends beside another's system id.
 
         At once for those that were received already.
         """
         self._on_rival = listener
-        for message in self.rivals.values():
-            listener(message)
+        for address in self._lasting & self.rivals.keys():
+            listener(self.rivals[address])
 
     def on_change(self, listener: Callable[[str], None]) -> None:
         """Call `listener` with a message when a system sends from another UDP address."""
@@ -187,7 +216,7 @@ class UdpLink(asyncio.DatagramProtocol):
         if source is None:
             if len(self._sources) >= _MOST_SOURCES:
                 del self._sources[self._replaceable()]
-            source = _Source(self._sender, self._loop.time())
+            source = _Source(self._sender, self._loop.time(), self._loop.time())
             self._set_source(self._sender, source)
         source.confirmed = True
 
@@ -196,7 +225,7 @@ class UdpLink(asyncio.DatagramProtocol):
         source = self._sources.get(key)
         if source is None:
             if self._has_place(now_s):
-                self._set_source(key, _Source(address, now_s))
+                self._set_source(key, _Source(address, now_s, now_s))
             return True
         if source.address == address:
             source.last_received_s = now_s
@@ -204,18 +233,22 @@ class UdpLink(asyncio.DatagramProtocol):
         first = source.first
         if first is not None and not first.is_remembered(now_s):
             first = None
-        returns = first is not None and first.address == address
-        if not returns and now_s - source.last_received_s <= source.silence_s(address):
-            source.note_beside(address, now_s)
-            self._report_rival(key, address, source.address)
-            return False
-        self._report_change(key, source, _Source(address, now_s), returns=returns)
+        returns = (
+            first is not None and first.address == address and source.may_give_back(first, now_s)
+        )
+        if not returns:
+            is_rival = source.note_beside(address, now_s)
+            if now_s - source.last_received_s <= source.silence_s(address):
+                self._report_rival(key, address, source.address, is_rival=is_rival)
+                return False
+        self._report_change(key, source, address, now_s, returns=returns)
         source.beside.pop(address, None)
+        self.rivals.pop(address, None)
         if returns:
             first = None
-        elif first is None:
-            first = _Source(source.address, source.last_received_s)
-        self._set_source(key, _Source(address, now_s, source.beside, first))
+        elif first is None or first.address == address:
+            first = _Source(source.address, source.last_received_s, source.accepted_s)
+        self._set_source(key, _Source(address, now_s, now_s, source.beside, first))
         return True
 
     def _set_source(self, key: "int | _Address", source: _Source) -> None:
@@ -241,32 +274,32 @@ class UdpLink(asyncio.DatagramProtocol):
             key=lambda key: (self._sources[key].confirmed, self._sources[key].last_received_s),
         )
 
-    def _report_rival(self, key: "int | _Address", rival: _Address, accepted: _Address) -> None:
-        if key == _NO_MAVLINK or rival in self.rivals or len(self.rivals) >= _MOST_SOURCES:
+    def _report_rival(
+        self, key: "int | _Address", rival: _Address, accepted: _Address, *, is_rival: bool
+    ) -> None:
+        """Keep a message about another sender; report it once it is certain to be a rival."""
+        if key == _NO_MAVLINK:
             return
-        message = (
-            f"system {key} sends from {_text(rival)} as well as from {_text(accepted)}: "
-            "two vehicles have the same system id; only the latter is accepted"
-        )
-        self.rivals[rival] = message
-        if self._on_rival is not None:
-            self._on_rival(message)
+        if rival not in self.rivals and len(self.rivals) < _MOST_SOURCES:
+            self.rivals[rival] = (
+                f"system {key} sends from {_text(rival)} as well as from {_text(accepted)}: "
+                "two vehicles have the same system id; only the latter is accepted"
+            )
+        if is_rival and rival in self.rivals and rival not in self._lasting:
+            self._lasting.add(rival)
+            if self._on_rival is not None:
+                self._on_rival(self.rivals[rival])
 
     def _report_change(
-        self,
-        key: "int | _Address",
-        last: _Source,
-        new: _Source,
-        *,
-        returns: bool,
+        self, key: "int | _Address", last: _Source, new: _Address, now_s: float, *, returns: bool
     ) -> None:
         """Report a system's change of address. returns: back to its first one."""
         if key == _NO_MAVLINK or self._on_change is None:
             return
         again = " again, where it was received first" if returns else ""
         self._on_change(
-            f"system {key} now sends from {_text(new.address)}{again}; it was last received from "
-            f"{_text(last.address)} {new.last_received_s - last.last_received_s:.1f} s ago"
+            f"system {key} now sends from {_text(new)}{again}; it was last received from "
+            f"{_text(last.address)} {now_s - last.last_received_s:.1f} s ago"
         )
 
     def error_received(self, exc: Exception) -> None:

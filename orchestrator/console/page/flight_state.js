@@ -80,9 +80,15 @@ function unseen(model) {
   return campaigns.flatMap((/** @type {any} */ campaign) =>
     Object.entries(campaign.flying ?? {}).flatMap(([name, one]) => {
       const run = model.runs.get(`${campaign.folder}/${name}`);
-      const isSeen = run?.view && (run.view.stage === "end" || now - run.at < OLD_S * 1000);
+      const isSeen = run?.view && (run.view.stage === "end" || now - run.at < OLD_S * 1000 || isDownSince(run));
       return isSeen ? [] : [{ folder: campaign.folder, place: one.place ?? "", stage: one.stage }];
     }));
+}
+
+/** Whether all vehicles of a run came down after its newest state, by their guard. @param {Run} run */
+function isDownSince(run) {
+  const flown = [...run.flown.values()];
+  return flown.length > 0 && flown.every((one) => !one.isUp && !one.armed && one.downAt > run.seenAt);
 }
 
 /** The number of runs that are not seen, and their stages, per place; empty without any. @param {Unseen[]} runs */

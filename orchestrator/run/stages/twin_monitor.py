@@ -40,7 +40,7 @@ class TwinMonitor:
         self._is_beyond = False
         self._waiting: deque[float] = deque()
         self._due: dict[float, bool] = {}
-        """Whether the distance was measured, by the times at which it was to be, in order."""
+        """Whether there were poses of both, by the times that were due, in order."""
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
@@ -81,7 +81,10 @@ class TwinMonitor:
         return ended or self._twin in self._run_state.dropped_out
 
     def _measure_waiting(self, contexts: Sequence[VehicleContext], now_s: float) -> None:
-        """Measure at the due times of which both poses have arrived by now."""
+        """Measure at the due times of which both poses have arrived by now.
+
+        Between poses that are not farther apart than accepted nothing is measured, and no gap is.
+        """
         for _ in range(len(self._waiting)):
             t_s = self._waiting.popleft()
             nearest = [context.poses.at(t_s) for context in contexts]
@@ -92,8 +95,17 @@ class TwinMonitor:
             ]
             if len(places) == 2:
                 self._take(norm(subtract(places[0], places[1])), t_s)
+            elif all(self._is_bridged(one, t_s) for one in contexts):
+                self._due[t_s] = True
             elif now_s - t_s < _WAIT_S:
                 self._waiting.append(t_s)
+
+    def _is_bridged(self, context: VehicleContext, t_s: float) -> bool:
+        """Return whether a moment is between two poses of a vehicle, in an accepted gap."""
+        at = context.poses.at(t_s)
+        if at.kind == "none":
+            return context.poses.sample_before(t_s) is not None and at.gap_s <= self._max_gap_s
+        return at.kind == "interpolated"
 
     def _take(self, distance_m: float, t_s: float) -> None:
         self._due[t_s] = True

@@ -36,7 +36,7 @@ def image(sensor: str) -> CameraReading:
 
 
 def video_of(delivery: Counted) -> ProgramVideo:
-    return ProgramVideo(sensor="camera", delivery=cast("Delivery", delivery))
+    return ProgramVideo(sensor="camera", period_s=0.1, delivery=cast("Delivery", delivery))
 
 
 def test_images_of_another_camera_are_not_sent() -> None:
@@ -89,7 +89,8 @@ def test_a_program_that_goes_blind_late_is_found_out_as_soon() -> None:
     assert video.fault_in_all() == ""
 
 
-def test_a_program_that_was_given_no_image_yet_is_not_blind() -> None:
+def test_a_program_for_which_no_image_comes_is_blind_after_a_time() -> None:
     video = video_of(Counted())
     video.begin(0.0)
-    assert (video.fault(5.0), video.fault_in_all()) == ("", "")
+    assert (video.fault(1.9), video.fault_in_all()) == ("", "")
+    assert video.fault(2.1) == "no image of 'camera' came for its program for 2 s"

@@ -182,6 +182,20 @@ def test_real_sound_is_whole_whatever_the_jitter_of_its_time_stamps() -> None:
         assert (mixed.samples == block.samples + 500).all()
 
 
+def test_a_twin_whose_stamps_deviate_by_milliseconds_is_whole() -> None:
+    rng = np.random.default_rng(5)
+    twin = [
+        replace(one, t_s=one.t_s + rng.uniform(-0.002, 0.002))
+        for one in blocks(np.full(16_000, 500), 100, 0.9)
+    ]
+    real = np.full(12_800, 1000)
+    rig = SoundRig("merge: add")
+    rig.mix(blocks(real, 160), twin)
+    assert set(rig.dropped[1:-1]) == {""}
+    # The line follows the stamps by a sample a block.
+    assert np.mean(rig.samples_since(1)[:-160] != 1500) < 0.01
+
+
 def test_a_twin_of_another_rate_is_cut_so_that_a_step_can_convert_it() -> None:
     twin = np.rint(8000 * np.sin(2 * np.pi * 300 * np.arange(8000) / 16000))
     parts = [

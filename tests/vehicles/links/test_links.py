@@ -201,6 +201,7 @@ async def test_a_vehicle_that_changes_its_port_without_a_silence_is_no_rival() -
             there.now_s += 0.1
             there.say(1002, _heartbeat(1))
         assert there.answered() == [1002]
+        assert not there.link.rivals
 
 
 async def test_who_was_received_first_takes_its_place_back_at_once() -> None:
@@ -223,6 +224,42 @@ async def test_who_was_received_first_takes_its_place_back_at_once() -> None:
         there.now_s += 1.6
         there.say(1002, _heartbeat(1))
         assert there.answered() == [1001]
+
+
+async def test_a_late_frame_of_the_other_way_makes_it_no_rival_for_later() -> None:
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        there.say(1002, _heartbeat(1))
+        there.now_s += 1.0
+        there.say(1001, _heartbeat(1))
+        there.now_s += 0.06
+        there.say(1002, _heartbeat(1))  # was under way when the first was there again
+        for _ in range(20):
+            there.now_s += 1.0
+            there.say(1001, _heartbeat(1))
+        for _ in range(3):
+            there.now_s += 1.0
+            there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+
+
+async def test_whoever_was_received_first_long_ago_does_not_take_a_flying_vehicles_place() -> None:
+    async with Received() as there:
+        said: list[str] = []
+        there.link.on_rival(said.append)
+        there.say(1001, _heartbeat(1))
+        there.now_s += 1.6
+        for _ in range(30):
+            there.now_s += 1.0
+            there.say(1002, _heartbeat(1))
+        for _ in range(10):
+            there.now_s += 0.5
+            there.say(1001, _heartbeat(1))
+            there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+        assert len(said) == 1
+        assert "system 1 sends from 127.0.0.1:1001 as well as from 127.0.0.1:1002" in said[0]
 
 
 async def test_a_vehicle_that_sends_in_turns_on_two_ways_is_received_on_each() -> None:

@@ -17,11 +17,15 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 async def _fly(
-    late_s: float, apart_m: float, gap_s: float, silent_s: tuple[float, float]
+    late_s: float,
+    apart_m: float,
+    gap_s: float,
+    silent_s: tuple[float, float],
+    but_at_s: float,
 ) -> tuple[TwinMonitor, RunState]:
     """Fly a goal of 4 s; the real vehicle's poses come so late, one every `gap_s`.
 
-    silent_s: from when to when there are none of the twin, since t0.
+    silent_s: from when to when there are none of the twin, since t0, but one at `but_at_s`.
     """
     loop = asyncio.get_running_loop()
     run_state = RunState(time=loop.time)
@@ -33,7 +37,8 @@ async def _fly(
     watching = asyncio.create_task(monitor.run(contexts, lambda: None))
     for tick in range(round(5.0 * RATE_HZ)):
         t_s = t0_s + tick / RATE_HZ
-        if not silent_s[0] <= t_s - t0_s < silent_s[1]:
+        is_lone = tick == round(but_at_s * RATE_HZ)
+        if is_lone or not silent_s[0] <= t_s - t0_s < silent_s[1]:
             twin.add(t_s, Pose((0.0, apart_m, 0.0), UPRIGHT))
         if t_s - late_s >= due_s:
             real.add(t_s - late_s, Pose((0.0, 0.0, 0.0), UPRIGHT))
@@ -52,11 +57,12 @@ def flown(
     apart_m: float,
     gap_s: float = 0.02,
     silent_s: tuple[float, float] = (9.0, 9.0),
+    but_at_s: float = 9.0,
 ) -> tuple[TwinMonitor, RunState]:
     found: list[tuple[TwinMonitor, RunState]] = []
 
     async def main() -> None:
-        found.append(await _fly(late_s, apart_m, gap_s, silent_s))
+        found.append(await _fly(late_s, apart_m, gap_s, silent_s, but_at_s))
 
     run_on("virtual", main())
     return found[0]
@@ -109,6 +115,12 @@ def test_a_distance_that_was_not_measured_for_too_long_proves_nothing(
 @pytest.mark.parametrize("silent_s", [(1.01, 1.49), (3.7, 9.0)])
 def test_a_gap_as_poses_may_have_is_none_of_the_distance(silent_s: tuple[float, float]) -> None:
     monitor, run_state = flown(0.0, 0.2, silent_s=silent_s)
+    assert monitor.result().distance_max_m == pytest.approx(0.2)
+    assert run_state.decisive == []
+
+
+def test_gaps_that_poses_may_have_are_none_of_the_distance_one_after_another() -> None:
+    monitor, run_state = flown(0.0, 0.2, silent_s=(1.01, 1.9), but_at_s=1.46)
     assert monitor.result().distance_max_m == pytest.approx(0.2)
     assert run_state.decisive == []
 
