@@ -42,20 +42,21 @@ async def test_rtp_images_come_as_they_were_sent(sending: Sending, free_port: in
     sending(free_port)
     address = f"rtp://127.0.0.1:{free_port}"
     async with live_camera(address, intrinsics=CAMERA, rate_hz=RATE_HZ) as source:
-        readings = await taken(source, 40)
+        readings = await taken(source, 80)
     assert min(right_picture_db(reading) for reading in readings) > 30
     assert all(reading.arrived_s >= reading.t_s for reading in readings)
     seqs = [reading.seq for reading in readings]
     assert seqs == sorted(set(seqs))
     assert seqs[0] == 0
     # A busy machine drops pictures and brings others late. Their stamps stay those of the sender,
-    # but where a quicker one came than ever before, which shows the least delay. (FFmpeg does not
-    # stamp the very first picture of a stream; it counts as not delayed.)
+    # but where a quicker one came than ever before, which shows the least delay: the first ones, if
+    # it was busy then. (FFmpeg does not stamp the very first picture of a stream; it counts as not
+    # delayed.)
     readings = readings[1:]
     steps = [(number_of(b.image_bgr) - number_of(a.image_bgr)) % 60 for a, b in pairwise(readings)]
     off_s = np.diff([r.t_s for r in readings]) - np.array(steps) / RATE_HZ
     assert max(off_s) < 0.001
-    assert float(np.median(off_s)) == pytest.approx(0.0, abs=0.001)
+    assert float(np.median(off_s[-39:])) == pytest.approx(0.0, abs=0.001)
 
 
 async def test_an_sdp_file_is_an_address(sending: Sending, free_port: int, tmp_path: Path) -> None:
