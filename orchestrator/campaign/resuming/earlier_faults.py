@@ -13,9 +13,10 @@ def earlier_fault(folder: Path) -> str:
     Raises OSError.
     """
     log = folder / "log.jsonl"
-    for line in log.read_bytes().splitlines() if log.is_file() else ():
-        if text := _fault_text(line):
-            return f"{text}; see {log}"
+    if log.is_file():
+        with log.open("rb") as lines:
+            if text := next(filter(None, map(_fault_text, lines)), ""):
+                return f"{text}; see {log}"
     try:
         is_broken = read_summary(folder / "summary.json").broken
     except ResultError:
