@@ -178,12 +178,12 @@ function unconfirmedNames(model, abort) {
 function runsSince(model, since) {
   const isOpen = (/** @type {import("./model.js").Flown} */ one) => one.isUp || one.armed || one.downAt >= since;
   return [...model.runs.values()].filter((run) =>
-    run.flown.size && (run.seenAt >= since || ([...run.flown.values()].some(isOpen) && !hasEnded(model, run))));
+    run.flown.size && (run.seenAt >= since || ([...run.flown.values()].some(isOpen) && !isOverAndSimulated(model, run))));
 }
 
 /** Whether a run of simulated vehicles has ended with all its processes: it is not in flight, and has no guard.
  * @param {Model} model @param {Run} run */
-function hasEnded(model, run) {
+function isOverAndSimulated(model, run) {
   const campaign = (model.status?.campaigns ?? []).find((/** @type {any} */ one) => run.key.startsWith(`${one.folder}/`));
   if (!campaign || campaign.flying?.[run.key.slice(campaign.folder.length + 1)]) return false;
   if ((model.status?.guards ?? []).some((/** @type {any} */ one) => one.folder === run.key)) return false;
