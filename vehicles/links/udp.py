@@ -19,7 +19,8 @@ _OVERLAP_S = 0.5
 _APART_S = 5.0
 """Frames that are farther apart are no sender beside another: each may have been under way."""
 _RETURN_S = 10.0
-"""A vehicle takes its place back at once from a sender that followed it so lately."""
+"""A vehicle takes its place back at once from a sender that followed it so lately, or for as long
+as it had the place before."""
 _MOST_SOURCES = 4
 _MOST_BESIDE = 8
 _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
@@ -75,7 +76,7 @@ class _Source:
         """Note a frame from another address with the same system id; return if it is a rival's."""
         one = self.beside.get(address)
         if one is None or now_s - one.last_s > (_FORGOTTEN_S if one.is_rival else _APART_S):
-            if one is None and len(self.beside) >= _MOST_BESIDE:
+            if one is None and self._is_crowded(now_s):
                 return True
             one = self.beside[address] = _Beside(now_s, now_s)
         one.last_s = now_s
@@ -84,7 +85,15 @@ class _Source:
 
     def may_give_back(self, first: "_Source", now_s: float) -> bool:
         """Return whether the sender that was received first takes its place back at once."""
-        return first.is_remembered(now_s) and now_s - self.accepted_s <= _RETURN_S
+        had_it_s = first.last_received_s - first.accepted_s
+        return first.is_remembered(now_s) and now_s - self.accepted_s <= max(_RETURN_S, had_it_s)
+
+    def _is_crowded(self, now_s: float) -> bool:
+        """Return whether no further address can be noted; those of long ago are forgotten."""
+        if len(self.beside) >= _MOST_BESIDE:
+            for address in [a for a, b in self.beside.items() if now_s - b.last_s > _FORGOTTEN_S]:
+                del self.beside[address]
+        return len(self.beside) >= _MOST_BESIDE
 
     def _is_rival(self, address: _Address) -> bool:
         one = self.beside.get(address)
@@ -98,8 +107,9 @@ class UdpLink(asyncio.DatagramProtocol):
     A MAVLink system is one vehicle: it is accepted from its first address as long as it sends from
     there; frames with its system id from another address are dropped and reported. After a silence
     it is accepted from a new address, but for a minute not from one that kept sending beside it:
-    that is another vehicle. For some seconds it takes its place back at once. Bytes written before
-    anything was received are lost. `udpout` sends to its address and receives only from that peer.
+    that is another vehicle. For some seconds, or as long as it had its place, it takes that back at
+    once. Bytes written before anything was received are lost. `udpout` sends to its address and
+    receives only from that peer.
     signed: senders are authenticated by signatures instead; a new sender replaces the one that was
     silent longest, but no sender without a correct signature (`confirm_sender`) replaces one with
     it.

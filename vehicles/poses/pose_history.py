@@ -106,6 +106,11 @@ class PoseHistory:
         index = bisect_right(self._times, t_s, self._first) - 1
         return (self._times[index], self._poses[index]) if index >= self._first else None
 
+    def sample_after(self, t_s: float) -> tuple[float, Pose] | None:
+        """Return time and pose of the first one after a moment; None without."""
+        index = bisect_right(self._times, t_s, self._first)
+        return (self._times[index], self._poses[index]) if index < len(self._times) else None
+
     def _beyond(self, ahead_s: float) -> PoseAt:
         last = self._poses[-1]
         if ahead_s == 0.0:

@@ -88,7 +88,7 @@ function unseen(model) {
 /** Whether all vehicles of a run came down after its newest state, by their guard. @param {Run} run */
 function isDownSince(run) {
   const flown = [...run.flown.values()];
-  return flown.length > 0 && flown.every((one) => !one.isUp && !one.armed && one.downAt > run.seenAt);
+  return flown.length > 0 && !silentOf(run).length && flown.every((one) => !one.isUp && !one.armed && one.downAt > run.seenAt);
 }
 
 /** The number of runs that are not seen, and their stages, per place; empty without any. @param {Unseen[]} runs */
@@ -187,7 +187,9 @@ function isOverAndSimulated(model, run) {
   const campaign = (model.status?.campaigns ?? []).find((/** @type {any} */ one) => run.key.startsWith(`${one.folder}/`));
   if (!campaign || campaign.flying?.[run.key.slice(campaign.folder.length + 1)]) return false;
   if ((model.status?.guards ?? []).some((/** @type {any} */ one) => one.folder === run.key)) return false;
-  return [...run.flown.keys()].every((name) => run.scene?.kinds?.[name] && !run.scene.kinds[name].startsWith("attached"));
+  const kinds = run.scene?.kinds ?? {};
+  const names = new Set([...run.flown.keys(), ...silentOf(run), ...Object.keys(kinds)]);
+  return [...names].every((name) => kinds[name] && !kinds[name].startsWith("attached"));
 }
 
 /** The vehicles of a run without any message so far. @param {Run} run @returns {string[]} */

@@ -12,7 +12,8 @@ from orchestrator.state.run_state import RunState, Stage
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.cameras.rendered_cameras import sleep_until
 from vehicles.coupling import Coupling
-from worlds.frames import norm, subtract
+from vehicles.poses.pose_history import PoseHistory
+from worlds.frames import Vec3, norm, subtract
 
 _HZ = 20.0
 _DELAY_S = 0.1
@@ -40,7 +41,7 @@ class TwinMonitor:
         self._is_beyond = False
         self._waiting: deque[float] = deque()
         self._due: dict[float, bool] = {}
-        """Whether there were poses of both, by the times that were due, in order."""
+        """Whether the distance was measured, by the times that were due, in order."""
         self._needed_by: tuple[str, ...] = ()
         self._twin = ""
 
@@ -81,31 +82,25 @@ class TwinMonitor:
         return ended or self._twin in self._run_state.dropped_out
 
     def _measure_waiting(self, contexts: Sequence[VehicleContext], now_s: float) -> None:
-        """Measure at the due times of which both poses have arrived by now.
-
-        Between poses that are not farther apart than accepted nothing is measured, and no gap is.
-        """
+        """Measure at the due times of which both poses have arrived by now."""
         for _ in range(len(self._waiting)):
             t_s = self._waiting.popleft()
-            nearest = [context.poses.at(t_s) for context in contexts]
-            places = [
-                one.pose.position_ned_m
-                for one in nearest
-                if one.pose is not None and one.kind == "interpolated"
-            ]
-            if len(places) == 2:
-                self._take(norm(subtract(places[0], places[1])), t_s)
-            elif all(self._is_bridged(one, t_s) for one in contexts):
-                self._due[t_s] = True
+            real, twin = (self._place(context.poses, t_s) for context in contexts)
+            if real is not None and twin is not None:
+                self._take(norm(subtract(real, twin)), t_s)
             elif now_s - t_s < _WAIT_S:
                 self._waiting.append(t_s)
 
-    def _is_bridged(self, context: VehicleContext, t_s: float) -> bool:
-        """Return whether a moment is between two poses of a vehicle, in an accepted gap."""
-        at = context.poses.at(t_s)
-        if at.kind == "none":
-            return context.poses.sample_before(t_s) is not None and at.gap_s <= self._max_gap_s
-        return at.kind == "interpolated"
+    def _place(self, poses: PoseHistory, t_s: float) -> Vec3 | None:
+        """Return a vehicle's position at a moment, between poses of an accepted gap at most."""
+        at = poses.at(t_s)
+        if at.kind == "interpolated" and at.pose is not None:
+            return at.pose.position_ned_m
+        before, after = poses.sample_before(t_s), poses.sample_after(t_s)
+        if before is None or after is None or after[0] - before[0] > self._max_gap_s:
+            return None
+        share = (t_s - before[0]) / (after[0] - before[0])
+        return before[1].interpolate(after[1], share).position_ned_m
 
     def _take(self, distance_m: float, t_s: float) -> None:
         self._due[t_s] = True

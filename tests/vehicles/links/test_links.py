@@ -262,6 +262,41 @@ async def test_whoever_was_received_first_long_ago_does_not_take_a_flying_vehicl
         assert "system 1 sends from 127.0.0.1:1001 as well as from 127.0.0.1:1002" in said[0]
 
 
+async def test_a_vehicle_that_flew_long_takes_its_place_back_after_a_long_outage() -> None:
+    async with Received() as there:
+        for _ in range(60):
+            there.now_s += 1.0
+            there.say(1001, _heartbeat(1))
+        there.now_s += 2.0
+        for _ in range(25):
+            there.now_s += 1.0
+            there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+        for _ in range(5):
+            there.now_s += 0.5
+            there.say(1001, _heartbeat(1))
+            there.say(1002, _heartbeat(1))
+            assert there.answered() == [1001]
+
+
+async def test_strays_of_long_ago_make_no_new_port_a_rival() -> None:
+    async with Received() as there:
+        said: list[str] = []
+        there.link.on_rival(said.append)
+        there.say(1001, _heartbeat(1))
+        for port in range(2001, 2009):
+            there.now_s += 0.2
+            there.say(1001, _heartbeat(1))
+            there.say(port, _heartbeat(1))
+        for _ in range(70):
+            there.now_s += 1.0
+            there.say(1001, _heartbeat(1))
+        for _ in range(3):
+            there.now_s += 1.0
+            there.say(1002, _heartbeat(1))
+        assert (there.answered(), said) == ([1002], [])
+
+
 async def test_a_vehicle_that_sends_in_turns_on_two_ways_is_received_on_each() -> None:
     async with Received() as there:
         for _ in range(4):

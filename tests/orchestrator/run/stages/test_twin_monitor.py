@@ -84,8 +84,15 @@ def test_a_pair_that_keeps_together_is_measured_and_passes(late_s: float) -> Non
     assert run_state.decisive == []
 
 
+def test_a_pair_apart_is_invalid_also_between_poses_that_are_far_apart() -> None:
+    monitor, run_state = flown(0.0, 1.5, gap_s=0.3)
+    assert monitor.result().distance_max_m == pytest.approx(1.5)
+    (event,) = run_state.decisive
+    assert event.text.startswith("real and twin were 1.50 m apart")
+
+
 def test_a_distance_that_was_never_measured_proves_nothing() -> None:
-    monitor, run_state = flown(0.003, 1.5, gap_s=0.3)
+    monitor, run_state = flown(0.003, 1.5, gap_s=0.7)
     assert monitor.result().distance_max_m is None
     (event,) = run_state.decisive
     assert (event.kind, event.source) == ("INVALID", "sync/twin")
