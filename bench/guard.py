@@ -33,8 +33,8 @@ from safety.guard.process.remote_guard import RemoteGuard
 from safety.model.samples import PoseSample
 from tests.faults.environment import broker_process
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
-from tests.orchestrator.operator.mosquitto import free_port
 from tests.orchestrator.wall_runs import ROOT, Program, lines
+from tests.ports import free_port
 from tests.safety.conftest import FakeVehicle
 from tests.safety.guard.remote_rigs import (
     PATIENT,
