@@ -8,7 +8,6 @@ import asyncio
 import contextlib
 import itertools
 import os
-import socket
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from safety.guard.core.events import GuardedVehicle
 from safety.guard.process.guard_config import GuardConfig, Guarded
 from safety.guard.process.remote_guard import RemoteGuard
+from tests.ports import free_port
 from vehicles.autopilots.autopilot import Target
 from vehicles.autopilots.registry import autopilot_named
 from vehicles.driver import Driver
@@ -53,12 +53,6 @@ def milliseconds(values: list[float]) -> str:
 def cpu_s(pid: int) -> float:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def settings(name: str, port: int) -> ProcessSettings:

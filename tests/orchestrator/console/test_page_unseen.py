@@ -60,7 +60,7 @@ async def test_a_run_on_another_node_is_never_nothing_in_the_air(console: Consol
         wait_until(page, text("reply"), "ALL DOWN at ")
         wait_until(page, text("state"), "aborted, nothing in the air")
         before = page.value(text("reply"))
-        time.sleep(1.2)
+        time.sleep(1.2)  # the page shows whole seconds
         feed.reload()
         wait_until(page, text("reply"), "ALL DOWN at ")
         assert page.value(text("reply")) == before
@@ -128,13 +128,13 @@ async def test_all_down_has_the_same_time_after_a_reload(console: Console) -> No
         run = view("large/wil/1").run
         feed.take(EventView(run, 1, 14.0, "vehicle", "disarmed", "real", ""))
         wait_until(page, text("reply"), "in the air: twin")
-        time.sleep(1.2)
+        time.sleep(1.2)  # the page shows whole seconds
         # The program has died in flight; the guard, which ends as well, saw the twin come down.
         guard = {"name": "large", "folder": run, "is_answering": True}
         feed.guards({**guard, "vehicles": {"twin": "down"}})
         wait_until(page, text("reply"), "ALL DOWN at ")
         before = page.value(text("reply"))
-        time.sleep(1.2)
+        time.sleep(1.2)  # the page shows whole seconds
         feed.status(is_over=True)
         feed.reload()
         wait_until(page, text("reply"), "ALL DOWN at ")

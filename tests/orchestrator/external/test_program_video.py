@@ -35,8 +35,8 @@ def image(sensor: str) -> CameraReading:
     )
 
 
-def video_of(delivery: Counted) -> ProgramVideo:
-    return ProgramVideo(sensor="camera", period_s=0.1, delivery=cast("Delivery", delivery))
+def video_of(delivery: Counted, period_s: float = 0.1) -> ProgramVideo:
+    return ProgramVideo(sensor="camera", period_s=period_s, delivery=cast("Delivery", delivery))
 
 
 def test_images_of_another_camera_are_not_sent() -> None:
@@ -94,3 +94,7 @@ def test_a_program_for_which_no_image_comes_is_blind_after_a_time() -> None:
     video.begin(0.0)
     assert (video.fault(1.9), video.fault_in_all()) == ("", "")
     assert video.fault(2.1) == "no image of 'camera' came for its program for 2 s"
+    seldom = video_of(Counted(), period_s=3.0)
+    seldom.begin(0.0)
+    assert seldom.fault(5.9) == ""
+    assert seldom.fault(6.1).endswith("for 6 s")

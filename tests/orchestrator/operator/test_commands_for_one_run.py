@@ -149,6 +149,9 @@ async def test_a_hold_of_one_run_lets_the_campaign_go_on(campaign: Campaign) -> 
     assert (campaign.controller.held, campaign.controller.state) == (False, "flying")
     with pytest.raises(RefusedLineError, match=r"^hold: B/wil/1 holds already$"):
         campaign.obey("hold", run=SECOND)
+    # A retry of that run flies: what its first attempt was told is over.
+    campaign.controller.begun(SECOND, FlightPlace())
+    assert campaign.obey("hold", run=SECOND) == "held: 1 run in flight, B/wil/1 only"
     assert campaign.obey("resume") == "resumed: 2 runs in flight"
     with pytest.raises(RefusedLineError, match="no vehicle holds"):
         campaign.obey("resume")

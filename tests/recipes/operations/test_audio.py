@@ -196,6 +196,22 @@ def test_a_twin_whose_stamps_deviate_by_milliseconds_is_whole() -> None:
     assert np.mean(rig.samples_since(1)[:-160] != 1500) < 0.01
 
 
+def test_a_twin_whose_stamps_jump_back_by_milliseconds_comes_to_its_stamps_again() -> None:
+    sounds = np.zeros(40_000)
+    sounds[30_000] = 8000
+    late_s = -40 / RATE
+    twin = [
+        replace(one, t_s=one.t_s + late_s) if one.t_s > 1.5 else one
+        for one in blocks(sounds, 100, 0.9)
+    ]
+    rig = SoundRig("merge: add")
+    rig.mix(blocks(np.zeros(39_000), 160), twin)
+    assert set(rig.dropped[1:-1]) == {""}
+    (heard,) = np.flatnonzero(rig.samples_since())
+    sounded_s = 0.9 + 30_000 / RATE + late_s
+    assert abs(1.0 + heard / RATE - sounded_s) <= 2.5 / RATE
+
+
 def test_a_twin_of_another_rate_is_cut_so_that_a_step_can_convert_it() -> None:
     twin = np.rint(8000 * np.sin(2 * np.pi * 300 * np.arange(8000) / 16000))
     parts = [

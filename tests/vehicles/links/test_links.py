@@ -108,6 +108,12 @@ class Received:
     async def __aexit__(self, *error: object) -> None:
         await self.link.__aexit__(None, None, None)
 
+    def beat(self, port: int, times: int, *, every_s: float) -> None:
+        """Say so many heartbeats of system 1 from a port, each so long after the last datagram."""
+        for _ in range(times):
+            self.now_s += every_s
+            self.say(port, _heartbeat(1))
+
     def say(self, port: int, data: bytes) -> None:
         self.link.datagram_received(data, ("127.0.0.1", port))
 
@@ -197,9 +203,7 @@ async def test_a_vehicle_that_changes_its_port_without_a_silence_is_no_rival() -
             there.now_s += 0.1
             there.say(1002, _heartbeat(1))
             there.say(1001, _heartbeat(1))
-        for _ in range(20):
-            there.now_s += 0.1
-            there.say(1002, _heartbeat(1))
+        there.beat(1002, 20, every_s=0.1)
         assert there.answered() == [1002]
         assert not there.link.rivals
 
@@ -235,12 +239,8 @@ async def test_a_late_frame_of_the_other_way_makes_it_no_rival_for_later() -> No
         there.say(1001, _heartbeat(1))
         there.now_s += 0.06
         there.say(1002, _heartbeat(1))  # was under way when the first was there again
-        for _ in range(20):
-            there.now_s += 1.0
-            there.say(1001, _heartbeat(1))
-        for _ in range(3):
-            there.now_s += 1.0
-            there.say(1002, _heartbeat(1))
+        there.beat(1001, 20, every_s=1.0)
+        there.beat(1002, 3, every_s=1.0)
         assert there.answered() == [1002]
 
 
@@ -250,9 +250,7 @@ async def test_whoever_was_received_first_long_ago_does_not_take_a_flying_vehicl
         there.link.on_rival(said.append)
         there.say(1001, _heartbeat(1))
         there.now_s += 1.6
-        for _ in range(30):
-            there.now_s += 1.0
-            there.say(1002, _heartbeat(1))
+        there.beat(1002, 30, every_s=1.0)
         for _ in range(10):
             there.now_s += 0.5
             there.say(1001, _heartbeat(1))
@@ -264,13 +262,9 @@ async def test_whoever_was_received_first_long_ago_does_not_take_a_flying_vehicl
 
 async def test_a_vehicle_that_flew_long_takes_its_place_back_after_a_long_outage() -> None:
     async with Received() as there:
-        for _ in range(60):
-            there.now_s += 1.0
-            there.say(1001, _heartbeat(1))
+        there.beat(1001, 60, every_s=1.0)
         there.now_s += 2.0
-        for _ in range(25):
-            there.now_s += 1.0
-            there.say(1002, _heartbeat(1))
+        there.beat(1002, 25, every_s=1.0)
         assert there.answered() == [1002]
         for _ in range(5):
             there.now_s += 0.5
@@ -288,12 +282,8 @@ async def test_strays_of_long_ago_make_no_new_port_a_rival() -> None:
             there.now_s += 0.2
             there.say(1001, _heartbeat(1))
             there.say(port, _heartbeat(1))
-        for _ in range(70):
-            there.now_s += 1.0
-            there.say(1001, _heartbeat(1))
-        for _ in range(3):
-            there.now_s += 1.0
-            there.say(1002, _heartbeat(1))
+        there.beat(1001, 70, every_s=1.0)
+        there.beat(1002, 3, every_s=1.0)
         assert (there.answered(), said) == ([1002], [])
 
 
