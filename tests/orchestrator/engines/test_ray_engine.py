@@ -54,15 +54,18 @@ class MortalAgent(node_agent.NodeAgent):
 
 
 class Acting(SilentDisplay):
-    """Does something at the first sign of a flight."""
+    """Does something once, at the first sign that so many runs are in flight."""
 
-    def __init__(self, act: Callable[[], object]) -> None:
+    def __init__(self, act: Callable[[], object], at_once: int = 1) -> None:
         super().__init__()
         self._act: Callable[[], object] | None = act
+        self._at_once = at_once
+        self._seen: set[str] = set()
 
     def progress(self, progress: Progress) -> None:
-        act, self._act = self._act, None
-        if act is not None:
+        self._seen.add(progress.run)
+        if self._act is not None and len(self._seen) >= self._at_once:
+            act, self._act = self._act, None
             act()
 
 
@@ -80,7 +83,7 @@ def fly(
     engine = RayEngine(ray, 1, idle=hire_agents(ray, workers, cores=1))
     settings = FlyingSettings(out=out, clock="virtual", jobs=jobs, engine=engine, resume=resume)
     try:
-        return fly_campaign(campaign, settings, Acting(lambda: act(ray)))
+        return fly_campaign(campaign, settings, Acting(lambda: act(ray), jobs))
     finally:
         if ray.actors:
             assert ray.options["max_restarts"] == ray.options["max_task_retries"] == 0
@@ -162,13 +165,18 @@ def test_a_worker_that_dies_in_flight_takes_one_run_which_is_not_flown_again(
 def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
     tmp_path: Path,
 ) -> None:
+    lost = tmp_path / "lost"
 
     def lose_node(ray: FakeRay) -> None:
         ray.cpus = 0  # of the two places one is gone, and the other is taken
         ray.actors[1].die()
+        lost.touch()
 
-    path = write_hover(tmp_path)
-    # Long enough that no run ends before the node of its worker is lost.
+    path, source = write_hover(tmp_path), tmp_path / "still.py"
+    # Both runs wait in flight until the node of one is lost, and neither ends soon after that.
+    waits = f"        while not Path({str(lost)!r}).exists():\n            time.sleep(0.01)\n"
+    head, act, tail = source.read_text().partition("        COUNT.append(1)\n")
+    source.write_text(f"import time\nfrom pathlib import Path\n\n{head}{act}{waits}{tail}")
     longer = "autonomy: {use: still.py:Still, with: {ticks: 1200}}"
     path.write_text(path.read_text().replace("autonomy: still.py:Still", longer))
     campaign = load_campaign(path, Options(repetitions=4))

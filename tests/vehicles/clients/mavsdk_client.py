@@ -135,12 +135,16 @@ class Client:
         return ((176, 1.0, 4.0),) if self.autopilot == "ardupilot" else ()
 
     def until(self, what: str, done: Callable[[], bool], *commands: tuple[float, ...]) -> None:
-        """Give commands, once in a second, until something is done."""
-        for _ in range(40):
+        """Give commands until something is done; each time it is waited for longer.
+
+        A takeoff that is commanded again on the ground begins anew: a vehicle that is short of
+        processor time would never leave it.
+        """
+        for attempt in range(10):
             for number, *parameters in commands:
                 self._command(int(number), *parameters)
             with contextlib.suppress(TimeoutError):
-                wait(what, done, 1.0)
+                wait(what, done, 1.0 + attempt)
                 return
         raise TimeoutError(what)
 

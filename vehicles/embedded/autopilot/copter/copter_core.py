@@ -153,7 +153,14 @@ class CopterCore(MissionAutopilot[CopterMode]):
         return self.choose(wanted) if wanted is not None else FAILED
 
     def choose(self, mode: CopterMode) -> int:
-        """Switch ArduCopter to the user's mode if it can run."""
+        """Switch ArduCopter to the user's mode if it can run.
+
+        A mode that is flown already goes on as it is (`Copter::set_mode`): choosing GUIDED again
+        does not end a takeoff.
+        """
+        if mode is self.mode and self.flight.armed:
+            self.failsafe = False
+            return ACCEPTED
         if mode.needs_position and not self.position_valid:
             self.outbox.send_text(WARNING, f"Mode change to {mode.words} failed: requires position")
             return FAILED

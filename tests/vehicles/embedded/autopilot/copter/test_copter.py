@@ -85,6 +85,24 @@ def test_takes_off_only_armed_and_guided(rig: Any, virtually: Scenario) -> None:
     virtually(scenario())
 
 
+@pytest.mark.parametrize("climbed_m", [0.5, 2.0])
+def test_guided_chosen_again_does_not_end_a_takeoff(
+    rig: Any, virtually: Scenario, climbed_m: float
+) -> None:
+    async def scenario() -> None:
+        async with copter(rig) as r:
+            await asyncio.sleep(42.0)
+            await r.command(176, 1, GUIDED)
+            await r.command(400, 1)
+            assert await r.command(22, 0, 0, 0, 0, 0, 0, 3) == 0
+            await r.until(lambda: r.height_m > climbed_m)
+            assert await r.command(176, 1, GUIDED) == 0
+            await asyncio.sleep(8.0)
+            assert r.height_m == pytest.approx(3.0, abs=0.15)
+
+    virtually(scenario())
+
+
 def test_disarms_itself_when_it_does_not_take_off(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with copter(rig) as r:
