@@ -196,7 +196,9 @@ def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> Non
             loop=loop,
             report=lambda run_s: seen.append((run_s, done_s[-1], sent[0] - read[0])),
         )
-        await asyncio.sleep(3.0)
+        async with asyncio.timeout(1000.0):
+            while len(seen) <= 20:  # a process without a processor for long reports nothing then
+                await asyncio.sleep(0.3)
         progress.stop()
         loop.remove_reader(ours)
         ours.close()
@@ -205,7 +207,6 @@ def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> Non
 
     with asyncio.Runner(loop_factory=lambda: PacedLoop(10.0)) as runner:
         seen = runner.run(flown())
-    assert len(seen) > 20
     assert all(done_s > run_s - 0.008 - 1e-6 for run_s, done_s, _ in seen)
     assert all(unread == 0 for _, _, unread in seen)
 
