@@ -36,10 +36,20 @@ class Still:
 """
 
 
-def write_hover(folder: Path) -> Path:
-    """Write the campaign's files, and return the campaign's."""
+def write_hover(folder: Path, *, waits_for: Path | None = None) -> Path:
+    """Write the campaign's files, and return the campaign's.
+
+    waits_for: a file for which each flight waits in the air, so that none has ended before a test
+    acts on it.
+    """
     (folder / "world.yaml").write_text(WORLD)
-    (folder / "still.py").write_text(STILL)
+    source = STILL
+    if waits_for is not None:
+        head, act, tail = STILL.partition("        COUNT.append(1)\n")
+        imports = "import time\nfrom pathlib import Path\n\n"
+        wait = f"        while not Path({str(waits_for)!r}).exists():\n"
+        source = f"{imports}{head}{act}{wait}            time.sleep(0.01)\n{tail}"
+    (folder / "still.py").write_text(source)
     path = folder / "hover.yaml"
     path.write_text(CAMPAIGN)
     return path

@@ -172,11 +172,8 @@ def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
         ray.actors[1].die()
         lost.touch()
 
-    path, source = write_hover(tmp_path), tmp_path / "still.py"
-    # Both runs wait in flight until the node of one is lost, and neither ends soon after that.
-    waits = f"        while not Path({str(lost)!r}).exists():\n            time.sleep(0.01)\n"
-    head, act, tail = source.read_text().partition("        COUNT.append(1)\n")
-    source.write_text(f"import time\nfrom pathlib import Path\n\n{head}{act}{waits}{tail}")
+    # Both runs wait until the node of one is lost, and neither ends soon after that.
+    path = write_hover(tmp_path, waits_for=lost)
     longer = "autonomy: {use: still.py:Still, with: {ticks: 1200}}"
     path.write_text(path.read_text().replace("autonomy: still.py:Still", longer))
     campaign = load_campaign(path, Options(repetitions=4))

@@ -105,12 +105,16 @@ def test_results_through_a_store_are_the_same_to_the_byte(
 def test_what_cannot_be_sent_stays_on_the_node_which_the_reason_names(
     tmp_path: Path, store: Path, node_folders: Path
 ) -> None:
+    refused = tmp_path / "refused"
+
     def refuse(_: FakeRay) -> None:
         (place,) = store.glob("hover/*/default/sim")
         shutil.rmtree(place)
         place.write_text("no folder")  # as a store does that takes nothing more
+        refused.touch()
 
-    flown = fly(write_hover(tmp_path), tmp_path / "out", store, act=refuse)
+    path = write_hover(tmp_path, waits_for=refused)
+    flown = fly(path, tmp_path / "out", store, act=refuse)
     (run,) = flown.summary.runs
     assert (run.verdict, flown.exit_code) == ("ERROR", 3)
     assert "it is PASS, but its files are not in the store; they are kept in" in run.reason

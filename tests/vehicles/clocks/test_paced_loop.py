@@ -173,6 +173,7 @@ def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> Non
         assert isinstance(loop, PacedLoop)
         began_s = loop.time()
         done_s, seen = [began_s], list[tuple[float, float, int]]()
+        has_seen_enough = asyncio.Event()
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         ours.setblocking(False)
         sent, read = [0], [0]
@@ -192,13 +193,15 @@ def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> Non
 
         loop.add_reader(ours, take)
         tick(0)
-        progress = ProgressReporter(
-            loop=loop,
-            report=lambda run_s: seen.append((run_s, done_s[-1], sent[0] - read[0])),
-        )
-        async with asyncio.timeout(1000.0):
-            while len(seen) <= 20:  # a process without a processor for long reports nothing then
-                await asyncio.sleep(0.3)
+
+        def report(run_s: float) -> None:
+            seen.append((run_s, done_s[-1], sent[0] - read[0]))
+            if len(seen) > 20:
+                has_seen_enough.set()
+
+        progress = ProgressReporter(loop=loop, report=report)
+        async with asyncio.timeout(1000.0):  # without a processor for long it reports nothing
+            await has_seen_enough.wait()
         progress.stop()
         loop.remove_reader(ours)
         ours.close()

@@ -10,7 +10,6 @@ from safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel, channel_
 from safety.guard.process.channel_link import ChannelLink
 from safety.guard.process.messages import Bytes, ToOrchestrator, Unread, to_guard, to_orchestrator
 from vehicles.autopilots.autopilot import Target
-from vehicles.driver.session.arrivals import STEP_S
 from vehicles.driver.session.session import Session
 from vehicles.links.tapped import TappedLink
 from vehicles.mavlink.codec import Codec
@@ -64,7 +63,7 @@ async def test_a_vehicle_was_not_silent_while_its_frames_were_not_read() -> None
     assert times_s[-1] - times_s[0] > 1.0
     longest_s = max(after - before for before, after in itertools.pairwise(times_s))
     # The machine of the test may be late as well, by less than what was not read.
-    assert longest_s < STEP_S + 0.2
+    assert longest_s < 0.8
     assert sum(one.count for one in unread) >= 20
     assert "this program did not read them in time" in str(unread[0])
 
