@@ -218,19 +218,25 @@ class Search:
             reduced=variant,
             reduced_failed=votes.failed,
             reduced_proven=votes.proven,
+            causes=votes.causes,
+            reduced_causes=votes.causes,
         )
         if standing == "confirmed":
             found = yield from self._reduce(found)
         self._cases.append(found)
 
     def _reduce(self, found: FailingCase) -> Generator[Batch, Sequence[FlightOutcome], FailingCase]:
-        """Make a confirmed case smaller, under the seeds and votes that confirmed it."""
+        """Make a confirmed case smaller, under the seeds and votes that confirmed it.
+
+        A smaller variant must fail as often, and by the case's cause as often as that confirmed it.
+        """
         space, variant = self._problem.space, found.variant
         values = own_left_out(space, variant.values)
         smallest = replace(
             found, reduced=Variant(name=variant.name, values=values, of=variant.name)
         )
-        left = self._problem.reduce_flights
+        left, needed = self._problem.reduce_flights, self._problem.votes
+        by_cause = min(needed, found.causes.get(found.cause, 0))
         attempts = reductions(space, values)
         fails: bool | None = None
         number = 0
@@ -249,14 +255,15 @@ class Search:
                 return replace(smallest, is_reduced=False)
             left -= self._problem.confirm_flights
             outcomes = yield from self._vote(one, variant, found.mode, "reduce")
-            votes = votes_of(outcomes, cause=found.cause)
-            if votes.failed >= self._problem.votes:
+            votes = votes_of(outcomes)
+            if votes.failed >= needed and votes.causes.get(found.cause, 0) >= by_cause:
                 fails = True
                 smallest = replace(
                     smallest,
                     reduced=one,
                     reduced_failed=votes.failed,
                     reduced_proven=votes.proven,
+                    reduced_causes=votes.causes,
                 )
 
     def _vote(self, variant: Variant, seeded_by: Variant, mode: Mode, purpose: Purpose) -> _Flown:

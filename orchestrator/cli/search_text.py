@@ -19,7 +19,7 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
             one.standing,
             f"{one.failed}/{one.proven}",
             _interval_text(one),
-            one.cause,
+            one.causes_text,
             _changes_text(search, one),
             outcome.files.get(one.variant.name, ""),
         )

@@ -31,7 +31,8 @@ def failure_text(search: SearchCampaign, case: FailingCase, folder: Path) -> str
     for key in _LEFT_OUT:
         campaign.pop(key, None)
     campaign["campaign"] = f"{search.campaign.name[: _LONGEST_NAME - len(name) - 1]}-{name}"
-    campaign["description"] = f"A failure that a search found: {case.cause or 'no cause is known'}"
+    cause = case.causes_text or "no cause is known"
+    campaign["description"] = f"A failure that a search found: {cause}"
     campaign["modes"] = [case.mode]
     campaign["repetitions"] = search.part.confirm.flights
     campaign["seed"] = search.campaign.seed
@@ -45,8 +46,8 @@ def failure_text(search: SearchCampaign, case: FailingCase, folder: Path) -> str
 def _comment(case: FailingCase) -> str:
     """Return the comment above the file."""
     return (
-        f"# Found by a search as {case.variant.name}; failed by {case.cause} in "
-        f"{case.reduced_failed} of {case.reduced_proven} flights in mode {case.mode}.\n"
+        f"# Found by a search as {case.variant.name}; failed in {case.reduced_failed} of "
+        f"{case.reduced_proven} flights in mode {case.mode} by {case.reduced_causes_text}.\n"
     )
 
 

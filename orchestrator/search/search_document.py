@@ -134,6 +134,7 @@ def _failure_entry(
         "mode": case.mode,
         "standing": case.standing,
         "cause": case.cause,
+        "causes": dict(case.causes),
         "failed": case.failed,
         "proven": case.proven,
         "interval": None
@@ -145,6 +146,7 @@ def _failure_entry(
             "keys": search.overrides(case.reduced.values),
             "failed": case.reduced_failed,
             "proven": case.reduced_proven,
+            "causes": dict(case.reduced_causes),
             "is_smallest": case.is_reduced,
         },
         "file": files.get(case.variant.name),

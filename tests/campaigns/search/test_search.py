@@ -266,8 +266,40 @@ def test_invalid_flights_confirm_nothing_and_refute_nothing() -> None:
     assert standing_of(votes_of([failed, invalid]), needed=3, due=2) == "refuted"
 
 
-def test_only_failures_by_the_cause_count() -> None:
+def test_failures_count_whatever_their_causes_and_the_most_frequent_is_the_first() -> None:
     other = FlightOutcome(verdict="FAIL", value=0.0, cause="time_limit/twin")
     failed = FlightOutcome(verdict="FAIL", value=0.0, cause="reached/twin")
-    assert votes_of([other, failed, failed]).failed == 2
-    assert votes_of([other, failed, failed], cause="time_limit/twin").failed == 1
+    votes = votes_of([other, failed, failed])
+    assert (votes.failed, votes.proven, votes.cause) == (3, 3, "reached/twin")
+    assert list(votes.causes.items()) == [("reached/twin", 2), ("time_limit/twin", 1)]
+    assert standing_of(votes, needed=3, due=3) == "confirmed"
+    assert votes_of([other, failed]).cause == votes_of([failed, other]).cause == "reached/twin"
+
+
+def test_a_variant_that_fails_each_time_by_changing_causes_is_confirmed() -> None:
+    """It is reduced to what fails as often, and by the most frequent cause as often."""
+    changing = ("collision/twin", "reached/twin", "collision/twin", "speed/twin", "reached/twin")
+
+    def fly_changing(batch: Batch) -> list[FlightOutcome]:
+        return [
+            FlightOutcome(
+                verdict="FAIL",
+                value=0.0,
+                cause=changing[one.repetition - 1]
+                if batch.purpose != "reduce" or one.variant.values == {"x": 1.0}
+                else "reached/twin",
+            )
+            for one in batch.flights
+        ]
+
+    search = Search(
+        problem(plane(), budget={"sim": 1}), FixedStrategy(iter([{"x": 1.0, "y": 1.0}]))
+    )
+    drive(search, fly_changing)
+    (case,) = search.findings.confirmed
+    assert (case.cause, case.failed, case.proven) == ("collision/twin", 5, 5)
+    assert case.causes_text == "collision/twin 2, reached/twin 2, speed/twin 1"
+    assert case.interval is not None
+    assert case.interval.high == 1.0
+    assert case.reduced.values == {"x": 1.0}
+    assert (case.reduced_failed, case.reduced_causes_text) == (5, case.causes_text)
