@@ -4,6 +4,7 @@ The outcomes alone decide what is yielded next. So an interrupted search is resu
 outcomes of its ledger again, without flying them.
 """
 
+import math
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -144,7 +145,7 @@ class Search:
             waiting = [
                 (name, value)
                 for name, one in self._tried.items()
-                if upper not in one.outcomes and (value := one.value(lower)) is not None
+                if upper not in one.outcomes and (value := _rank_of(one, lower)) is not None
             ]
             most = min(left, max(1, self._problem.at_once // self._problem.seeds))
             chosen = passed_on(
@@ -287,6 +288,15 @@ class Search:
             cost = self._costs.get((mode, purpose), Cost())
             self._costs[mode, purpose] = cost.plus(outcome)
         return outcomes
+
+
+def _rank_of(tried: TriedVariant, mode: Mode) -> float | None:
+    """Return the value by which a variant is passed on to a costlier mode; None where unproven.
+
+    Infinite where it passed without a margin: it flies there only to measure the gap.
+    """
+    value = tried.value(mode)
+    return math.inf if value is None and tried.passed(mode) else value
 
 
 def failure_name(variant: Variant) -> str:

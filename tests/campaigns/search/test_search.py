@@ -1,6 +1,7 @@
 """Searches over made-up objectives: what is proposed, passed on, confirmed and reduced."""
 
 import itertools
+import math
 from typing import Any
 
 import pytest
@@ -243,6 +244,28 @@ def test_what_failed_in_the_cheaper_mode_is_open_until_the_dearer_one_answers(
     answered = {one.variant.name for one in found.tried if "wil" in one.outcomes}
     assert (len(open_names), len(answered)) == (4 if is_open else 2, 2)
     assert answered.isdisjoint(open_names) != is_open
+
+
+def test_what_passed_far_from_everything_is_passed_on_until_the_gap_is_measured() -> None:
+    """Without a margin in sim nothing is known of the dearer mode, which may fail."""
+
+    def fly_far(batch: Batch) -> list[FlightOutcome]:
+        far = FlightOutcome(verdict="PASS", value=None)
+        hit = FlightOutcome(verdict="FAIL", value=-0.5, cause="collision/real")
+        return [far if batch.mode == "sim" else hit for _ in batch.flights]
+
+    given = problem(plane(), budget={"sim": 6, "wil": 4}, reduce_flights=0)
+    search = Search(given, FixedStrategy(fixed_points("sobol", plane(), 1)))
+    drive(search, fly_far)
+    assert search.findings.costs["wil", "pass on"].flights == 4
+    assert search.findings.confirmed
+
+
+def test_what_passed_far_from_everything_comes_last_and_not_once_the_gap_is_measured() -> None:
+    values = [("far", math.inf), ("a", 0.9), ("b", 0.2)]
+    assert passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
+    measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
+    assert passed_on(values, measured, probes=1, most=10) == ["b"]
 
 
 def test_until_the_gap_is_measured_the_worst_are_passed_on_to_measure_it() -> None:
