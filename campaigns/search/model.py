@@ -117,8 +117,8 @@ class TriedVariant:
         return any(one.verdict == "PASS" for one in self.outcomes.get(mode, ()))
 
     def failed_last(self, modes: Sequence[Mode]) -> bool:
-        """Return whether a flight failed in the last of these modes with a value or a failure."""
-        proven = [mode for mode in modes if self.value(mode) is not None or self.failed(mode)]
+        """Return whether a flight failed in the last of these modes with a PASS or a FAIL."""
+        proven = [mode for mode in modes if self.failed(mode) or self.passed(mode)]
         return bool(proven) and self.failed(proven[-1])
 
     @property

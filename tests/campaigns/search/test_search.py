@@ -246,6 +246,16 @@ def test_what_failed_in_the_cheaper_mode_is_open_until_the_dearer_one_answers(
     assert answered.isdisjoint(open_names) != is_open
 
 
+def test_what_failed_in_sim_and_passed_far_from_everything_in_wil_is_settled() -> None:
+    far = FlightOutcome(verdict="PASS", value=None)
+    hit = FlightOutcome(verdict="FAIL", value=-0.5, cause="collision/twin")
+    given = problem(plane(), budget={"sim": 4, "wil": 4}, reduce_flights=0)
+    search = Search(given, FixedStrategy(fixed_points("sobol", plane(), 1)))
+    drive(search, lambda batch: [hit if batch.mode == "sim" else far for _ in batch.flights])
+    assert all("wil" in one.outcomes for one in search.findings.tried)
+    assert search.findings.open_failures == ()
+
+
 def test_what_passed_far_from_everything_is_passed_on_until_the_gap_is_measured() -> None:
     """Without a margin in sim nothing is known of the dearer mode, which may fail."""
 
