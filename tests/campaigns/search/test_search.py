@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from campaigns.search import strategies
 from campaigns.search.gap import ModeGap, passed_on
 from campaigns.search.model import Batch, FlightOutcome, Variant
 from campaigns.search.search import EXHAUSTED, SPENT, Search, failure_name, most_flights
@@ -59,6 +60,33 @@ def test_pairs_of_levels_stand_together_in_far_fewer_flights_than_the_grid() -> 
     for one, other in itertools.combinations("xyz", 2):
         pairs = {(point[one], point[other]) for point in points}
         assert pairs == {(point[one], point[other]) for point in grid}
+
+
+@pytest.mark.parametrize("text", ["x + y <= -0.5", "abs(x - y) >= 1", "x + y + z + w <= -3.4"])
+def test_each_pair_of_levels_that_the_constraints_admit_stands_together(text: str) -> None:
+    space = plane(z=1, w=1, constraints=(text,))
+    points = list(fixed_points("pairwise", space, 1))
+    assert all(space.admits(point) for point in points)
+    grid = list(space.grid())
+    for one, other in itertools.combinations("xyzw", 2):
+        pairs = {(point[one], point[other]) for point in points}
+        assert pairs == {(point[one], point[other]) for point in grid}
+    assert len(points) <= 60
+    assert len({tuple(point.values()) for point in points}) == len(points)
+    assert points == list(fixed_points("pairwise", space, 1))
+
+
+def test_of_a_grid_too_large_to_list_pairs_are_added_from_random_combinations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    space = plane(z=1, w=1, constraints=("x + y <= 0",))
+    whole = {pair for row in space.grid() for pair in itertools.combinations(row.items(), 2)}
+    monkeypatch.setattr(strategies, "_MOST_ROWS", 400)
+    points = list(fixed_points("pairwise", space, 1))
+    found = {pair for point in points for pair in itertools.combinations(point.items(), 2)}
+    assert all(space.admits(point) for point in points)
+    assert len(found) >= 0.95 * len(whole)
+    assert points == list(fixed_points("pairwise", space, 1))
 
 
 def test_a_finite_space_is_tried_once_and_no_more() -> None:
