@@ -79,6 +79,25 @@ def test_coverage_counts_admissible_pairs_of_cells_and_knows_the_farthest_point(
     assert every.distance < one.distance
 
 
+def test_each_choice_is_a_cell_and_whole_numbers_of_a_long_range_share_cells() -> None:
+    eight = Parameter(name="form", keys=("form",), choices=tuple("abcdefgh"))
+    counted = Parameter(name="count", keys=("count",), low=1, high=10, is_integer=True)
+    alone = coverage_of(Space(parameters=(eight,)), [{"form": one} for one in "abcde"])
+    assert (alone.cells, alone.flown) == (8, 5)
+    both = Space(parameters=(eight, counted))
+    found = coverage_of(both, [{"form": "a", "count": one} for one in range(1, 11)])
+    assert (found.cells, found.flown) == (8 * 5, 5)
+
+
+def test_no_cell_is_missed_where_nothing_is_excluded() -> None:
+    """More pairs of cells than there are samples."""
+    many = [
+        Parameter(name=name, keys=(name,), choices=tuple(range(70))) for name in ("one", "other")
+    ]
+    found = coverage_of(Space(parameters=tuple(many)), [{"one": 0, "other": 0}])
+    assert (found.cells, found.flown) == (4900, 1)
+
+
 def result(
     name: str, *, margin: float | None, limit: float | None = 0.0, vehicle: str = "real"
 ) -> OracleResult:

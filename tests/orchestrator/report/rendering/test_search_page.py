@@ -49,6 +49,18 @@ def test_the_page_draws_each_pair_of_parameters_with_every_variant_in_it() -> No
     assert f'<td>explore</td><td class="num">{len(findings.tried)}</td>' in html
 
 
+def test_the_page_draws_a_cell_for_each_choice() -> None:
+    forms = Parameter(name="form", keys=("form",), choices=tuple("abcdefgh"), own="a")
+    space = Space(parameters=(forms,))
+    given = problem(space, budget={"sim": 5}, at_once=1, reduce_flights=0)
+    findings, _ = searched(given, lambda *_: 1.0, strategy="grid")
+    html = page_of(space, findings)
+    # The one parameter is drawn on both axes, so that the diagonal is all there is.
+    counts = [html.count(f'class="{kind}"') for kind in ("cell", "unexplored", "shut")]
+    assert counts == [5, 3, 56]
+    assert "5 of 8 admissible pairs of cells were flown (62 %)" in html
+
+
 def test_the_page_draws_what_each_sensor_saw_and_where_flights_failed() -> None:
     findings, _ = searched(problem(plane(), budget={"sim": 4}), corner, strategy="sobol")
     seen = SensedView(sensor="camera", object="<gate>", cells=((0, 1), (7, 5)), nearest_m=0.75)
