@@ -61,6 +61,15 @@ def test_the_page_draws_a_cell_for_each_choice() -> None:
     assert "5 of 8 admissible pairs of cells were flown (62 %)" in html
 
 
+def test_the_campaigns_own_value_is_not_drawn_where_it_is_none_of_the_choices() -> None:
+    forms = Parameter(name="form", keys=("form",), choices=("square", "round"), own="hexagon")
+    space = Space(parameters=(forms,))
+    findings, _ = searched(problem(space), lambda *_: 1.0, strategy="grid")
+    html = page_of(space, findings)
+    assert 'class="own"' not in html
+    assert html.count('class="pass"') == 2
+
+
 def test_the_page_draws_what_each_sensor_saw_and_where_flights_failed() -> None:
     findings, _ = searched(problem(plane(), budget={"sim": 4}), corner, strategy="sobol")
     seen = SensedView(sensor="camera", object="<gate>", cells=((0, 1), (7, 5)), nearest_m=0.75)
