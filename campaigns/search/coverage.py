@@ -1,7 +1,8 @@
 """Coverage of a search's space: which pairs of levels were flown, and where it is unexplored; pure.
 
 Pairs, as most failures need no more than two parameters (Kuhn, Wallace and Gallo, IEEE TSE 30,
-2004). A continuous parameter is divided into as many cells as its `steps`.
+2004). Each choice is a cell. A range is divided into as many cells as its `steps`, so that whole
+numbers of a range that has more of them share cells.
 """
 
 import itertools
@@ -13,6 +14,9 @@ import numpy as np
 
 from campaigns.search.space import Parameter, Space, Values
 from campaigns.search.strategies import Point
+
+_CellPair = tuple[int, int, int, int]
+"""Two parameters, each followed by its cell."""
 
 _SAMPLES = 4096
 """Number of points that sample the space for admissible cells and the farthest point."""
@@ -43,13 +47,10 @@ def coverage_of(space: Space, tried: Iterable[Values]) -> SpaceCoverage:
     """Return how much of a space variants cover."""
     samples = admissible_shares(space)
     points = [point for values in tried if (point := space.shares(values)) is not None]
-    admissible = {cell for shares in samples for cell in _cells(space, shares)}
     flown = {cell for shares in points for cell in _cells(space, shares)}
-    # A flown variant is admissible even if no sample is in its cell.
-    admissible |= flown
     farthest, distance = _farthest(samples, points)
     return SpaceCoverage(
-        cells=len(admissible),
+        cells=_admissible_count(space, samples, flown),
         flown=len(flown),
         farthest=None if farthest is None else space.at(farthest),
         distance=distance,
@@ -72,11 +73,24 @@ def cell_of(parameter: Parameter, share: float) -> int:
 
 def cell_count(parameter: Parameter) -> int:
     """Return the number of cells of a parameter."""
+    if parameter.choices:
+        return len(parameter.choices)
     count = parameter.count
     return parameter.steps if count is None else min(count, max(parameter.steps, 2))
 
 
-def _cells(space: Space, shares: Sequence[float]) -> Iterable[tuple[int, int, int, int]]:
+def _admissible_count(
+    space: Space, samples: Iterable[Sequence[float]], flown: set[_CellPair]
+) -> int:
+    """Return the number of pairs of cells that the constraints admit, by the samples."""
+    if not space.constraints:
+        counts = [cell_count(one) for one in space.parameters]
+        return sum(a * b for a, b in itertools.combinations(counts, 2)) or counts[0]
+    # A flown variant is admissible even if no sample is in its cell.
+    return len({cell for shares in samples for cell in _cells(space, shares)} | flown)
+
+
+def _cells(space: Space, shares: Sequence[float]) -> Iterable[_CellPair]:
     """Yield the pairs of cells in which a point lies."""
     own = [cell_of(one, share) for one, share in zip(space.parameters, shares, strict=True)]
     if len(own) == 1:

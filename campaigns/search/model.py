@@ -117,8 +117,8 @@ class TriedVariant:
         return any(one.verdict == "PASS" for one in self.outcomes.get(mode, ()))
 
     def failed_last(self, modes: Sequence[Mode]) -> bool:
-        """Return whether a flight failed in the last of these modes with a value or a failure."""
-        proven = [mode for mode in modes if self.value(mode) is not None or self.failed(mode)]
+        """Return whether a flight failed in the last of these modes with a PASS or a FAIL."""
+        proven = [mode for mode in modes if self.failed(mode) or self.passed(mode)]
         return bool(proven) and self.failed(proven[-1])
 
     @property
@@ -137,9 +137,11 @@ class TriedVariant:
 class FailingCase:
     """A variant that failed and was flown again, and the smallest one that it was reduced to.
 
-    failed of proven flights failed by the cause; interval: of the rate at which it fails.
-    reduced, reduced_failed, reduced_proven: the same of the smallest; the variant itself where
-    nothing smaller fails as often. is_reduced: False where the flights for it were used up.
+    failed of proven flights failed, whatever the cause; interval: of the rate at which it fails.
+    cause: the most frequent one; causes: the number of failures by cause, the most frequent first.
+    reduced, reduced_failed, reduced_proven, reduced_causes: the same of the smallest; the variant
+    itself where nothing smaller fails as often. is_reduced: False where the flights for it were
+    used up.
     """
 
     variant: Variant
@@ -152,7 +154,26 @@ class FailingCase:
     reduced: Variant
     reduced_failed: int
     reduced_proven: int
+    causes: Mapping[str, int] = field(default_factory=dict)
+    reduced_causes: Mapping[str, int] = field(default_factory=dict)
     is_reduced: bool = True
+
+    @property
+    def causes_text(self) -> str:
+        """Return the causes, with the number of failures by each where there are several."""
+        return _causes_text(self.causes) or self.cause
+
+    @property
+    def reduced_causes_text(self) -> str:
+        """Return the causes by which the smallest variant failed."""
+        return _causes_text(self.reduced_causes) or self.cause
+
+
+def _causes_text(causes: Mapping[str, int]) -> str:
+    """Return causes as text: "reached/real", or "collision/real 2, reached/real 1"."""
+    if len(causes) == 1:
+        return next(iter(causes))
+    return ", ".join(f"{cause} {count}" for cause, count in causes.items())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,9 +7,11 @@ of the width between two limits. So 1 is a margin as large as the limit.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from campaigns.schema import Mode
 from campaigns.search.model import FlightOutcome, FlownVerdict
 from safety.evaluation.judge import OracleUse
 from safety.model.oracle_results import Limit, OracleResult
+from safety.oracles import registry
 
 _EVENTS: Mapping[str, str] = {
     "landed": "",
@@ -28,6 +30,28 @@ def lacks_margin(use: OracleUse) -> str:
         return ""
     remedy = f"give it {key}" if key else "name one that has a limit"
     return f"oracle '{use.name}' judges an event and has no margin: {remedy}"
+
+
+def fails_no_flight(use: OracleUse, flying: Mapping[Mode, Sequence[str]]) -> str:
+    """Return why an oracle cannot fail a flight in one of the modes; "" where it can in all.
+
+    flying: the vehicles that fly in each mode, the subject first.
+    """
+    given = use.parameters
+    if not given.required:
+        return f"oracle '{use.name}' is not required and fails no flight: give it required: true"
+    for mode, vehicles in flying.items():
+        if given.vehicle not in {None, vehicles[0]}:
+            return (
+                f"oracle '{use.name}' judges {given.vehicle} alone, and mode {mode} is judged by "
+                f"{vehicles[0]}: remove its vehicle, or {mode} from the budget"
+            )
+        if registry[use.kind].needs_pair(given) and len(vehicles) < 2:
+            return (
+                f"oracle '{use.name}' compares real and twin, and in mode {mode} only "
+                f"{vehicles[0]} flies: remove {mode} from the budget"
+            )
+    return ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,6 +4,7 @@ The outcomes alone decide what is yielded next. So an interrupted search is resu
 outcomes of its ledger again, without flying them.
 """
 
+import math
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -144,7 +145,7 @@ class Search:
             waiting = [
                 (name, value)
                 for name, one in self._tried.items()
-                if upper not in one.outcomes and (value := one.value(lower)) is not None
+                if upper not in one.outcomes and (value := _rank_of(one, lower)) is not None
             ]
             most = min(left, max(1, self._problem.at_once // self._problem.seeds))
             chosen = passed_on(
@@ -218,19 +219,25 @@ class Search:
             reduced=variant,
             reduced_failed=votes.failed,
             reduced_proven=votes.proven,
+            causes=votes.causes,
+            reduced_causes=votes.causes,
         )
         if standing == "confirmed":
             found = yield from self._reduce(found)
         self._cases.append(found)
 
     def _reduce(self, found: FailingCase) -> Generator[Batch, Sequence[FlightOutcome], FailingCase]:
-        """Make a confirmed case smaller, under the seeds and votes that confirmed it."""
+        """Make a confirmed case smaller, under the seeds and votes that confirmed it.
+
+        A smaller variant must fail as often, and by the case's cause as often as that confirmed it.
+        """
         space, variant = self._problem.space, found.variant
         values = own_left_out(space, variant.values)
         smallest = replace(
             found, reduced=Variant(name=variant.name, values=values, of=variant.name)
         )
-        left = self._problem.reduce_flights
+        left, needed = self._problem.reduce_flights, self._problem.votes
+        by_cause = min(needed, found.causes.get(found.cause, 0))
         attempts = reductions(space, values)
         fails: bool | None = None
         number = 0
@@ -249,14 +256,15 @@ class Search:
                 return replace(smallest, is_reduced=False)
             left -= self._problem.confirm_flights
             outcomes = yield from self._vote(one, variant, found.mode, "reduce")
-            votes = votes_of(outcomes, cause=found.cause)
-            if votes.failed >= self._problem.votes:
+            votes = votes_of(outcomes)
+            if votes.failed >= needed and votes.causes.get(found.cause, 0) >= by_cause:
                 fails = True
                 smallest = replace(
                     smallest,
                     reduced=one,
                     reduced_failed=votes.failed,
                     reduced_proven=votes.proven,
+                    reduced_causes=votes.causes,
                 )
 
     def _vote(self, variant: Variant, seeded_by: Variant, mode: Mode, purpose: Purpose) -> _Flown:
@@ -280,6 +288,15 @@ class Search:
             cost = self._costs.get((mode, purpose), Cost())
             self._costs[mode, purpose] = cost.plus(outcome)
         return outcomes
+
+
+def _rank_of(tried: TriedVariant, mode: Mode) -> float | None:
+    """Return the value by which a variant is passed on to a costlier mode; None where unproven.
+
+    Infinite where it passed without a margin: it flies there only to measure the gap.
+    """
+    value = tried.value(mode)
+    return math.inf if value is None and tried.passed(mode) else value
 
 
 def failure_name(variant: Variant) -> str:

@@ -18,7 +18,7 @@ from campaigns.schema import MATRIX_KEYS, Mode
 from campaigns.schema.search import ParameterPart, ParameterValue, SearchPart
 from campaigns.search.constraints import Constraint, parse_constraint
 from campaigns.search.coverage import admissible_shares
-from campaigns.search.objective import Objective, lacks_margin
+from campaigns.search.objective import Objective, fails_no_flight, lacks_margin
 from campaigns.search.search_campaign import SearchCampaign
 from campaigns.search.space import Parameter, Space
 from campaigns.setup.bench_resolution import completion_of
@@ -130,8 +130,11 @@ class _Reader:
                 self._report(("budget", mode), message)
 
     def _check_objective(self, case: str | None) -> None:
-        """Report oracles that are not judged, or have no margin."""
-        uses = {} if case is None else {u.name: u for u in self._campaign.setups[case].oracles}
+        """Report oracles that have no margin, or cannot fail a flight in a mode of the budget."""
+        setup = None if case is None else self._campaign.setups[case]
+        uses = {} if setup is None else {use.name: use for use in setup.oracles}
+        modes = [mode for mode in self._part.flights_by_mode if mode in self._campaign.modes]
+        flying = {} if setup is None else {mode: setup.flying(mode) for mode in modes}
         is_list = isinstance(self._part.objective, list)
         for index, name in enumerate(self._part.oracles):
             path: Path = ("objective", index) if is_list else ("objective",)
@@ -139,7 +142,7 @@ class _Reader:
                 meant = closest(name, uses)
                 known = "" if meant else f" (the campaign has: {', '.join(uses)})"
                 self._report(path, f"unknown oracle '{name}'{known}", meant)
-            elif message := lacks_margin(uses[name]):
+            elif message := lacks_margin(uses[name]) or fails_no_flight(uses[name], flying):
                 self._report(path, message)
         for name in self._part.scale:
             if name not in self._part.oracles:

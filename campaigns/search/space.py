@@ -63,11 +63,16 @@ class Parameter:
         digits = _FINE - math.floor(math.log10(self.high - self.low))
         return min(max(round(value, digits), self.low), self.high)
 
-    def share(self, value: ParameterValue) -> float:
-        """Return where a value lies, 0 to 1 within the limits; choices in the middle of a cell."""
+    def share(self, value: ParameterValue) -> float | None:
+        """Return where a value lies, 0 to 1; choices in the middle of a cell.
+
+        None where the parameter has no such value: none of its choices, or outside of its limits.
+        """
         if self.choices:
-            place = self.choices.index(value) if value in self.choices else 0
-            return (place + 0.5) / len(self.choices)
+            known = value in self.choices
+            return (self.choices.index(value) + 0.5) / len(self.choices) if known else None
+        if isinstance(value, str | bool) or not self.low <= value <= self.high:
+            return None
         return (float(value) - self.low) / (self.high - self.low)
 
     @property
@@ -109,14 +114,15 @@ class Space:
         return {parameter.name: parameter.at(share) for parameter, share in pairs}
 
     def shares(self, values: Values) -> tuple[float, ...] | None:
-        """Return the point of the unit cube of values; None where one is unknown."""
+        """Return the point of the unit cube of values; None where one is unknown or outside."""
         whole = self.whole(values)
         found: list[float] = []
         for parameter in self.parameters:
             value = whole[parameter.name]
-            if value is None:
+            share = None if value is None else parameter.share(value)
+            if share is None:
                 return None
-            found.append(parameter.share(value))
+            found.append(share)
         return tuple(found)
 
     @property

@@ -1,6 +1,9 @@
 """Strategies of a search that do not learn: grid, pairwise, Sobol points, random points."""
 
-from collections.abc import Callable, Iterator
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,8 +15,12 @@ from campaigns.search.space import Space, Values
 _ATTEMPTS = 20_000
 """Inadmissible points in a row after which the space is considered exhausted."""
 _SOBOL_CHUNK = 64
+_MOST_ROWS = 50_000
+"""Combinations of levels among which pairs are looked for that a constraint cut out."""
 
 Point = dict[str, ParameterValue]
+_Row = tuple[int, ...]
+"""A combination of levels: the index of each parameter's level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,20 +94,63 @@ def _grid(space: Space, seed: int) -> Iterator[Point]:
 
 
 def _pairwise(space: Space, seed: int) -> Iterator[Point]:
-    """Return points that together contain each possible pair of levels (greedily)."""
+    """Return points that together contain each admissible pair of levels (greedily).
+
+    covertable knows no constraints: what a row that breaks one leaves out is added after its rows.
+    """
     try:
         from covertable import make  # noqa: PLC0415 - of an extra
     except ModuleNotFoundError as error:
         raise MissingExtraError("covertable", "pairwise") from error
     # Indices, as covertable treats True and 1 as the same level.
     levels = {one.name: one.levels for one in space.parameters}
-    rows = make(
+    strength = min(2, len(levels))
+    made = make(
         {name: list(range(len(values))) for name, values in levels.items()},
-        strength=min(2, len(levels)),
+        strength=strength,
         salt=str(seed),
     )
-    points = ({name: levels[name][row[name]] for name in levels} for row in rows)
-    return (point for point in points if space.admits(point))
+
+    def point_of(row: _Row) -> Point:
+        return {name: levels[name][index] for name, index in zip(levels, row, strict=True)}
+
+    def is_admitted(row: _Row) -> bool:
+        return space.admits(point_of(row))
+
+    every = [tuple(row[name] for name in levels) for row in made]
+    rows = [row for row in every if is_admitted(row)]
+    if len(rows) < len(every):
+        grid = _grid_rows([len(values) for values in levels.values()], seed)
+        rows = [*rows, *_added_rows(rows, filter(is_admitted, grid), strength)]
+    return map(point_of, rows)
+
+
+def _grid_rows(counts: Sequence[int], seed: int) -> Iterator[_Row]:
+    """Return the rows of a grid of levels; of a large one as many random ones, by the seed."""
+    if math.prod(counts) <= _MOST_ROWS:
+        return itertools.product(*map(range, counts))
+    drawn = np.random.default_rng(seed).integers(counts, size=(_MOST_ROWS, len(counts)))
+    return map(tuple, drawn.tolist())
+
+
+def _added_rows(rows: Iterable[_Row], candidates: Iterable[_Row], strength: int) -> Iterator[_Row]:
+    """Yield candidates until all of their pairs of levels are contained, the richest first."""
+
+    def pairs_of(row: _Row) -> set[tuple[tuple[int, int], ...]]:
+        return set(itertools.combinations(enumerate(row), strength))
+
+    known = {pair for row in rows for pair in pairs_of(row)}
+    queue = [(-len(new), row) for row in candidates if (new := pairs_of(row) - known)]
+    heapq.heapify(queue)
+    while queue:
+        count, row = heapq.heappop(queue)
+        # What a row adds only becomes less: the first whose number still holds adds the most.
+        new = pairs_of(row) - known
+        if len(new) == -count:
+            known |= new
+            yield row
+        elif new:
+            heapq.heappush(queue, (-len(new), row))
 
 
 def _sobol(space: Space, seed: int) -> Iterator[Point]:

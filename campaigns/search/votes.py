@@ -1,7 +1,7 @@
-"""Votes: how many flights of a variant failed, and by which cause; pure."""
+"""Votes: how many flights of a variant failed, and by which causes; pure."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from campaigns.search.model import FlightOutcome, Standing
@@ -9,21 +9,28 @@ from campaigns.search.model import FlightOutcome, Standing
 
 @dataclass(frozen=True, slots=True)
 class Votes:
-    """The number of flights with PASS or FAIL, and how many of these failed by the cause."""
+    """The number of flights with PASS or FAIL, and how many of these failed.
+
+    causes: the number of failures by cause, the most frequent first.
+    """
 
     failed: int
     proven: int
-    cause: str = ""
+    causes: Mapping[str, int]
+
+    @property
+    def cause(self) -> str:
+        """Return the most frequent cause; "" without a failure."""
+        return next(iter(self.causes), "")
 
 
-def votes_of(outcomes: Iterable[FlightOutcome], *, cause: str = "") -> Votes:
-    """Return the votes of flights. cause: only failures by it count; "": by the most frequent."""
+def votes_of(outcomes: Iterable[FlightOutcome]) -> Votes:
+    """Return the votes of flights."""
     proven = [one for one in outcomes if one.verdict in {"PASS", "FAIL"}]
-    causes = Counter(one.cause for one in proven if one.verdict == "FAIL")
-    if not cause:
-        # On a tie the first in the alphabet, so that the order of the flights does not matter.
-        cause = min(causes, key=lambda name: (-causes[name], name), default="")
-    return Votes(causes[cause], len(proven), cause)
+    counts = Counter(one.cause for one in proven if one.verdict == "FAIL")
+    # On a tie the first in the alphabet, so that the order of the flights does not matter.
+    causes = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+    return Votes(counts.total(), len(proven), causes)
 
 
 def standing_of(votes: Votes, *, needed: int, due: int) -> Standing:

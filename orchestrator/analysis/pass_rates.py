@@ -11,6 +11,7 @@ from itertools import combinations
 
 from campaigns.statistics.exact_tests import Counts, Table, fisher_exact, stratified_exact
 from campaigns.statistics.proportions import Interval, clopper_pearson
+from orchestrator.model.equal_runs import are_equal, measured
 from orchestrator.model.results import RunResult
 
 MODES = ("sim", "wil", "real")
@@ -95,27 +96,17 @@ def pass_rates(runs: Iterable[RunResult], *, confidence: float = 0.95) -> PassRa
     )
 
 
-def are_equal(runs: Sequence[RunResult]) -> bool:
-    """Return whether there are several runs and all of them measured the same."""
-    return len(runs) > 1 and len({_measured(run) for run in runs}) == 1
-
-
 def distinct(runs: Iterable[RunResult]) -> list[RunResult]:
     """Return the runs without repeats: those of a seed that measured the same count once."""
     found: dict[tuple[object, ...], RunResult] = {}
     for run in runs:
-        found.setdefault((run.seed, _measured(run)), run)
+        found.setdefault((run.seed, measured(run)), run)
     return list(found.values())
 
 
 def is_proven(run: RunResult) -> bool:
     """Return whether a run proves anything: a PASS or a FAIL."""
     return run.verdict in {"PASS", "FAIL"}
-
-
-def _measured(run: RunResult) -> tuple[object, ...]:
-    oracles = tuple((one.name, one.vehicle, one.actual, one.at_s) for one in run.oracles)
-    return (run.verdict, run.duration_s, oracles)
 
 
 def _pass_rate(case: str, mode: str, runs: Sequence[RunResult], confidence: float) -> PassRate:

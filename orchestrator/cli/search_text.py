@@ -6,6 +6,7 @@ from campaigns.search.coverage import coverage_of
 from campaigns.search.model import FailingCase
 from campaigns.search.search_campaign import SearchCampaign
 from orchestrator.cli.text_table import table
+from orchestrator.search.search_document import unsettled_texts
 from orchestrator.search.search_runner import SearchOutcome
 
 
@@ -19,7 +20,7 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
             one.standing,
             f"{one.failed}/{one.proven}",
             _interval_text(one),
-            one.cause,
+            one.causes_text,
             _changes_text(search, one),
             outcome.files.get(one.variant.name, ""),
         )
@@ -39,12 +40,7 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         f"{len(found.confirmed)} confirmed; {len(found.refused)} refused before a flight; "
         f"{outcome.ended}"
     )
-    if found.open_failures and not found.confirmed:
-        count = len(found.open_failures)
-        are = "failure is" if count == 1 else "failures are"
-        yield f"{count} {are} neither confirmed nor refuted"
-    if (unproven := len(found.unproven)) > 0:
-        yield f"{unproven} of {len(found.tried)} variants proved nothing: INVALID or ERROR"
+    yield from unsettled_texts(found)
     for gap in found.gaps:
         spread = "" if gap.spread is None else f", spread {gap.spread:.3f}"
         mean = "not measured" if gap.mean is None else f"mean {gap.mean:+.3f}{spread}"

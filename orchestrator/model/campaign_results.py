@@ -6,6 +6,7 @@ from typing import Literal
 
 from campaigns.values.acceptance import Requirement
 from orchestrator.model.control_results import control_faults
+from orchestrator.model.equal_runs import equal_run_texts
 from orchestrator.model.exit_codes import accepted
 from orchestrator.model.results import RunResult, Stop
 from safety.model.oracle_results import Verdict
@@ -53,8 +54,8 @@ class Summary:
     sensors: source of the readings of each sensor. accepted: None when no required run was flown
     and no control missed its expectation. left_out: what the campaign requires and the command line
     left out, in words. controls: the runs that must not pass; they are not in `runs`. unmet: the
-    controls that did not end as expected, in words. caveats: of the campaign itself. not_flown:
-    runs and controls without a result, by name.
+    controls that did not end as expected, in words. caveats: of the campaign itself, and of pass
+    rates decided on equal runs. not_flown: runs and controls without a result, by name.
 
     stopped, broken: how the campaign ended outside of its runs, as in `exit_code`. broken is None
     until the campaign ends: while it flies, after it was cut off, and in files of earlier versions.
@@ -130,7 +131,7 @@ def summarize(
         left_out=left_out,
         controls=controls,
         unmet=tuple(control_faults(controls)),
-        caveats=caveats,
+        caveats=(*caveats, *equal_run_texts(flown, requirements)),
         not_flown=not_flown,
         stopped=stopped,
         broken=broken,

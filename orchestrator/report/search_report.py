@@ -8,7 +8,7 @@ from campaigns.search.search_campaign import SearchCampaign
 from orchestrator.model.document_writer import write_whole
 from orchestrator.recording.timestamps import utc_text
 from orchestrator.report.rendering.search_page import SearchPage, render_search
-from orchestrator.search.search_document import sensed_of
+from orchestrator.search.search_document import sensed_of, unsettled_texts
 from orchestrator.search.search_runner import SearchOutcome
 
 FILE_NAME = "report.html"
@@ -22,6 +22,8 @@ def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
         strategy=search.part.strategy,
         objective=search.part.oracles,
         ended=outcome.ended,
+        exit_code=outcome.exit_code,
+        unsettled=tuple(unsettled_texts(findings)),
         files=outcome.files,
         coverage=coverage_of(search.space, [one.variant.values for one in findings.tried]),
         sensed=sensed_of(findings),

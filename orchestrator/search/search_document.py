@@ -85,6 +85,19 @@ def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
     return sensed_coverage((one.sensed, one.verdict == "FAIL") for one in proven)
 
 
+def unsettled_texts(findings: Findings) -> list[str]:
+    """Return in words what of a search is unsettled: open failures, variants without a result."""
+    texts: list[str] = []
+    if findings.open_failures and not findings.confirmed:
+        count = len(findings.open_failures)
+        are = "failure is" if count == 1 else "failures are"
+        texts.append(f"{count} {are} neither confirmed nor refuted")
+    if (unproven := len(findings.unproven)) > 0:
+        count = len(findings.tried)
+        texts.append(f"{unproven} of {count} variants proved nothing: INVALID or ERROR")
+    return texts
+
+
 def _sensed_entry(one: SensedCoverage) -> dict[str, Any]:
     """Return the entry of what a sensor had in view."""
     return {
@@ -134,6 +147,7 @@ def _failure_entry(
         "mode": case.mode,
         "standing": case.standing,
         "cause": case.cause,
+        "causes": dict(case.causes),
         "failed": case.failed,
         "proven": case.proven,
         "interval": None
@@ -145,6 +159,7 @@ def _failure_entry(
             "keys": search.overrides(case.reduced.values),
             "failed": case.reduced_failed,
             "proven": case.reduced_proven,
+            "causes": dict(case.reduced_causes),
             "is_smallest": case.is_reduced,
         },
         "file": files.get(case.variant.name),

@@ -14,14 +14,19 @@ from orchestrator.report.rendering.space_svg import space_panels
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchPage:
-    """The page's content besides the findings. files: of confirmed failures, by variant."""
+    """The page's content besides the findings. files: of confirmed failures, by variant.
+
+    exit_code: of the search. unsettled: sentences about what neither failed nor passed for certain.
+    """
 
     campaign: str
     strategy: str
     objective: tuple[str, ...]
     ended: str
+    exit_code: int
     files: Mapping[str, str]
     coverage: SpaceCoverage
+    unsettled: tuple[str, ...] = ()
     sensed: tuple[SensedCoverage, ...] = ()
 
 

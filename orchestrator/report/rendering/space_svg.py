@@ -75,14 +75,16 @@ def _cells(
         return cell_of(across[1], shares[across[0]]), cell_of(up[1], shares[up[0]])
 
     flown = {cell(shares) for one in findings.tried if (shares := space.shares(one.variant.values))}
-    admissible = {cell(shares) for shares in samples} | flown
+    # A single parameter is drawn on both axes.
+    is_sampled = bool(space.constraints) or across is up
+    admissible = {cell(shares) for shares in samples} | flown if is_sampled else None
     columns, rows = cell_count(across[1]), cell_count(up[1])
     for column, row in itertools.product(range(columns), range(rows)):
         known = "cell" if (column, row) in flown else "unexplored"
         yield element(
             "rect",
             {
-                "class": known if (column, row) in admissible else "shut",
+                "class": known if admissible is None or (column, row) in admissible else "shut",
                 "x": _LEFT + _SIDE * column / columns,
                 "y": _TOP + _SIDE * (1.0 - (row + 1) / rows),
                 "width": _SIDE / columns,

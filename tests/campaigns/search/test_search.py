@@ -1,10 +1,12 @@
 """Searches over made-up objectives: what is proposed, passed on, confirmed and reduced."""
 
 import itertools
+import math
 from typing import Any
 
 import pytest
 
+from campaigns.search import strategies
 from campaigns.search.gap import ModeGap, passed_on
 from campaigns.search.model import Batch, FlightOutcome, Variant
 from campaigns.search.search import EXHAUSTED, SPENT, Search, failure_name, most_flights
@@ -58,6 +60,33 @@ def test_pairs_of_levels_stand_together_in_far_fewer_flights_than_the_grid() -> 
     for one, other in itertools.combinations("xyz", 2):
         pairs = {(point[one], point[other]) for point in points}
         assert pairs == {(point[one], point[other]) for point in grid}
+
+
+@pytest.mark.parametrize("text", ["x + y <= -0.5", "abs(x - y) >= 1", "x + y + z + w <= -3.4"])
+def test_each_pair_of_levels_that_the_constraints_admit_stands_together(text: str) -> None:
+    space = plane(z=1, w=1, constraints=(text,))
+    points = list(fixed_points("pairwise", space, 1))
+    assert all(space.admits(point) for point in points)
+    grid = list(space.grid())
+    for one, other in itertools.combinations("xyzw", 2):
+        pairs = {(point[one], point[other]) for point in points}
+        assert pairs == {(point[one], point[other]) for point in grid}
+    assert len(points) <= 60
+    assert len({tuple(point.values()) for point in points}) == len(points)
+    assert points == list(fixed_points("pairwise", space, 1))
+
+
+def test_of_a_grid_too_large_to_list_pairs_are_added_from_random_combinations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    space = plane(z=1, w=1, constraints=("x + y <= 0",))
+    whole = {pair for row in space.grid() for pair in itertools.combinations(row.items(), 2)}
+    monkeypatch.setattr(strategies, "_MOST_ROWS", 400)
+    points = list(fixed_points("pairwise", space, 1))
+    found = {pair for point in points for pair in itertools.combinations(point.items(), 2)}
+    assert all(space.admits(point) for point in points)
+    assert len(found) >= 0.95 * len(whole)
+    assert points == list(fixed_points("pairwise", space, 1))
 
 
 def test_a_finite_space_is_tried_once_and_no_more() -> None:
@@ -245,6 +274,38 @@ def test_what_failed_in_the_cheaper_mode_is_open_until_the_dearer_one_answers(
     assert answered.isdisjoint(open_names) != is_open
 
 
+def test_what_failed_in_sim_and_passed_far_from_everything_in_wil_is_settled() -> None:
+    far = FlightOutcome(verdict="PASS", value=None)
+    hit = FlightOutcome(verdict="FAIL", value=-0.5, cause="collision/twin")
+    given = problem(plane(), budget={"sim": 4, "wil": 4}, reduce_flights=0)
+    search = Search(given, FixedStrategy(fixed_points("sobol", plane(), 1)))
+    drive(search, lambda batch: [hit if batch.mode == "sim" else far for _ in batch.flights])
+    assert all("wil" in one.outcomes for one in search.findings.tried)
+    assert search.findings.open_failures == ()
+
+
+def test_what_passed_far_from_everything_is_passed_on_until_the_gap_is_measured() -> None:
+    """Without a margin in sim nothing is known of the dearer mode, which may fail."""
+
+    def fly_far(batch: Batch) -> list[FlightOutcome]:
+        far = FlightOutcome(verdict="PASS", value=None)
+        hit = FlightOutcome(verdict="FAIL", value=-0.5, cause="collision/real")
+        return [far if batch.mode == "sim" else hit for _ in batch.flights]
+
+    given = problem(plane(), budget={"sim": 6, "wil": 4}, reduce_flights=0)
+    search = Search(given, FixedStrategy(fixed_points("sobol", plane(), 1)))
+    drive(search, fly_far)
+    assert search.findings.costs["wil", "pass on"].flights == 4
+    assert search.findings.confirmed
+
+
+def test_what_passed_far_from_everything_comes_last_and_not_once_the_gap_is_measured() -> None:
+    values = [("far", math.inf), ("a", 0.9), ("b", 0.2)]
+    assert passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
+    measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
+    assert passed_on(values, measured, probes=1, most=10) == ["b"]
+
+
 def test_until_the_gap_is_measured_the_worst_are_passed_on_to_measure_it() -> None:
     values = [("a", 0.9), ("b", -0.1), ("c", 0.2), ("d", 0.5)]
     unmeasured = ModeGap("sim", "wil", (0.1, 0.1))
@@ -266,8 +327,40 @@ def test_invalid_flights_confirm_nothing_and_refute_nothing() -> None:
     assert standing_of(votes_of([failed, invalid]), needed=3, due=2) == "refuted"
 
 
-def test_only_failures_by_the_cause_count() -> None:
+def test_failures_count_whatever_their_causes_and_the_most_frequent_is_the_first() -> None:
     other = FlightOutcome(verdict="FAIL", value=0.0, cause="time_limit/twin")
     failed = FlightOutcome(verdict="FAIL", value=0.0, cause="reached/twin")
-    assert votes_of([other, failed, failed]).failed == 2
-    assert votes_of([other, failed, failed], cause="time_limit/twin").failed == 1
+    votes = votes_of([other, failed, failed])
+    assert (votes.failed, votes.proven, votes.cause) == (3, 3, "reached/twin")
+    assert list(votes.causes.items()) == [("reached/twin", 2), ("time_limit/twin", 1)]
+    assert standing_of(votes, needed=3, due=3) == "confirmed"
+    assert votes_of([other, failed]).cause == votes_of([failed, other]).cause == "reached/twin"
+
+
+def test_a_variant_that_fails_each_time_by_changing_causes_is_confirmed() -> None:
+    """It is reduced to what fails as often, and by the most frequent cause as often."""
+    changing = ("collision/twin", "reached/twin", "collision/twin", "speed/twin", "reached/twin")
+
+    def fly_changing(batch: Batch) -> list[FlightOutcome]:
+        return [
+            FlightOutcome(
+                verdict="FAIL",
+                value=0.0,
+                cause=changing[one.repetition - 1]
+                if batch.purpose != "reduce" or one.variant.values == {"x": 1.0}
+                else "reached/twin",
+            )
+            for one in batch.flights
+        ]
+
+    search = Search(
+        problem(plane(), budget={"sim": 1}), FixedStrategy(iter([{"x": 1.0, "y": 1.0}]))
+    )
+    drive(search, fly_changing)
+    (case,) = search.findings.confirmed
+    assert (case.cause, case.failed, case.proven) == ("collision/twin", 5, 5)
+    assert case.causes_text == "collision/twin 2, reached/twin 2, speed/twin 1"
+    assert case.interval is not None
+    assert case.interval.high == 1.0
+    assert case.reduced.values == {"x": 1.0}
+    assert (case.reduced_failed, case.reduced_causes_text) == (5, case.causes_text)

@@ -70,6 +70,45 @@ def test_a_wrong_search_is_refused_with_the_place(
     assert any(col == column for at, col, text in found if said in text) or is_text, found
 
 
+@pytest.mark.parametrize(
+    ("oracle", "budget", "said"),
+    [
+        ("{use: twin_divergence, max_m: 1}", "{wil: 9}", "give it required: true"),
+        ("{use: altitude, max_m: 2, required: false}", "{sim: 9}", "fails no flight"),
+        (
+            "{use: twin_divergence, max_m: 1, required: true}",
+            "{sim: 9, wil: 9}",
+            "compares real and twin, and in mode sim only twin flies: remove sim from the budget",
+        ),
+        (
+            "{use: altitude, max_m: 2, vehicle: real}",
+            "{sim: 9, wil: 9}",
+            "judges real alone, and mode sim is judged by twin",
+        ),
+        (
+            "{use: altitude, max_m: 2, vehicle: twin}",
+            "{sim: 9, wil: 9}",
+            "judges twin alone, and mode wil is judged by real",
+        ),
+        ("{use: twin_divergence, max_m: 1, required: true}", "{wil: 9}", ""),
+        ("{use: altitude, max_m: 2, vehicle: twin}", "{sim: 9}", ""),
+    ],
+)
+def test_an_objective_that_cannot_fail_a_flight_of_the_budget_is_refused(
+    oracle: str, budget: str, said: str
+) -> None:
+    sets = ("oracles.low=" + oracle, f"search.budget={budget}", "search.objective=low")
+    options = Options(sets=(*sets, "search.scale={}"))
+    if not said:
+        assert load_search(SHIPPED / "search-gate.yaml", options).part.oracles == ("low",)
+        return
+    with pytest.raises(BadInput) as caught:
+        load_search(SHIPPED / "search-gate.yaml", options)
+    (problem,) = caught.value.problems
+    assert problem.message.startswith("oracle 'low'")
+    assert said in problem.message
+
+
 def test_a_campaign_without_a_search_and_one_of_campaigns_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="has no `search`"):
         load_search(write_search(tmp_path, ""))

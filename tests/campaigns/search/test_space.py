@@ -2,6 +2,7 @@
 
 import pytest
 
+from campaigns.schema.search import ParameterValue
 from campaigns.search.constraints import parse_constraint
 from campaigns.search.coverage import coverage_of
 from campaigns.search.objective import Objective, lacks_margin, measure_of
@@ -25,7 +26,17 @@ def test_values_are_rounded_so_that_a_person_can_read_them() -> None:
     assert [counted.at(share) for share in (0.0, 0.34, 0.67, 1.0)] == [1, 2, 3, 3]
     assert counted.levels == (1, 2, 3)
     named = Parameter(name="f", keys=("a",), choices=("square", True, 1))
-    assert [named.at(named.share(value)) for value in ("square", 1)] == ["square", True]
+    assert [named.at(named.share(value) or 0.0) for value in ("square", 1)] == ["square", True]
+
+
+@pytest.mark.parametrize("own", [2.5, -1.1, "auto", True])
+def test_an_own_value_that_is_none_of_the_space_has_no_place_in_it(own: ParameterValue) -> None:
+    """A number outside of the limits, and none of the choices."""
+    number_of = Parameter(name="x", keys=("x",), low=-1.0, high=2.0, own=own)
+    choice = Parameter(name="y", keys=("y",), choices=("square", "round"), own=own)
+    for one in (number_of, choice):
+        assert Space(parameters=(one,)).shares({}) is None
+    assert Space(parameters=(number_of,)).shares({"x": 2.0}) == (1.0,)
 
 
 @pytest.mark.parametrize(
@@ -77,6 +88,25 @@ def test_coverage_counts_admissible_pairs_of_cells_and_knows_the_farthest_point(
     every = coverage_of(plane(), list(plane().grid()))
     assert (every.cells, every.flown, every.share) == (25, 25, 1.0)
     assert every.distance < one.distance
+
+
+def test_each_choice_is_a_cell_and_whole_numbers_of_a_long_range_share_cells() -> None:
+    eight = Parameter(name="form", keys=("form",), choices=tuple("abcdefgh"))
+    counted = Parameter(name="count", keys=("count",), low=1, high=10, is_integer=True)
+    alone = coverage_of(Space(parameters=(eight,)), [{"form": one} for one in "abcde"])
+    assert (alone.cells, alone.flown) == (8, 5)
+    both = Space(parameters=(eight, counted))
+    found = coverage_of(both, [{"form": "a", "count": one} for one in range(1, 11)])
+    assert (found.cells, found.flown) == (8 * 5, 5)
+
+
+def test_no_cell_is_missed_where_nothing_is_excluded() -> None:
+    """More pairs of cells than there are samples."""
+    many = [
+        Parameter(name=name, keys=(name,), choices=tuple(range(70))) for name in ("one", "other")
+    ]
+    found = coverage_of(Space(parameters=tuple(many)), [{"one": 0, "other": 0}])
+    assert (found.cells, found.flown) == (4900, 1)
 
 
 def result(

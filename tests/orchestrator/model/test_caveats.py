@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Requirement, Share
 from orchestrator.cli import main
 from orchestrator.cli.verdict_table import conclusions
@@ -158,6 +159,33 @@ def test_a_twin_that_dropped_out_is_reported_with_what_passed() -> None:
     text = "nothing received from twin for 3 s (large wil, 2 runs)"
     assert f"the twin dropped out: {text}" in caveat_lines(*runs)
     assert properties(*runs)["twin_dropped_out"] == text
+
+
+@pytest.mark.parametrize(
+    ("durations_s", "is_said"),
+    [((12.5, 12.5), True), ((12.5, 12.6), False), ((12.5,), False)],
+    ids=["equal", "unequal", "undecided"],
+)
+def test_a_pass_rate_decided_by_equal_runs_is_reported(
+    durations_s: tuple[float, ...], is_said: bool
+) -> None:
+    test = SequentialTest(at_least=0.9, against=0.2, most=5)
+    found = summarize(
+        [replace(run(rep), duration_s=each) for rep, each in enumerate(durations_s, start=1)],
+        (Requirement("large", "wil", Share(5, 5), test),),
+        campaign="gate",
+        clock="virtual",
+        surrogate=False,
+        real_kind="hardware",
+        sensors={},
+        caveats=("of the file",),
+    )
+    text = (
+        "large/wil: the 2 runs that decided its pass rate measured the same, and are one "
+        "observation: let something vary with the seed, such as wind or noise"
+    )
+    assert found.caveats == (("of the file", text) if is_said else ("of the file",))
+    assert (text in [line.plain for line in conclusions(found)]) is is_said
 
 
 def combination(name: str = "camera", **more: Any) -> CombinationResult:

@@ -1,10 +1,15 @@
 """The page of a search: what was tried, what failed, and nothing of a file acts in it."""
 
+from typing import Any
+
 from campaigns.search.coverage import coverage_of
 from campaigns.search.model import Findings, Variant
 from campaigns.search.sensed import SensedCoverage, SensedView, sensed_coverage
 from campaigns.search.space import Parameter, Space, Values
+from orchestrator.model.results import Stop
 from orchestrator.report.rendering.search_page import SearchPage, render_search
+from orchestrator.search.search_document import unsettled_texts
+from orchestrator.search.search_runner import exit_code_of
 from tests.campaigns.search.made_up import corner, number, plane, problem, searched
 
 
@@ -13,6 +18,8 @@ def page_of(
     findings: Findings,
     *,
     campaign: str = "gate",
+    stopped: Stop | None = None,
+    is_broken: bool = False,
     sensed: tuple[SensedCoverage, ...] = (),
 ) -> str:
     page = SearchPage(
@@ -20,6 +27,8 @@ def page_of(
         strategy="sobol",
         objective=("collision",),
         ended=findings.ended,
+        exit_code=exit_code_of(findings, stopped=stopped, is_broken=is_broken),
+        unsettled=tuple(unsettled_texts(findings)),
         files={one.variant.name: f"failures/{one.variant.name}.yaml" for one in findings.confirmed},
         coverage=coverage_of(space, [one.variant.values for one in findings.tried]),
         sensed=sensed,
@@ -47,6 +56,50 @@ def test_the_page_draws_each_pair_of_parameters_with_every_variant_in_it() -> No
     assert html.count('class="own"') == 3
     assert f'href="./failures/{case.variant.name}.yaml"' in html
     assert f'<td>explore</td><td class="num">{len(findings.tried)}</td>' in html
+
+
+def test_the_page_is_green_for_exit_code_0_alone() -> None:
+    space = plane()
+
+    def page(share: float, **more: Any) -> str:
+        """Return the page where a share of the space passes, and the rest proves nothing."""
+        given = problem(space, budget={"sim": 8}, reduce_flights=0)
+        findings, _ = searched(
+            given,
+            lambda values, *_: 1.0 if number(values, "x") <= 2.0 * share - 1.0 else None,
+            strategy="sobol",
+        )
+        return page_of(space, findings, **more)
+
+    green = '<header class="top good">'
+    assert green in page(1.0)
+    assert green not in page(1.0, stopped="signal")
+    assert green not in page(1.0, is_broken=True)
+    assert green in page(0.75)
+    assert "2 of 8 variants proved nothing: INVALID or ERROR" in page(0.75)
+    assert green not in page(0.25)
+    assert "6 of 8 variants proved nothing: INVALID or ERROR" in page(0.25)
+
+
+def test_the_page_draws_a_cell_for_each_choice() -> None:
+    forms = Parameter(name="form", keys=("form",), choices=tuple("abcdefgh"), own="a")
+    space = Space(parameters=(forms,))
+    given = problem(space, budget={"sim": 5}, at_once=1, reduce_flights=0)
+    findings, _ = searched(given, lambda *_: 1.0, strategy="grid")
+    html = page_of(space, findings)
+    # The one parameter is drawn on both axes, so that the diagonal is all there is.
+    counts = [html.count(f'class="{kind}"') for kind in ("cell", "unexplored", "shut")]
+    assert counts == [5, 3, 56]
+    assert "5 of 8 admissible pairs of cells were flown (62 %)" in html
+
+
+def test_the_campaigns_own_value_is_not_drawn_where_it_is_none_of_the_choices() -> None:
+    forms = Parameter(name="form", keys=("form",), choices=("square", "round"), own="hexagon")
+    space = Space(parameters=(forms,))
+    findings, _ = searched(problem(space), lambda *_: 1.0, strategy="grid")
+    html = page_of(space, findings)
+    assert 'class="own"' not in html
+    assert html.count('class="pass"') == 2
 
 
 def test_the_page_draws_what_each_sensor_saw_and_where_flights_failed() -> None:
