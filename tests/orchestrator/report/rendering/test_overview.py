@@ -35,6 +35,10 @@ def row_of(folder: Path, given: list[Flight], **more: Any) -> tuple[str, str, st
         ("PPPFF", Share(4, 5), "4/5", "FAIL"),
         ("PPPPF", Share(5, 5), "5/5", "FAIL"),
         ("PPP", Share(5, 5), "5/5", "ERROR"),
+        ("PPPPI", Share(4, 5), "4/5", "INVALID"),
+        ("PPPP", Share(4, 5), "4/5", "ERROR"),
+        ("PPPF", Share(4, 5), "4/5", "ERROR"),
+        ("PFF", Share(4, 5), "4/5", "FAIL"),
     ],
 )
 def test_the_share_of_a_part_of_a_composition_is_that_of_its_flight(
@@ -88,6 +92,9 @@ def test_a_decided_part_of_a_composition_lacks_no_run(tmp_path: Path) -> None:
         (PLAIN, "PPPPF", "4/5", "PASS"),
         (DECIDED, "PP", "0.9 against 0.2: at least", "PASS"),
         (DECIDED, "FF", "0.9 against 0.2: below", "FAIL"),
+        (DECIDED, "PPI", "0.9 against 0.2: at least", "INVALID"),
+        (DECIDED, "PFPFP", "0.9 against 0.2: undecided", "undecided"),
+        (DECIDED, "PF", "0.9 against 0.2: undecided", "ERROR"),
         ({}, "PPF", "3/3", "FAIL"),
         ({"accept": {"one.a": {"wil": "9/5"}}, "repetitions": 5}, "PPF", "3/3", "FAIL"),
         ({"accept": {"one.a": 7}, "repetitions": 5}, "PPF", "3/3", "FAIL"),
