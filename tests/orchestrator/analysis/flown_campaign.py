@@ -121,6 +121,7 @@ def write_flown(
     broken: bool | None = False,
     requirements: Sequence[Requirement] | None = None,
     planned: int = 0,
+    host: str = "here",
 ) -> Path:
     """Write the results folder of flights, and return it.
 
@@ -147,7 +148,7 @@ def write_flown(
         "clock": clock,
         "versions": {"wil-campaign": version},
         "files": {"gate.yaml": "sha256:0"},
-        "host": {"name": "here", "machine": "x86_64", "cores": 2},
+        "host": {"name": host, "machine": "x86_64", "cores": 2},
         "runs": [
             {"run": name, "seed": 1, "documents": documents(one)} for name, one in runs.items()
         ],
