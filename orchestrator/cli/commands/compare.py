@@ -34,8 +34,9 @@ def compare(
 
     2: a folder has no campaign, or the campaigns share no case and mode. 3: something is damaged;
     the judged campaign was stopped, failed outside of its runs, or does not record its end; a
-    shared case, or a larger share of its flights than before, proves nothing; or AFTER lacks a case
-    or an oracle of BEFORE and --removed is not given.
+    control of it did not end as expected, so that its passes show nothing; a shared case, or a
+    larger share of its flights than before, proves nothing; or AFTER lacks a case or an oracle of
+    BEFORE and --removed is not given.
 
     Parameters
     ----------
@@ -70,9 +71,9 @@ def compare(
     out(_as_json(found, baseline) if json_ else _as_text(found, baseline, after))
     if found.is_less and not removed:
         err("AFTER lacks cases or oracles of BEFORE; give --removed if that is intended")
-    for text in (*problems, *baseline.endings, *judged.endings):
+    for text in (*problems, *baseline.endings, *baseline.unmet, *judged.endings, *judged.unmet):
         err(printable(text))
-    if problems or judged.endings or found.unproven or found.fewer_proven:
+    if problems or judged.endings or judged.unmet or found.unproven or found.fewer_proven:
         return 3
     if found.is_less and not removed:
         return 3

@@ -9,6 +9,8 @@ import pytest
 
 from orchestrator.analysis.comparison.comparison import Comparison, Limits, cells_of, compare
 from orchestrator.cli import main
+from orchestrator.model.control_results import ControlResult
+from orchestrator.model.document_writer import to_json
 from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown, write_searched
 
 Capture = pytest.CaptureFixture[str]
@@ -174,6 +176,23 @@ def test_what_ended_a_campaign_outside_of_its_runs_is_named(
     assert f"{ended}: {said}" in capsys.readouterr().err
     assert main(["compare", str(ended), str(sound)]) == 0, "the judged one came to its end"
     assert f"{ended}: {said}" in capsys.readouterr().err
+
+
+def test_a_campaign_that_cannot_fail_is_no_good_comparison(tmp_path: Path, capsys: Capture) -> None:
+    flown = flights("a", "wil", "P" * 5, TEN[:5])
+    sound = write_flown(tmp_path / "sound", flown, with_motion=False)
+    green = write_flown(tmp_path / "green", flown, with_motion=False)
+    for folder, verdict in ((sound, "FAIL"), (green, "PASS")):
+        (control,) = flights("blind", "wil", verdict[0])
+        met = ControlResult("a", "FAIL", None, None, met=verdict == "FAIL")
+        (folder / control.name).mkdir(parents=True)
+        result = replace(control.result(), required=False, control=met)
+        (folder / control.name / "result.json").write_text(to_json(result))
+    assert main(["compare", str(sound), str(green)]) == 3
+    said = f"{green}: this campaign cannot fail: control blind in mode wil passed"
+    assert said in capsys.readouterr().err
+    assert main(["compare", str(green), str(sound)]) == 0, "the controls of the judged one failed"
+    assert said in capsys.readouterr().err
 
 
 def test_a_summary_of_an_earlier_version_is_not_taken_for_a_whole_campaign(
