@@ -88,8 +88,8 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
             one.case,
             one.mode,
             one.what,
-            f"{one.before:.3g} {one.unit}".rstrip(),
-            f"{one.after:.3g} {one.unit}".rstrip(),
+            _figure_text(one.before, one.unit, is_beyond=one.is_beyond[0]),
+            _figure_text(one.after, one.unit, is_beyond=one.is_beyond[1]),
             f"{one.flights[0]} and {one.flights[1]}",
             "-" if one.p is None else f"{one.p:.2g}",
             f"{one.outcome}{f': {one.why}' if one.why else ''}",
@@ -110,6 +110,11 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
     return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+
+
+def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
+    """Return a figure with its unit; is_beyond: it is larger than the value."""
+    return f"{'> ' if is_beyond else ''}{value:.3g} {unit}".rstrip()
 
 
 def _as_json(found: Comparison, baseline: FlownSet) -> str:

@@ -23,14 +23,17 @@ GOAL_S, DONE_S = 2.0, 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """One flight. east_m: how far beside the straight way; lag_m_s: behind the command."""
+    """One flight. east_m: how far beside the straight way; lag_m_s: behind the command.
+
+    margin_m: None where nothing came near.
+    """
 
     case: str
     mode: str
     rep: int
     verdict: Verdict = "PASS"
     east_m: float = 0.0
-    margin_m: float = 0.3
+    margin_m: float | None = 0.3
     duration_s: float = 10.0
     lag_m_s: float = 0.0
     command_m_s: float = 1.0
