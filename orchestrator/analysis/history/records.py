@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
-from orchestrator.model.results import RunResult
+from orchestrator.model.results import RunResult, tightest_oracle
 
 _MOST_BYTES = 256 * 1024 * 1024
 
@@ -24,9 +24,9 @@ class FlightRecord:
     """One flight of the history.
 
     inputs: a digest of all files read and of the versions; a flight with the same seed and inputs
-    is a repetition. margin: the smallest of the judged vehicle's required oracles in metres (else
-    in any unit), None without one. ending: why its campaign ended early, else empty; None where
-    that was not recorded. host: the name of the machine; empty in lines of earlier versions.
+    is a repetition. margin: of the run's tightest oracle (see `tightest_oracle`), in its unit; None
+    without one. ending: why its campaign ended early, else empty; None where that was not recorded.
+    host: the name of the machine; empty in lines of earlier versions.
     """
 
     campaign: str
@@ -152,8 +152,5 @@ def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
 
 
 def _smallest_margin(run: RunResult) -> float | None:
-    judged = [one for one in run.oracles if one.required and one.vehicle == run.subject]
-    margins = [one for one in judged if one.margin is not None]
-    in_metres = [one.margin for one in margins if one.unit == "m" and one.margin is not None]
-    known = in_metres or [one.margin for one in margins if one.margin is not None]
-    return min(known, default=None)
+    tightest = tightest_oracle(run)
+    return None if tightest is None else tightest.margin

@@ -16,7 +16,7 @@ from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, synthesised_texts
 from orchestrator.model.control_results import expected_text
 from orchestrator.model.exit_codes import standings_of
-from orchestrator.model.results import RunResult
+from orchestrator.model.results import RunResult, tightest_oracle
 from orchestrator.report.words import MODES, NOTHING, number_text
 from safety.model.oracle_results import EvidenceResult
 
@@ -253,16 +253,8 @@ def _control_texts(controls: Iterable[RunResult]) -> Iterator[str]:
 
 
 def margin_text(run: RunResult | None) -> str:
-    """Return the smallest margin of a run's required oracles, with the oracle's name."""
-    if run is None:
+    """Return the margin of a run's tightest oracle, with the oracle's name."""
+    tightest = None if run is None else tightest_oracle(run)
+    if tightest is None:
         return NOTHING
-    margins = [
-        (one.margin, one)
-        for one in run.oracles
-        if one.required and one.vehicle == run.subject and one.margin is not None
-    ]
-    if not margins:
-        return NOTHING
-    in_metres = [pair for pair in margins if pair[1].unit == "m"] or margins
-    margin, oracle = min(in_metres, key=lambda pair: pair[0])
-    return f"{number_text(margin, oracle.unit, 2)} ({oracle.name})"
+    return f"{number_text(tightest.margin, tightest.unit, 2)} ({tightest.name})"
