@@ -428,7 +428,7 @@ class _Flight:
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
         write_document(self._folder / "summary.json", to_json(summary))
-        junit = junit_xml(summary, self._campaign.requirements)
+        junit = junit_xml(summary, self._campaign.requirements, arm=self._settings.arm)
         write_document(self._folder / "junit.xml", junit)
         if self._settings.junit is not None:
             write_document(self._settings.junit, junit)
