@@ -191,7 +191,7 @@ class _Flight:
             take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
         )
         self._learning = LiftoffLearning(campaign, settings.clock)
-        self._workers = settings.engine.workers(campaign, folder, watcher.say)
+        self._workers = settings.engine.workers(campaign, folder, self._say)
         self._pool = Pool[RunOrder, RunResult](
             jobs=settings.jobs,
             workers=self._workers,
@@ -207,17 +207,17 @@ class _Flight:
             folder=folder,
             total=len(self._plans) - len(before.results),
             fleet=self._pool,
-            say=watcher.say,
+            say=self._say,
         )
         self._repositioning = Repositioning(
-            vehicles=settings.hardware or "real", controller=self._controller, say=watcher.say
+            vehicles=settings.hardware or "real", controller=self._controller, say=self._say
         )
         self._between = BetweenRuns(
             campaign=campaign,
             folder=folder,
             hardware=settings.hardware,
             repositioning=self._repositioning,
-            say=watcher.say,
+            say=self._say,
         )
 
     async def fly(self) -> None:
@@ -242,6 +242,11 @@ class _Flight:
             self._repositioning.end_wait()
             for number in handled:
                 loop.remove_signal_handler(number)
+
+    def _say(self, text: str) -> None:
+        """Show a sentence about the campaign; that it cannot be shown must not end a flight."""
+        with self._faults.recording("a message"):
+            self._watcher.say(text)
 
     def _report_unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Record an exception of a callback in the campaign runner's loop."""
@@ -320,7 +325,7 @@ class _Flight:
                 place = set_aside(self._folder, name).relative_to(self._folder)
             except OSError as error:
                 raise OutputError(f"{self._folder / name} cannot be set aside: {error}") from error
-            self._watcher.say(f"{name}: flown after the decision, does not count; kept in {place}")
+            self._say(f"{name}: flown after the decision, does not count; kept in {place}")
 
     def _report(self, news: News) -> None:
         """Pass a run's progress on to the campaign's operators and watcher."""
@@ -372,9 +377,9 @@ class _Flight:
         """Show the end of a run's output, if it has any."""
         lines = output_tail(order.folder, _OUTPUT_LINES)
         if lines:
-            self._watcher.say(f"{order.plan.name}: {order.folder / OUTPUT_FILE} ends with")
+            self._say(f"{order.plan.name}: {order.folder / OUTPUT_FILE} ends with")
         for line in lines:
-            self._watcher.say(f"  {printable(line)}")
+            self._say(f"  {printable(line)}")
 
     def _retry_run(self, order: RunOrder, result: RunResult) -> RunOrder | None:
         """Set a run's files aside and return the order to fly it once more; None if none is due.
@@ -390,7 +395,7 @@ class _Flight:
             place = str(set_aside(self._folder, order.plan.name).relative_to(self._folder))
         except OSError as error:
             raise OutputError(f"{order.folder} cannot be set aside: {error}") from error
-        self._watcher.say(f"{order.plan.name}: {result.verdict}, {result.reason}; flown again")
+        self._say(f"{order.plan.name}: {result.verdict}, {result.reason}; flown again")
         return replace(order, attempts=(*order.attempts, attempt_of(result, place)))
 
     def _missing(self) -> int:
@@ -423,7 +428,7 @@ class _Flight:
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
         write_document(self._folder / "summary.json", to_json(summary))
-        junit = junit_xml(summary, self._campaign.requirements)
+        junit = junit_xml(summary, self._campaign.requirements, arm=self._settings.arm)
         write_document(self._folder / "junit.xml", junit)
         if self._settings.junit is not None:
             write_document(self._settings.junit, junit)

@@ -77,7 +77,7 @@ class LineDisplay(SilentDisplay):
 
     def say(self, text: str) -> None:
         """Print a message on a line."""
-        self.console.print(text)
+        self.console.print(Text(text))
 
 
 class TerminalDisplay(SilentDisplay):
@@ -116,7 +116,7 @@ class TerminalDisplay(SilentDisplay):
 
     def say(self, text: str) -> None:
         """Print a message above the runs in flight."""
-        self._live.console.print(text)
+        self._live.console.print(Text(text))
 
     def _draw(self) -> RenderableType:
         table = Table.grid(padding=(0, 2))
@@ -129,10 +129,25 @@ def display_of(*, json: bool, total: int) -> Display:
     """Return the progress display of a command's output. total: runs to fly."""
     if json:
         return SilentDisplay()
-    stream = ignore_broken_pipe()
-    if stream.isatty():
-        return TerminalDisplay(console=Console(file=stream), total=total)
-    return LineDisplay(console=Console(file=stream, highlight=False, soft_wrap=True), total=total)
+    if ignore_broken_pipe().isatty():
+        return TerminalDisplay(console=plain_console(), total=total)
+    return LineDisplay(console=plain_console(soft_wrap=True), total=total)
+
+
+def plain_console(*, width: int | None = None, soft_wrap: bool = False) -> Console:
+    """Return a console on standard output that prints every text as it is.
+
+    Messages, names and folders may have brackets and colons: they are no markup and no emoji.
+    width: in columns; None for that of the terminal. soft_wrap: the terminal wraps long lines.
+    """
+    return Console(
+        file=ignore_broken_pipe(),
+        width=width,
+        markup=False,
+        emoji=False,
+        highlight=False,
+        soft_wrap=soft_wrap,
+    )
 
 
 def _flying_cells(progress: Progress) -> Iterable[RenderableType]:

@@ -12,7 +12,7 @@ from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.cli.external_lines import external_lines
 from orchestrator.cli.progress_display import VERDICT_STYLES
 from orchestrator.cli.text_table import count_text
-from orchestrator.model.acceptance_texts import required_text, shortfall_texts
+from orchestrator.model.acceptance_texts import required_text, row_verdict, shortfall_texts
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, in_short, synthesised_texts
 from orchestrator.model.exit_codes import standings_of
@@ -114,32 +114,20 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
 
 
 def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
-    """Return a row's verdict, with the required share where it is not all.
+    """Return a row's verdict, with the required share where it is not all, or the tested rates.
 
     A PASS for which runs were flown again has a star; the lines beneath name those runs.
     """
     if standing is None:
         return Text("reported", style="dim")
-    if standing.decision:
-        return _decision(standing)
-    share = standing.requirement.share
+    word = row_verdict(standing, runs)
+    share, test = standing.requirement.share, standing.requirement.test
     wanted = "" if share.passes == share.runs else f" ({share})"
-    if standing.met and any(run.attempts for run in runs):
+    if test is not None:
+        wanted = f" ({test.at_least:g}:{test.against:g})"
+    if word == "PASS" and any(run.attempts for run in runs):
         return Text(f"PASS*{wanted}", style="yellow")
-    if standing.met:
-        return Text(f"PASS{wanted}", style="green")
-    worst = next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
-    return Text(f"{worst}{wanted}", style=VERDICT_STYLES[worst])
-
-
-def _decision(standing: Standing) -> Text:
-    """Return what a sequential test decided, and for which pass rate."""
-    test = standing.requirement.test
-    rates = "" if test is None else f" ({test.at_least:g}:{test.against:g})"
-    word, style = {"at least": ("PASS", "green"), "below": ("FAIL", VERDICT_STYLES["FAIL"])}.get(
-        standing.decision, ("undecided", "yellow")
-    )
-    return Text(f"{word}{rates}", style=style)
+    return Text(f"{word}{wanted}", style=VERDICT_STYLES.get(word, "yellow"))
 
 
 def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:

@@ -1,13 +1,17 @@
 """Texts about the acceptance of a campaign, shared by terminal and report; pure."""
 
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
 from campaigns.values.acceptance import Requirement, Standing
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.exit_codes import shortfalls
 from orchestrator.model.results import RunResult
+from safety.model.oracle_results import Verdict
 
 _PROVEN = frozenset({"PASS", "FAIL"})
+_BY_DECISION: dict[str, Verdict] = {"at least": "PASS", "below": "FAIL"}
+"""The verdict by the decision of a sequential test."""
 
 
 def required_text(runs: Iterable[RunResult]) -> str:
@@ -17,6 +21,30 @@ def required_text(runs: Iterable[RunResult]) -> str:
         return "no run was required"
     runs_word = "run" if len(required) == 1 else "runs"
     return f"{sum(required)} of the {len(required)} required {runs_word} passed"
+
+
+def row_verdict(standing: Standing, runs: Iterable[RunResult]) -> Verdict | Literal["undecided"]:
+    """Return the verdict on a required case and mode: PASS only if by itself it is accepted.
+
+    runs: those of the case and mode. A run that proves nothing or had an internal exception
+    outweighs what passed and failed. ERROR is also for runs that were not flown and could decide.
+    undecided is a sequential test without a decision after its last flight: not accepted either.
+    """
+    flown = list(runs)
+    for run in flown:
+        if run.verdict not in _PROVEN:
+            return run.verdict
+        if run.exceptions:
+            return "ERROR"
+    share = standing.requirement.share
+    if standing.decision in _BY_DECISION:
+        return _BY_DECISION[standing.decision]
+    if standing.decision:
+        return "undecided" if standing.is_complete else "ERROR"
+    if standing.met and standing.is_complete:
+        return "PASS"
+    too_many = standing.flown - standing.passed > share.runs - share.passes
+    return "FAIL" if too_many and not standing.met else "ERROR"
 
 
 def shortfall_texts(

@@ -44,7 +44,8 @@ FaultLog = Callable[[Fault], None]
 class Faults:
     """All faults (internal exceptions) of a run, each once however often it propagates.
 
-    time: in seconds, as in the log. log: writes each new fault; take: called with it after that.
+    time: in seconds, as in the log. log: writes each new fault; take: called with it after that. An
+    exception of `take` is a further fault, with which `take` is not called.
     """
 
     def __init__(
@@ -59,13 +60,31 @@ class Faults:
     def take(self, error: BaseException, where: str) -> None:
         """Record an exception as a fault, or each of a group of them."""
         for one in leaves(error):
-            if any(one is known for known in self._known):
-                continue
-            self._known.append(one)
-            fault = Fault.of(one, where, self._time())
-            self.all.append(fault)
-            self._log(fault)
+            if not self._is_known(one):
+                self._hand_over(self._record(one, where))
+
+    def _is_known(self, error: BaseException) -> bool:
+        """Return whether an exception is recorded already."""
+        return any(error is known for known in self._known)
+
+    def _record(self, error: BaseException, where: str) -> Fault:
+        """List and log an exception as a fault."""
+        self._known.append(error)
+        fault = Fault.of(error, where, self._time())
+        self.all.append(fault)
+        self._log(fault)
+        return fault
+
+    def _hand_over(self, fault: Fault) -> None:
+        """Call `take` with a fault: whoever shows or handles it must not end what goes on."""
+        try:
             self._take(fault)
+        except FAULTS as error:
+            if asked_to_end(error):
+                raise
+            for one in leaves(error):
+                if not self._is_known(one):
+                    self._record(one, f"the report of a fault in {fault.where}")
 
     @contextmanager
     def recording(self, where: str) -> Iterator[None]:

@@ -4,7 +4,8 @@ FAIL is a failure; ERROR, INVALID and ABORTED are errors. A run that does not co
 campaign (reported only, or a FAIL that its share forgives) is `skipped` with its reason as message:
 visible, and the suite stays green. Required runs that were not flown are an error; so is whatever
 else prevents acceptance: an internal exception, an operator's stop, controls that were not flown.
-With required runs the suite is green exactly if the campaign is accepted.
+With required runs the suite is green exactly if the campaign is accepted, without them exactly if
+the exit code is 5.
 """
 
 import xml.etree.ElementTree as ET
@@ -29,18 +30,24 @@ from orchestrator.model.results import NOT_ARMED, RunResult
 from safety.model.oracle_results import OracleResult
 
 
-def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
-    """Return a campaign's JUnit document. Times are seconds of the run clock, not of the wall."""
+def junit_xml(summary: Summary, requirements: Sequence[Requirement], *, arm: bool = True) -> bytes:
+    """Return a campaign's JUnit document. Times are seconds of the run clock, not of the wall.
+
+    arm: False for --no-arm, where a run that did not come to arming is an error.
+    """
     standings = standings_of(summary.runs, requirements)
     met = {(s.requirement.case, s.requirement.mode) for s in standings if s.met}
-    cases = [_case(summary.campaign, run, (run.case, run.mode) in met) for run in summary.runs]
+    cases = [
+        _case(summary.campaign, run, (run.case, run.mode) in met, arm=arm) for run in summary.runs
+    ]
     cases += [
         _missing_case(summary.campaign, standing)
         for standing in standings
         if not standing.is_complete
     ]
     cases += [_control(summary.campaign, run) for run in summary.controls]
-    if summary.accepted is False and not any(map(_is_red, cases)):
+    is_cut = summary.accepted is None and bool(summary.ending or summary.not_flown)
+    if (summary.accepted is False or is_cut) and not any(map(_is_red, cases)):
         cases.append(_unaccepted_case(summary))
     root = ET.Element("testsuites")
     suite = ET.SubElement(root, "testsuite", name=_clean(summary.campaign))
@@ -73,8 +80,8 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement]) -> bytes:
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
 
 
-def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
-    """Return a run as a JUnit test case."""
+def _case(campaign: str, run: RunResult, met: bool, *, arm: bool) -> ET.Element:
+    """Return a run as a JUnit test case. met: its requirement is; arm: as of `junit_xml`."""
     case = ET.Element(
         "testcase",
         classname=_clean(f"{campaign}.{run.case}.{run.mode}"),
@@ -82,7 +89,8 @@ def _case(campaign: str, run: RunResult, met: bool) -> ET.Element:
         time=_seconds(run.duration_s or 0.0),
     )
     text = f"{run.verdict}: {run.reason}" if run.reason else run.verdict
-    if run.exceptions or (run.verdict == "ABORTED" and not is_rehearsed(run)):
+    stopped = run.verdict == "ABORTED" or not arm
+    if run.exceptions or (stopped and not is_rehearsed(run)):
         # No share forgives it, and the exit code counts it whether or not the run is required.
         message = "; ".join([run.reason, *_unmentioned_errors(run)])
         ET.SubElement(case, "error", message=_clean(message), type=run.verdict)
@@ -149,9 +157,9 @@ def _missing_case(campaign: str, standing: Standing) -> ET.Element:
 
 def _unaccepted_case(summary: Summary) -> ET.Element:
     """Return a JUnit test case for a campaign that is not accepted though no run failed."""
-    why = summary.ending or "an internal exception occurred; see the run's log.jsonl"
-    if summary.not_flown:
-        why = f"never flown: {', '.join(summary.not_flown)}"
+    missing = f"never flown: {', '.join(summary.not_flown)}" if summary.not_flown else ""
+    known = [text for text in (missing, summary.ending) if text]
+    why = "; ".join(known) or "an internal exception occurred; see the run's log.jsonl"
     case = ET.Element("testcase", classname=_clean(summary.campaign), name="accepted", time="0.000")
     message = _clean(f"the campaign is not accepted; {why}")
     ET.SubElement(case, "error", message=message, type="NOT_ACCEPTED")

@@ -242,6 +242,23 @@ class RunResult:
         return self.reason.removesuffix(_NOTED.format(self.note))
 
 
+def tightest_oracle(run: RunResult) -> OracleResult | None:
+    """Return the required oracle of the judged vehicle with the smallest margin; None without one.
+
+    Of the exceeded limits (margin below 0) in whatever unit; where none is, of the margins in
+    metres, or else of all.
+    """
+    known = [
+        (one.margin, one)
+        for one in run.oracles
+        if one.required and one.vehicle == run.subject and one.margin is not None
+    ]
+    exceeded = [pair for pair in known if pair[0] < 0.0]
+    in_metres = [pair for pair in known if pair[1].unit == "m"]
+    chosen = exceeded or in_metres or known
+    return min(chosen, key=lambda pair: pair[0])[1] if chosen else None
+
+
 def with_note(reason: str, note: str) -> str:
     """Return a result's reason with the last note of the autonomy, where there is one."""
     return reason + _NOTED.format(note) if note else reason

@@ -23,6 +23,8 @@ from safety.oracles.oracle import (
 
 CLEAR_AGAIN_M = 0.02
 """A contact is over when the clearance exceeds this, so that noise does not count it twice."""
+REACH_M = 2.0
+"""How far the oracles look at least; nothing beyond it is near."""
 
 
 class ContactParameters(Windowed):
@@ -88,7 +90,7 @@ class Clearance(Oracle):
         super().__init__(terms)
         if context.probe is None:
             raise OracleError(f"oracle {self.name!r} needs the world of {self.vehicle!r}")
-        self._probe: Probe = context.probe.reaching(min_m + CLEAR_AGAIN_M)
+        self._probe: Probe = context.probe.reaching(_reach_m(min_m))
         self._events = context.events
         self._min_m = min_m
         self._exclude = frozenset(exclude)
@@ -168,6 +170,22 @@ class Clearance(Oracle):
         if separation.clearance_m <= 0.0:
             return f"{self.vehicle} touched {part}"
         return f"{self.vehicle} came within {separation.clearance_m:.3f} m of {part}"
+
+
+def margin_beyond(result: OracleResult) -> float | None:
+    """Return what a margin exceeds, in metres, where nothing came near; None for other results.
+
+    Such a PASS has a limit, but neither a worst value nor a margin.
+    """
+    is_unknown = result.actual is None and result.margin is None and result.unit == "m"
+    if result.verdict != "PASS" or not is_unknown or not isinstance(result.limit, int | float):
+        return None
+    return _reach_m(result.limit) - result.limit
+
+
+def _reach_m(min_m: float) -> float:
+    """Return how far an oracle looks that demands a clearance of min_m."""
+    return max(REACH_M, min_m + CLEAR_AGAIN_M)
 
 
 @oracle("collision", "touches nothing of the judged world", ContactParameters)

@@ -7,6 +7,7 @@ from pathlib import Path
 from orchestrator.analysis.errors import ComparisonError, ResultsFolderError
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
+from orchestrator.model.control_results import control_faults
 from orchestrator.model.results import RunResult
 from orchestrator.search.ledger import is_search_folder
 
@@ -47,6 +48,15 @@ class FlownSet:
             f"{folder}: {campaign.summary.ending}"
             for folder, campaign in zip(self.folders, self.campaigns, strict=True)
             if campaign.summary is not None and campaign.summary.ending
+        ]
+
+    @property
+    def unmet(self) -> list[str]:
+        """Return which controls did not end as expected, each with its folder."""
+        return [
+            f"{folder}: {text}"
+            for folder, campaign in zip(self.folders, self.campaigns, strict=True)
+            for text in control_faults(one.result for one in campaign.entries if one.result)
         ]
 
 

@@ -1,7 +1,7 @@
 """Regression test of cases: worse beyond chance, and by more than a given size; pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Literal
 
@@ -11,6 +11,7 @@ from campaigns.statistics.permutation_test import permutation_p
 from orchestrator.analysis.errors import ComparisonError
 from orchestrator.analysis.pass_rates import are_equal, distinct, is_proven
 from orchestrator.model.results import RunResult
+from safety.oracles.contact import margin_beyond
 
 Outcome = Literal["worse", "not worse", "undecided"]
 Cells = Mapping[tuple[str, str], Sequence[RunResult]]
@@ -32,7 +33,8 @@ class Limits:
 class Change:
     """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
 
-    before, after: pass rates, or median margins in `unit`; flights: their numbers, with a repeated
+    before, after: pass rates, or median margins in `unit`; is_beyond: whether the median of each
+    side is known to be larger alone, as nothing came near. flights: their numbers, with a repeated
     flight once. loss: positive is worse. p: one-sided, corrected for the number of tests; 0 where
     equal runs of both sides differ, which chance cannot explain; None where untestable; `why` has
     the reason.
@@ -49,6 +51,7 @@ class Change:
     p: float | None
     outcome: Outcome
     why: str = ""
+    is_beyond: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,10 +176,13 @@ def _cell_changes(
     if limits.margin is None:
         return found
     margins = [_margins(runs) for runs in once]
-    for name, (unit, values) in margins[0].items():
-        if name not in margins[1] or margins[1][name][0] != unit:
+    for name, was_kept in margins[0].items():
+        is_kept = margins[1].get(name)
+        if is_kept is None or is_kept.unit != was_kept.unit:
             continue
-        other = margins[1][name][1]
+        if was_kept.is_all_beyond and is_kept.is_all_beyond:
+            continue
+        values, other = was_kept.values, is_kept.values
         p, why = _testable(old, new, set(values) != set(other))
         if not why and p is None:
             p = permutation_p(other, values)
@@ -184,7 +190,7 @@ def _cell_changes(
             Change(
                 *cell,
                 what=f"margin of {name}",
-                unit=unit,
+                unit=was_kept.unit,
                 before=median(values),
                 after=median(other),
                 flights=(len(values), len(other)),
@@ -192,6 +198,7 @@ def _cell_changes(
                 p=p,
                 outcome="not worse",
                 why=why,
+                is_beyond=(was_kept.is_median_beyond, is_kept.is_median_beyond),
             )
         )
     return found
@@ -209,13 +216,41 @@ def _testable(
     return None, ""
 
 
-def _margins(runs: Sequence[RunResult]) -> dict[str, tuple[str, list[float]]]:
-    """Return the unit and margins of each required oracle of the judged vehicle."""
-    found: dict[str, tuple[str, list[float]]] = {}
+@dataclass(frozen=True, slots=True)
+class _Margins:
+    """The margins of an oracle, in `unit`: known ones, and what others exceed (beyond)."""
+
+    unit: str
+    known: list[float] = field(default_factory=list)
+    beyond: list[float] = field(default_factory=list)
+
+    @property
+    def values(self) -> list[float]:
+        """Return all margins; one that exceeds a value as that value."""
+        return self.known + self.beyond
+
+    @property
+    def is_all_beyond(self) -> bool:
+        """Return whether nothing came near in any flight."""
+        return not self.known
+
+    @property
+    def is_median_beyond(self) -> bool:
+        """Return whether the median margin is known to exceed a value alone."""
+        return 2 * len(self.beyond) >= len(self.values)
+
+
+def _margins(runs: Sequence[RunResult]) -> dict[str, _Margins]:
+    """Return the margins of each required oracle of the judged vehicle."""
+    found: dict[str, _Margins] = {}
     for run in runs:
         for one in run.oracles:
-            if one.required and one.vehicle == run.subject and one.margin is not None:
-                found.setdefault(one.name, (one.unit, []))[1].append(one.margin)
+            if not one.required or one.vehicle != run.subject:
+                continue
+            if one.margin is not None:
+                found.setdefault(one.name, _Margins(one.unit)).known.append(one.margin)
+            elif (beyond := margin_beyond(one)) is not None:
+                found.setdefault(one.name, _Margins(one.unit)).beyond.append(beyond)
     return found
 
 

@@ -50,9 +50,10 @@ class Variation:
 
 def history_rows(records: Iterable[FlightRecord]) -> list[HistoryRow]:
     """Return a row for each case and mode of each campaign, oldest first."""
-    groups: dict[tuple[str, str, str, str], list[FlightRecord]] = {}
+    groups: dict[tuple[str, ...], list[FlightRecord]] = {}
     for one in sorted(records, key=lambda one: (one.campaign, one.started_utc)):
-        groups.setdefault((one.campaign, one.started_utc, one.case, one.mode), []).append(one)
+        key = (one.campaign, one.started_utc, one.host, one.case, one.mode)
+        groups.setdefault(key, []).append(one)
     rows = [_row(group) for group in groups.values()]
     return sorted(rows, key=lambda row: (row.campaign, row.case, row.mode, row.started_utc))
 
@@ -90,7 +91,7 @@ def _row(group: Sequence[FlightRecord]) -> HistoryRow:
         interval=None if equal else clopper_pearson(passed, len(proven)),
         margin=median(margins) if margins else None,
         duration_s=median(durations) if durations else None,
-        ending=first.ending,
+        ending=group[-1].ending,
     )
 
 

@@ -1,19 +1,20 @@
 """The history file: one JSON line per flight, taken from results folders.
 
-The file is appended to and outlives the folders: a CI job keeps it instead of the recordings.
+The file is appended to and outlives the folders: a CI job keeps it instead of the recordings. The
+last line of a flight counts: its campaign may have been resumed, and the flight flown again.
 """
 
 import hashlib
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from orchestrator.analysis.model import CampaignDocuments, RunEntry
-from orchestrator.model.results import RunResult
+from orchestrator.model.results import RunResult, tightest_oracle
 
 _MOST_BYTES = 256 * 1024 * 1024
 
@@ -23,9 +24,9 @@ class FlightRecord:
     """One flight of the history.
 
     inputs: a digest of all files read and of the versions; a flight with the same seed and inputs
-    is a repetition. margin: the smallest of the judged vehicle's required oracles in metres (else
-    in any unit), None without one. ending: why its campaign ended early, else empty; None where
-    that was not recorded.
+    is a repetition. margin: of the run's tightest oracle (see `tightest_oracle`), in its unit; None
+    without one. ending: why its campaign ended early, else empty; None where that was not recorded.
+    host: the name of the machine; empty in lines of earlier versions.
     """
 
     campaign: str
@@ -41,6 +42,7 @@ class FlightRecord:
     margin: float | None
     duration_s: float | None
     ending: str | None = None
+    host: str = ""
 
 
 @cache
@@ -57,6 +59,8 @@ def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
     manifest = campaign.manifest
     versions = manifest.get("versions")
     version = versions.get("wil-campaign") if isinstance(versions, dict) else None
+    host = manifest.get("host")
+    machine = host.get("name") if isinstance(host, dict) else None
     for entry in campaign.entries:
         if entry.result is None or entry.result.control is not None:
             continue
@@ -74,11 +78,12 @@ def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
             margin=_smallest_margin(entry.result),
             duration_s=entry.result.duration_s,
             ending=None if campaign.summary is None else campaign.summary.ending,
+            host=str(machine or ""),
         )
 
 
 def read_records(path: Path) -> list[FlightRecord]:
-    """Return the flights of a history file; empty without the file.
+    """Return the flights of a history file, each by its last line; empty without the file.
 
     Raises HistoryFileError, with the line.
     """
@@ -102,7 +107,7 @@ def read_records(path: Path) -> list[FlightRecord]:
             raise HistoryFileError(
                 f"{path}:{number} is damaged, or not a history line: {where} {first['msg']}"
             ) from error
-    return found
+    return latest(found)
 
 
 def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
@@ -114,9 +119,20 @@ def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
         raise HistoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def flight_key(one: FlightRecord) -> tuple[str, str, str, str, str]:
-    """Return the key that identifies a flight."""
-    return (one.campaign, one.started_utc, one.case, one.mode, one.rep)
+def latest(records: Iterable[FlightRecord]) -> list[FlightRecord]:
+    """Return the last record of each flight, in the order of these."""
+    found: dict[tuple[str, ...], FlightRecord] = {}
+    for one in records:
+        # A line of an earlier version has no host: this is the same flight.
+        found.pop(_flight_key(replace(one, host="")), None)
+        found.pop(_flight_key(one), None)
+        found[_flight_key(one)] = one
+    return list(found.values())
+
+
+def _flight_key(one: FlightRecord) -> tuple[str, ...]:
+    """Return the key that identifies a flight: two machines may start in the same second."""
+    return (one.campaign, one.started_utc, one.host, one.case, one.mode, one.rep)
 
 
 def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
@@ -136,8 +152,5 @@ def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
 
 
 def _smallest_margin(run: RunResult) -> float | None:
-    judged = [one for one in run.oracles if one.required and one.vehicle == run.subject]
-    margins = [one for one in judged if one.margin is not None]
-    in_metres = [one.margin for one in margins if one.unit == "m" and one.margin is not None]
-    known = in_metres or [one.margin for one in margins if one.margin is not None]
-    return min(known, default=None)
+    tightest = tightest_oracle(run)
+    return None if tightest is None else tightest.margin

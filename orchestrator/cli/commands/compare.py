@@ -34,8 +34,9 @@ def compare(
 
     2: a folder has no campaign, or the campaigns share no case and mode. 3: something is damaged;
     the judged campaign was stopped, failed outside of its runs, or does not record its end; a
-    shared case, or a larger share of its flights than before, proves nothing; or AFTER lacks a case
-    or an oracle of BEFORE and --removed is not given.
+    control of it did not end as expected, so that its passes show nothing; a shared case, or a
+    larger share of its flights than before, proves nothing; or AFTER lacks a case or an oracle of
+    BEFORE and --removed is not given.
 
     Parameters
     ----------
@@ -70,9 +71,9 @@ def compare(
     out(_as_json(found, baseline) if json_ else _as_text(found, baseline, after))
     if found.is_less and not removed:
         err("AFTER lacks cases or oracles of BEFORE; give --removed if that is intended")
-    for text in (*problems, *baseline.endings, *judged.endings):
+    for text in (*problems, *baseline.endings, *baseline.unmet, *judged.endings, *judged.unmet):
         err(printable(text))
-    if problems or judged.endings or found.unproven or found.fewer_proven:
+    if problems or judged.endings or judged.unmet or found.unproven or found.fewer_proven:
         return 3
     if found.is_less and not removed:
         return 3
@@ -87,8 +88,8 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
             one.case,
             one.mode,
             one.what,
-            f"{one.before:.3g} {one.unit}".rstrip(),
-            f"{one.after:.3g} {one.unit}".rstrip(),
+            _figure_text(one.before, one.unit, is_beyond=one.is_beyond[0]),
+            _figure_text(one.after, one.unit, is_beyond=one.is_beyond[1]),
             f"{one.flights[0]} and {one.flights[1]}",
             "-" if one.p is None else f"{one.p:.2g}",
             f"{one.outcome}{f': {one.why}' if one.why else ''}",
@@ -109,6 +110,11 @@ def _as_text(found: Comparison, baseline: FlownSet, after: Path) -> str:
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
     return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+
+
+def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
+    """Return a figure with its unit; is_beyond: it is larger than the value."""
+    return f"{'> ' if is_beyond else ''}{value:.3g} {unit}".rstrip()
 
 
 def _as_json(found: Comparison, baseline: FlownSet) -> str:

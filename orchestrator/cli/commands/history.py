@@ -22,7 +22,7 @@ from orchestrator.analysis.history.records import (
     FlightRecord,
     HistoryFileError,
     append_records,
-    flight_key,
+    latest,
     read_records,
     records_of,
 )
@@ -58,8 +58,8 @@ def history(
     folders
         Results folders of campaigns, or folders that hold some; by default `results`.
     keep
-        A file of JSON lines to which new flights are appended; flights in it are shown even when
-        their folders are gone.
+        A file of JSON lines to which new and changed flights are appended; flights in it are shown
+        even when their folders are gone.
     page
         Write one HTML page here.
     campaign
@@ -70,10 +70,11 @@ def history(
     problems: list[str] = []
     try:
         known = read_records(keep) if keep is not None else []
-        new = _new_records(known, _read(folders, problems))
+        before = set(known)
+        new = [one for one in latest(_read(folders, problems)) if one not in before]
         if keep is not None:
             append_records(keep, new)
-        records = [one for one in (*known, *new) if campaign in {None, one.campaign}]
+        records = [one for one in latest([*known, *new]) if campaign in {None, one.campaign}]
         if not records:
             where = ", ".join(str(one) for one in folders)
             problems.append(f"no flights of a campaign in {where}")
@@ -115,12 +116,6 @@ def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
     return found
 
 
-def _new_records(known: Sequence[FlightRecord], read: Sequence[FlightRecord]) -> list[FlightRecord]:
-    """Return the flights that were read and are not known yet, each once."""
-    before = {flight_key(one) for one in known}
-    return list({flight_key(one): one for one in read if flight_key(one) not in before}.values())
-
-
 def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
     """Return the history as a table and sentences."""
     head = ("campaign", "case", "mode", "started", "version", "passed", "95 %", "margin", "flown s")
@@ -147,10 +142,10 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
 
 def _endings(rows: Sequence[HistoryRow]) -> list[str]:
     """Return a line for each campaign that did not end normally, or whose end is unknown."""
-    campaigns = {(row.campaign, row.started_utc): row.ending for row in rows}
+    campaigns = dict.fromkeys((row.campaign, row.started_utc, row.ending) for row in rows)
     return [
         printable(f"{name} of {started}: {'how it ended is unknown' if text is None else text}")
-        for (name, started), text in campaigns.items()
+        for name, started, text in campaigns
         if text != ""
     ]
 

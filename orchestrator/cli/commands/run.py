@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from campaigns.expansion.expansion import Campaign
 from campaigns.schema import VEHICLES
@@ -25,9 +24,9 @@ from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli.arming_consent import RefusedError
 from orchestrator.cli.engine_flight import LOCAL, FlightOrder, ready_flight
 from orchestrator.cli.final_report import write_final_report
-from orchestrator.cli.progress_display import Display, display_of
+from orchestrator.cli.progress_display import Display, display_of, plain_console
 from orchestrator.cli.run_selection import ALL, Choice
-from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
+from orchestrator.cli.standard_streams import err, out
 from orchestrator.cli.study_text import study_text
 from orchestrator.cli.verdict_table import conclusions, verdict_table
 from orchestrator.console.console_beside import console_beside
@@ -231,16 +230,15 @@ def _print_verdicts(
     outcome: CampaignOutcome, campaign: Campaign, report: WrittenReport | None
 ) -> None:
     """Print the verdict table of `run`, and where its report and its results are."""
-    console = Console(file=ignore_broken_pipe())
+    console = plain_console(soft_wrap=True)
     table = verdict_table(outcome.summary, campaign.requirements)
     # A narrower terminal wraps the lines, which is better than cells that are cut off.
-    wide = Console(file=ignore_broken_pipe(), width=_WIDEST)
-    width = max(console.width, wide.measure(table).maximum)
-    Console(file=ignore_broken_pipe(), width=width).print(table)
+    width = max(console.width, plain_console(width=_WIDEST).measure(table).maximum)
+    plain_console(width=width).print(table)
     if report is not None and has_modes_to_compare(report.study):
-        console.print(study_text(report.study), highlight=False, markup=False, soft_wrap=True)
+        console.print(study_text(report.study))
     for line in conclusions(outcome.summary, campaign.requirements):
-        console.print(line, soft_wrap=True)
+        console.print(line)
     if report is not None:
-        console.print(f"report: {report.path}", highlight=False, soft_wrap=True)
-    console.print(f"results: {outcome.folder}", highlight=False, soft_wrap=True)
+        console.print(f"report: {report.path}")
+    console.print(f"results: {outcome.folder}")

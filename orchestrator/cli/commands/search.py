@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from campaigns.expansion.expansion import Options
 from campaigns.search.search import most_flights
@@ -21,9 +20,9 @@ from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli.arming_consent import Cleared, RefusedError, clear
 from orchestrator.cli.engine_flight import LOCAL, result_store, runs_engine
 from orchestrator.cli.final_report import write_search_report
-from orchestrator.cli.progress_display import display_of
+from orchestrator.cli.progress_display import display_of, plain_console
 from orchestrator.cli.search_text import search_text
-from orchestrator.cli.standard_streams import err, ignore_broken_pipe, out
+from orchestrator.cli.standard_streams import err, out
 from orchestrator.engines.ray_engine import engine_address
 from orchestrator.model.clock import Clock
 from orchestrator.operator.errors import OperatingError
@@ -161,7 +160,7 @@ def _print(found: SearchCampaign, outcome: SearchOutcome, *, json: bool) -> None
     if json:
         out((outcome.folder / FILE_NAME).read_text("utf-8").rstrip())
         return
-    console = Console(file=ignore_broken_pipe(), highlight=False, soft_wrap=True, markup=False)
+    console = plain_console(soft_wrap=True)
     console.print(search_text(found, outcome))
     if report is not None:
         console.print(f"report: {report}")

@@ -3,19 +3,20 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Requirement, Share
 from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.model.acceptance_texts import (
     left_out_text,
     required_text,
+    row_verdict,
     shortfall_texts,
     stand_in_text,
 )
 from orchestrator.model.campaign_results import Summary
 from orchestrator.model.caveats import caveats, synthesised_texts
 from orchestrator.model.control_results import expected_text
-from orchestrator.model.results import RunResult
+from orchestrator.model.exit_codes import standings_of
+from orchestrator.model.results import RunResult, tightest_oracle
 from orchestrator.report.words import MODES, NOTHING, number_text
 from safety.model.oracle_results import EvidenceResult
 
@@ -144,7 +145,7 @@ def _case_row(
     campaign: CampaignDocuments, case: str, mode: str, is_control: bool, runs: Sequence[RunResult]
 ) -> CaseRow:
     passed = sum(run.verdict == "PASS" for run in runs)
-    required, verdict = _standing(campaign, case, mode, runs, passed)
+    required, verdict = _standing(campaign, case, mode, runs)
     if is_control:
         control = runs[0].control
         required = f"must be {control.verdict}" if control is not None else ""
@@ -177,27 +178,19 @@ def _case_row(
 
 
 def _standing(
-    campaign: CampaignDocuments, case: str, mode: str, runs: Sequence[RunResult], passed: int
+    campaign: CampaignDocuments, case: str, mode: str, runs: Sequence[RunResult]
 ) -> tuple[str, str]:
     """Return the required passes of a case and mode, and the verdict on them."""
     if not any(run.required for run in runs):
         return NOTHING, "reported"
     places = {(one.case, one.mode): one for one in campaign.requirements}
     wanted = places.get((case, mode)) or Requirement(case, mode, Share(len(runs), len(runs)))
-    if wanted.test is not None:
-        return _decision_text(wanted.test, runs)
-    share = wanted.share
-    proven = all(run.verdict in {"PASS", "FAIL"} for run in runs)
-    if passed >= share.passes and proven:
-        return str(share), "PASS"
-    return str(share), next((run.verdict for run in runs if run.verdict != "PASS"), "ERROR")
-
-
-def _decision_text(test: SequentialTest, runs: Sequence[RunResult]) -> tuple[str, str]:
-    proven = [run.verdict == "PASS" for run in runs if run.verdict in {"PASS", "FAIL"}]
-    decision, _ = test.decided_after(proven)
-    verdict = {"at least": "PASS", "below": "FAIL"}.get(decision, "INVALID")
-    return f"{test.at_least:g} against {test.against:g}: {decision}", verdict
+    (standing,) = standings_of(runs, [wanted])
+    verdict = row_verdict(standing, runs)
+    if wanted.test is None:
+        return str(wanted.share), verdict
+    rates = f"{wanted.test.at_least:g} against {wanted.test.against:g}"
+    return f"{rates}: {standing.decision}", verdict
 
 
 def _real_text(summary: Summary) -> str:
@@ -260,16 +253,8 @@ def _control_texts(controls: Iterable[RunResult]) -> Iterator[str]:
 
 
 def margin_text(run: RunResult | None) -> str:
-    """Return the smallest margin of a run's required oracles, with the oracle's name."""
-    if run is None:
+    """Return the margin of a run's tightest oracle, with the oracle's name."""
+    tightest = None if run is None else tightest_oracle(run)
+    if tightest is None:
         return NOTHING
-    margins = [
-        (one.margin, one)
-        for one in run.oracles
-        if one.required and one.vehicle == run.subject and one.margin is not None
-    ]
-    if not margins:
-        return NOTHING
-    in_metres = [pair for pair in margins if pair[1].unit == "m"] or margins
-    margin, oracle = min(in_metres, key=lambda pair: pair[0])
-    return f"{number_text(margin, oracle.unit, 2)} ({oracle.name})"
+    return f"{number_text(tightest.margin, tightest.unit, 2)} ({tightest.name})"

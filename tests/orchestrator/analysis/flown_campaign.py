@@ -23,14 +23,17 @@ GOAL_S, DONE_S = 2.0, 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """One flight. east_m: how far beside the straight way; lag_m_s: behind the command."""
+    """One flight. east_m: how far beside the straight way; lag_m_s: behind the command.
+
+    margin_m: None where nothing came near.
+    """
 
     case: str
     mode: str
     rep: int
     verdict: Verdict = "PASS"
     east_m: float = 0.0
-    margin_m: float = 0.3
+    margin_m: float | None = 0.3
     duration_s: float = 10.0
     lag_m_s: float = 0.0
     command_m_s: float = 1.0
@@ -121,6 +124,7 @@ def write_flown(
     broken: bool | None = False,
     requirements: Sequence[Requirement] | None = None,
     planned: int = 0,
+    host: str = "here",
 ) -> Path:
     """Write the results folder of flights, and return it.
 
@@ -147,7 +151,7 @@ def write_flown(
         "clock": clock,
         "versions": {"wil-campaign": version},
         "files": {"gate.yaml": "sha256:0"},
-        "host": {"name": "here", "machine": "x86_64", "cores": 2},
+        "host": {"name": host, "machine": "x86_64", "cores": 2},
         "runs": [
             {"run": name, "seed": 1, "documents": documents(one)} for name, one in runs.items()
         ],

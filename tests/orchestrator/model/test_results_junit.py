@@ -10,7 +10,7 @@ import pytest
 from campaigns.values.acceptance import Requirement, Share
 from orchestrator.model.campaign_results import summarize
 from orchestrator.model.control_results import ControlResult
-from orchestrator.model.exit_codes import accepted, exit_code
+from orchestrator.model.exit_codes import accepted, exit_code, rehearsal_code
 from orchestrator.model.junit import junit_xml
 from orchestrator.model.results import NOT_ARMED, Also, RunResult, SyncResult
 from safety.model.oracle_results import OracleResult, Verdict
@@ -42,6 +42,7 @@ def suite(
     *runs: RunResult,
     requirements: tuple[Requirement, ...] = REQUIRED,
     left_out: tuple[str, ...] = (),
+    arm: bool = True,
     **ended: Any,
 ) -> ET.Element:
     summary = summarize(
@@ -55,7 +56,7 @@ def suite(
         left_out=left_out,
         **ended,
     )
-    root = ET.fromstring(junit_xml(summary, requirements))  # noqa: S314 - our own document
+    root = ET.fromstring(junit_xml(summary, requirements, arm=arm))  # noqa: S314 - our own document
     found = root.find("testsuite")
     assert found is not None
     return found
@@ -183,6 +184,42 @@ def test_a_campaign_that_is_not_accepted_says_what_was_never_flown() -> None:
     error = found[-1].find("error")
     assert error is not None
     assert error.get("message") == "the campaign is not accepted; never flown: bare/sim/1"
+
+
+@pytest.mark.parametrize(
+    ("ended", "code", "message"),
+    [
+        ({"broken": True}, 3, "an internal exception occurred outside of its runs"),
+        ({"stopped": "signal"}, 130, "stopped by Ctrl-C or SIGTERM"),
+        ({"stopped": "command"}, 4, "stopped by an operator's command"),
+        ({"controls_due": 1, "not_flown": ("bare/sim/1",)}, 3, "never flown: bare/sim/1"),
+        (
+            {"stopped": "signal", "not_flown": ("small/sim/2",)},
+            130,
+            "never flown: small/sim/2; stopped by Ctrl-C or SIGTERM",
+        ),
+        ({}, 5, ""),
+    ],
+)
+def test_where_nothing_is_required_only_exit_code_5_is_green(
+    ended: dict[str, Any], code: int, message: str
+) -> None:
+    runs = [run("PASS", 1, required=False), run("FAIL", 2, required=False)]
+    how = {key: each for key, each in ended.items() if key != "not_flown"}
+    assert exit_code(runs, (), **how) == code
+    found = suite(*runs, requirements=(), **ended)
+    errors = [error.get("message") for error in found.iter("error")]
+    assert errors == ([f"the campaign is not accepted; {message}"] if message else [])
+    assert found.get("errors") == str(len(errors))
+
+
+def test_a_run_that_did_not_come_to_arming_as_asked_is_an_error() -> None:
+    good = run("ABORTED", 1, required=False, reason=NOT_ARMED)
+    bad = run("ERROR", 2, required=False, reason="no link to real")
+    assert rehearsal_code([good, bad]) == 3
+    found = suite(good, bad, requirements=(), arm=False)
+    assert [outcome(case) for case in found] == ["skipped", "error"]
+    assert [outcome(case) for case in suite(good, bad, requirements=())] == ["skipped"] * 2
 
 
 def test_what_was_not_armed_as_asked_is_no_error_unless_it_left_something_behind() -> None:

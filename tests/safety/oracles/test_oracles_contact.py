@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from safety.model.oracle_results import Flag
 from safety.model.samples import PoseSample
 from safety.oracles import Oracle, OracleContext
+from safety.oracles.contact import CLEAR_AGAIN_M, margin_beyond
 from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, contact, numbers, pose, stage
 from worlds.clearance.clearance import BoxShape, Clearance, ClearanceProbe
 from worlds.frames import Pose
@@ -187,3 +189,30 @@ def test_limits_given_to_the_probe_keep_the_smallest_clearance() -> None:
     # 0.2 m aside in the gate: 0.5 - 0.2 - 0.15
     assert judge.result(9.0).actual == pytest.approx(0.15, abs=2e-3)
     assert judge.result(9.0).at_s == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "beyond_m"),
+    [
+        ("collision", {}, 2.0),
+        ("clearance", {"min_m": 0.5}, 1.5),
+        ("clearance", {"min_m": 3.0}, CLEAR_AGAIN_M),
+    ],
+)
+def test_where_nothing_came_near_the_margin_exceeds_what_the_oracle_sees(
+    kind: str, more: dict[str, float], beyond_m: float
+) -> None:
+    far, close = (
+        OracleContext(mode="wil", subject="real", vehicle="real", probe=ScriptedProbe(script))
+        for script in ({}, {2.0: [("post", "", 3.5)]})
+    )
+    found = []
+    for context in (far, close):
+        judge = build(kind, context=context, **more)
+        stage(judge, takeoff=1.0, at_height=1.5)
+        judge.on_pose(pose(2.0))
+        found.append(judge.result(3.0))
+    assert margin_beyond(found[0]) == pytest.approx(beyond_m)
+    assert margin_beyond(found[1]) is None
+    assert margin_beyond(replace(found[0], verdict="INVALID")) is None
+    assert margin_beyond(replace(found[0], limit=None)) is None

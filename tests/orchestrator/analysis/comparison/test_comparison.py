@@ -1,6 +1,7 @@
 """compare: worse beyond chance and size, and what cannot be compared."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,9 @@ import pytest
 
 from orchestrator.analysis.comparison.comparison import Comparison, Limits, cells_of, compare
 from orchestrator.cli import main
+from orchestrator.model.control_results import ControlResult
+from orchestrator.model.document_writer import to_json
+from orchestrator.model.results import RunResult
 from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown, write_searched
 
 Capture = pytest.CaptureFixture[str]
@@ -54,6 +58,58 @@ def test_a_margin_that_shrinks_is_worse_although_all_pass() -> None:
     assert worse.what == "margin of collision"
     assert worse.loss == pytest.approx(0.15)
     assert compared(before, after, margin=0.2).worse == ()
+
+
+def near(cell: str, margins_m: Sequence[float | None]) -> list[Flight]:
+    """Return a passed flight for each margin; None where nothing came near."""
+    spread = [each / 1000 for each in range(len(margins_m))]
+    plain = flights(cell, "wil", "P" * len(margins_m), spread)
+    return [replace(one, margin_m=each) for one, each in zip(plain, margins_m, strict=True)]
+
+
+def test_from_nothing_near_to_near_contact_is_worse() -> None:
+    apart, close = near("a", [None] * 10), near("a", [0.15] * 10)
+    (worse,) = compared(apart, close, margin=0.5).worse
+    assert (worse.what, worse.before, worse.after) == ("margin of collision", 2.0, 0.15)
+    assert worse.is_beyond == (True, False)
+    assert worse.loss == pytest.approx(1.85)
+    assert compared(close, apart, margin=0.5).worse == ()
+    assert [one.what for one in compared(apart, apart, margin=0.5).changes] == ["pass rate"]
+
+
+def test_fewer_flights_with_nothing_near_may_be_chance() -> None:
+    (_, one_of_ten) = compared(
+        near("a", [None] * 10), near("a", [0.5, *[None] * 9]), margin=0.1
+    ).changes
+    assert one_of_ten.outcome == "undecided"
+    assert (one_of_ten.is_beyond, one_of_ten.flights) == ((True, True), (10, 10))
+    (_, half) = compared(near("a", [0.5, None]), near("a", [0.5, 0.6, None]), margin=0.1).changes
+    assert half.is_beyond == (True, False)
+    assert half.before == pytest.approx(1.25)
+
+
+def test_a_margin_that_no_limit_gives_is_not_taken_for_nothing_near() -> None:
+    """An oracle without a limit measures and has no margin: it was not beyond one."""
+
+    def unlimited(one: Flight) -> RunResult:
+        plain = one.result()
+        (oracle,) = plain.oracles
+        return replace(plain, oracles=(replace(oracle, limit=None, margin=None),))
+
+    now = near("a", [0.15] * 10)
+    old, new = cells_of(map(unlimited, now)), cells_of(one.result() for one in now)
+    (rate,) = compare(old, new, Limits(margin=0.1)).changes
+    assert rate.what == "pass rate"
+
+
+def test_the_table_shows_that_nothing_came_near(tmp_path: Path, capsys: Capture) -> None:
+    old = write_flown(tmp_path / "old", near("a", [None] * 10), with_motion=False)
+    new = write_flown(tmp_path / "new", near("a", [0.15] * 10), with_motion=False)
+    assert main(["compare", str(old), str(new), "--margin-by", "0.5"]) == 1
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if "of collision " in line)
+    assert "margin of collision  > 2 m   0.15 m  10 and 10" in row
+    assert main(["compare", str(new), str(old), "--margin-by", "0.5", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["changes"][1]["is_beyond"] == [False, True]
 
 
 def test_more_tests_make_chance_harder_to_exclude() -> None:
@@ -174,6 +230,23 @@ def test_what_ended_a_campaign_outside_of_its_runs_is_named(
     assert f"{ended}: {said}" in capsys.readouterr().err
     assert main(["compare", str(ended), str(sound)]) == 0, "the judged one came to its end"
     assert f"{ended}: {said}" in capsys.readouterr().err
+
+
+def test_a_campaign_that_cannot_fail_is_no_good_comparison(tmp_path: Path, capsys: Capture) -> None:
+    flown = flights("a", "wil", "P" * 5, TEN[:5])
+    sound = write_flown(tmp_path / "sound", flown, with_motion=False)
+    green = write_flown(tmp_path / "green", flown, with_motion=False)
+    for folder, verdict in ((sound, "FAIL"), (green, "PASS")):
+        (control,) = flights("blind", "wil", verdict[0])
+        met = ControlResult("a", "FAIL", None, None, met=verdict == "FAIL")
+        (folder / control.name).mkdir(parents=True)
+        result = replace(control.result(), required=False, control=met)
+        (folder / control.name / "result.json").write_text(to_json(result))
+    assert main(["compare", str(sound), str(green)]) == 3
+    said = f"{green}: this campaign cannot fail: control blind in mode wil passed"
+    assert said in capsys.readouterr().err
+    assert main(["compare", str(green), str(sound)]) == 0, "the controls of the judged one failed"
+    assert said in capsys.readouterr().err
 
 
 def test_a_summary_of_an_earlier_version_is_not_taken_for_a_whole_campaign(

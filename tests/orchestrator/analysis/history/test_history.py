@@ -111,6 +111,48 @@ def test_a_file_keeps_what_folders_lose_and_takes_nothing_twice(
     assert len(keep.read_text().splitlines()) == 6
 
 
+def test_a_flight_that_was_flown_again_counts_as_it_ended_last(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PPI", code=3, stopped="signal"))
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PPF"))
+    lines = [json.loads(line) for line in keep.read_text().splitlines()]
+    assert [one["verdict"] for one in lines[2::3]] == ["INVALID", "FAIL"]
+    (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert (row["passed"], row["flown"], row["unproven"], row["ending"]) == (2, 3, 0, "")
+    assert len(keep.read_text().splitlines()) == 6
+
+
+def shown_once(
+    tmp_path: Path, capsys: Capture, keep: Path, verdicts: str, *, code: int = 0, **more: Any
+) -> Path:
+    folder = flown(tmp_path, 1, verdicts, **more)
+    shown(capsys, tmp_path / "results", "--keep", keep, code=code)
+    return folder
+
+
+def test_two_machines_that_start_in_one_second_are_two_campaigns(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PPP", host="one"))
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PFF", host="two"))
+    rows = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert [(row["passed"], row["flown"]) for row in rows] == [(3, 3), (1, 3)]
+
+
+def test_a_line_of_an_earlier_version_is_the_same_flight(tmp_path: Path, capsys: Capture) -> None:
+    keep = tmp_path / "history.jsonl"
+    shown_once(tmp_path, capsys, keep, "PPF")
+    lines = [json.loads(line) for line in keep.read_text().splitlines()]
+    for one in lines:
+        del one["host"]
+    keep.write_text("".join(json.dumps(one) + "\n" for one in lines))
+    (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert row["flown"] == 3
+
+
 def test_the_page_acts_on_nothing_from_a_file(tmp_path: Path, capsys: Capture) -> None:
     flown(tmp_path, 1, "PFP", version=HOSTILE)
     page = tmp_path / "history.html"

@@ -1,5 +1,6 @@
 """The table of the overview: what was required of each case and mode, and the verdict on it."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +8,13 @@ import pytest
 
 from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Requirement, Share
+from orchestrator.analysis.history.records import records_of
 from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.report.rendering.overview import case_rows, verdict_of
+from orchestrator.model.document_writer import to_json
+from orchestrator.model.results import RunResult
+from orchestrator.report.rendering.overview import case_rows, margin_text, verdict_of
+from orchestrator.report.words import NOTHING
+from safety.model.oracle_results import OracleResult
 from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
 
 COMPOSED: dict[str, Any] = {"campaign": "both", "campaigns": {"one": "gate.yaml"}}
@@ -35,6 +41,10 @@ def row_of(folder: Path, given: list[Flight], **more: Any) -> tuple[str, str, st
         ("PPPFF", Share(4, 5), "4/5", "FAIL"),
         ("PPPPF", Share(5, 5), "5/5", "FAIL"),
         ("PPP", Share(5, 5), "5/5", "ERROR"),
+        ("PPPPI", Share(4, 5), "4/5", "INVALID"),
+        ("PPPP", Share(4, 5), "4/5", "ERROR"),
+        ("PPPF", Share(4, 5), "4/5", "ERROR"),
+        ("PFF", Share(4, 5), "4/5", "FAIL"),
     ],
 )
 def test_the_share_of_a_part_of_a_composition_is_that_of_its_flight(
@@ -88,6 +98,9 @@ def test_a_decided_part_of_a_composition_lacks_no_run(tmp_path: Path) -> None:
         (PLAIN, "PPPPF", "4/5", "PASS"),
         (DECIDED, "PP", "0.9 against 0.2: at least", "PASS"),
         (DECIDED, "FF", "0.9 against 0.2: below", "FAIL"),
+        (DECIDED, "PPI", "0.9 against 0.2: at least", "INVALID"),
+        (DECIDED, "PFPFP", "0.9 against 0.2: undecided", "undecided"),
+        (DECIDED, "PF", "0.9 against 0.2: undecided", "ERROR"),
         ({}, "PPF", "3/3", "FAIL"),
         ({"accept": {"one.a": {"wil": "9/5"}}, "repetitions": 5}, "PPF", "3/3", "FAIL"),
         ({"accept": {"one.a": 7}, "repetitions": 5}, "PPF", "3/3", "FAIL"),
@@ -105,3 +118,43 @@ def test_a_run_without_a_result_is_missing_where_the_summary_names_none(tmp_path
     given = flights("a", "wil", "PP")
     folder = write_flown(tmp_path / "cut", given, planned=3, broken=None, with_motion=False)
     assert "1 of 3 runs have no readable result" in read_campaign(folder).problems
+
+
+def judged(*margins: tuple[str, str, float | None, bool]) -> RunResult:
+    """Return a run with an oracle for each (name, unit, margin, required)."""
+    (flight,) = flights("a", "wil", "F")
+    oracles = tuple(
+        OracleResult(name, "real", required, "PASS", 1.0, 1.0, unit, margin, 4.0)
+        for name, unit, margin, required in margins
+    )
+    return replace(flight.result(), oracles=oracles)
+
+
+CLEAR = ("clearance", "m", 0.4, True)
+LATE = ("time_limit", "s", -3.0, True)
+FAST = ("speed", "m/s", -0.25, True)
+
+
+@pytest.mark.parametrize(
+    ("margins", "text"),
+    [
+        ((CLEAR, ("time_limit", "s", 0.1, True)), "0.4 m (clearance)"),
+        ((CLEAR, FAST), "-0.25 m/s (speed)"),
+        ((CLEAR, FAST, LATE), "-3 s (time_limit)"),
+        ((CLEAR, ("speed", "m/s", -0.25, False)), "0.4 m (clearance)"),
+        ((("collision", "m", 0.0, True), ("time_limit", "s", 9.0, True)), "0 m (collision)"),
+        ((("speed", "m/s", 0.2, True), ("landed", "", None, True)), "0.2 m/s (speed)"),
+        ((("landed", "", None, True),), NOTHING),
+    ],
+)
+def test_the_smallest_margin_is_of_a_limit_that_was_exceeded(
+    margins: tuple[tuple[str, str, float | None, bool], ...], text: str
+) -> None:
+    assert margin_text(judged(*margins)) == text
+
+
+def test_the_history_keeps_the_same_margin(tmp_path: Path) -> None:
+    folder = write_flown(tmp_path / "a", flights("a", "wil", "F"), with_motion=False)
+    (folder / "a/wil/1/result.json").write_text(to_json(judged(CLEAR, FAST)))
+    (record,) = records_of(read_campaign(folder))
+    assert record.margin == -0.25

@@ -1,0 +1,79 @@
+"""Whoever watches a campaign may raise: that is a fault, and all runs are flown."""
+
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign.campaign_runner import (
+    CampaignOutcome,
+    FlyingSettings,
+    Watcher,
+    fly_campaign,
+)
+from orchestrator.campaign.workers import run_engine
+from orchestrator.campaign.workers.run_output import OUTPUT_FILE
+from orchestrator.cli.progress_display import LineDisplay, SilentDisplay
+from orchestrator.model.document_writer import to_json, write_whole
+from orchestrator.model.operator_command import Inbox
+from orchestrator.model.progress import Report
+from orchestrator.model.results import RunResult
+from orchestrator.state.run_setup import RunOrder
+from tests.orchestrator.campaign.resuming.test_resumption import result_of
+from tests.orchestrator.hover import write_hover
+
+pytestmark = pytest.mark.usefixtures("forked_workers")
+
+OUTPUT = "[INFO] [169.2] [talker]: hi\n  [/talker] stopped\n"
+
+
+@dataclass
+class Deaf(SilentDisplay):
+    """A watcher that cannot show messages."""
+
+    tried: list[str] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        self.tried.append(text)
+        raise LookupError("no such style")
+
+
+def fail_with_output(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    order.folder.mkdir(parents=True)
+    (order.folder / OUTPUT_FILE).write_text(OUTPUT)
+    flown = result_of(order.plan, "FAIL")
+    write_whole(order.folder / "result.json", to_json(flown))
+    return flown
+
+
+def fly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watcher: Watcher) -> CampaignOutcome:
+    monkeypatch.setattr(run_engine, "fly_order", fail_with_output)
+    campaign = load_campaign(write_hover(tmp_path), Options(repetitions=3))
+    settings = FlyingSettings(out=tmp_path / "out", clock="virtual", jobs=1)
+    return fly_campaign(campaign, settings, watcher)
+
+
+def test_the_output_of_a_run_is_shown_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = io.StringIO()
+    display = LineDisplay(console=Console(file=lines, soft_wrap=True), total=3)
+    outcome = fly(tmp_path, monkeypatch, display)
+    assert [run.verdict for run in outcome.summary.runs] == ["FAIL"] * 3
+    assert outcome.exit_code == 1
+    assert lines.getvalue().count("  [INFO] [169.2] [talker]: hi\n    [/talker] stopped\n") == 3
+
+
+def test_a_watcher_that_raises_ends_no_campaign_and_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watcher = Deaf()
+    outcome = fly(tmp_path, monkeypatch, watcher)
+    assert [run.verdict for run in outcome.summary.runs] == ["FAIL"] * 3
+    assert watcher.tried
+    assert outcome.summary.broken is True
+    assert outcome.exit_code == 3
+    assert "LookupError" in (outcome.folder / "log.jsonl").read_text()
