@@ -17,12 +17,16 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class LogEvent:
-    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: vehicle or operator."""
+    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: vehicle or operator.
+
+    oracle: whose flag it is; empty for other kinds.
+    """
 
     t_s: float
     kind: str
     subject: str
     text: str
+    oracle: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -224,7 +224,7 @@ def _decided_s(
         flagged = [
             one.t_s
             for one in events
-            if one.kind == "flag" and one.subject == oracle.vehicle and oracle.name in one.text
+            if one.kind == "flag" and (one.oracle, one.subject) == (oracle.name, oracle.vehicle)
         ]
         # The worst value may come after the violation.
         return min([oracle.at_s, *flagged])

@@ -86,7 +86,8 @@ def _parse(line: bytes) -> tuple[float, str, dict[str, Any]] | None:
 def _event(t_s: float, kind: str, fields: dict[str, Any]) -> LogEvent:
     rest = {name: value for name, value in fields.items() if name not in {"t_s", "event"}}
     subject = _first_text(rest, "vehicle", "who")
-    return LogEvent(t_s, kind, subject, " · ".join(_words(kind, rest)))
+    oracle = _first_text(rest, "oracle") if kind == "flag" else ""
+    return LogEvent(t_s, kind, subject, " · ".join(_words(kind, rest)), oracle)
 
 
 def _first_text(fields: dict[str, Any], *names: str) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 from orchestrator.model.run_log import RunLog
 from orchestrator.report.reading.cause import cause_of
 from orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
+from safety.model.oracle_results import OracleResult
 from tests.orchestrator.report.recorded_campaign import touched
 
 LINK_LOST = replace(
@@ -46,3 +47,19 @@ def test_the_time_of_an_event_that_is_not_in_the_log_is_not_known() -> None:
     cause = cause_of(LINK_LOST, (), goal_s=2.0, passed=None)
     assert cause is not None
     assert dict(cause.facts)["when"] == "not known"
+
+
+def test_a_limit_is_crossed_at_the_flag_of_its_own_oracle(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with RunLog(path=path) as log:
+        log.write(3.0, "flag", oracle="ground_speed", vehicle="real", text="real: 2 m/s")
+        log.write(5.0, "flag", oracle="other", vehicle="real", text="as its speed is 3 m/s")
+        log.write(6.0, "flag", oracle="speed", vehicle="twin", text="twin: 4 m/s")
+        log.write(8.0, "flag", oracle="speed", vehicle="real", text="real: 4 m/s")
+    speed = OracleResult("speed", "real", True, "FAIL", 5.0, (None, 3.5), "m/s", -1.5, 9.0, "")
+    result = replace(touched(), oracles=(speed,), decided_by="speed/real")
+    cause = cause_of(result, read_event_log(path).events, goal_s=2.0, passed=None)
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert facts["crossed"] == "6.00 s after the goal was given"
+    assert facts["worst"] == "7.00 s after the goal was given"

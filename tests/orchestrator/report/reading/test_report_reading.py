@@ -276,7 +276,7 @@ def test_a_formula_is_its_own_rule_and_its_figures_stand_once() -> None:
 
 def test_a_limit_crossed_before_its_worst_has_both_times() -> None:
     high = OracleResult("altitude", "real", True, "FAIL", 2.5, (None, 2.3), "m", -0.2, 9.0, "")
-    events = [LogEvent(8.0, "flag", "real", "oracle altitude · real too high")]
+    events = [LogEvent(8.0, "flag", "real", "oracle altitude · real too high", "altitude")]
     cause = cause_of(failed(high), events, goal_s=2.0, passed=None)
     assert cause is not None
     facts = dict(cause.facts)
