@@ -105,7 +105,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
             outcome=tuple(_outcome(parts, poses.get(subject, []))),
             contact_at=lambda vehicle, t_s: _contact(parts, vehicle, t_s),
         )
-    limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1])
+    limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1], subject)
     fences = {**parts.world.fences, **parts.motion.fences}
     flight = JudgedFlight(parts.motion, parts.world.judged, fences)
     oracle = None if result is None else deciding_oracle(result)

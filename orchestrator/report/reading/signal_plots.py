@@ -32,8 +32,9 @@ def motion_plots(
 ) -> tuple[Plot, ...]:
     """Return clearance, fence margin, height and the distance between the vehicles.
 
-    subject: the judged vehicle. limits: of the campaign's oracles.
+    subject: the judged vehicle. limits: of the campaign's oracles; those of its own are drawn.
     """
+    limits = [one for one in limits if one.vehicle == subject]
     found = [
         _clearance_plot(poses, world, motion, subject, limits),
         _fence_plot(poses, world, motion),

@@ -33,7 +33,7 @@ def scene() -> Scene:
 
 
 def spans(oracles: dict[str, Any]) -> list[tuple[str, float, bool, tuple[float, float]]]:
-    found = held_limits(oracles, STAGES, 21.0)
+    found = held_limits(oracles, STAGES, 21.0, "real")
     return [(one.signal, one.value, one.is_upper, one.span_s) for one in found]
 
 
@@ -82,7 +82,7 @@ def failed(actual: float, margin: float, detail: str, name: str = "waits") -> Or
 
 
 def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
-    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0)
+    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
     oracle = failed(1.75, -0.45, "up_m <= 1.3 is violated: 1.750 m against 1.3 m")
     found = closeup_of(Cause("waits", "", (), 6.6), oracle, limits, climbing())
     assert found is not None
@@ -95,19 +95,19 @@ def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
 
 
 def test_what_does_not_come_to_what_was_judged_is_not_shown() -> None:
-    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0)
+    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
     cause = Cause("waits", "", (), 6.6)
     detail = "up_m <= 1.3 is violated"
     assert closeup_of(cause, failed(2.4, -1.1, detail), limits, climbing()) is None
     assert closeup_of(cause, failed(1.75, -0.45, "other <= 1"), limits, climbing()) is None
     assert closeup_of(None, failed(1.75, -0.45, detail), limits, climbing()) is None
-    signals = held_limits({"waits": {"stl": "always (battery_v >= 3)"}}, STAGES, 21.0)
+    signals = held_limits({"waits": {"stl": "always (battery_v >= 3)"}}, STAGES, 21.0, "real")
     low = failed(1.75, -0.45, "battery_v >= 3 is violated")
     assert closeup_of(cause, low, signals, climbing()) is None
 
 
 def test_the_margin_to_the_fence_is_a_lower_limit() -> None:
-    limits = held_limits({"geofence": {}}, STAGES, 21.0)
+    limits = held_limits({"geofence": {}}, STAGES, 21.0, "real")
     oracle = failed(-0.2, -0.2, "", "geofence")
     found = closeup_of(Cause("geofence", "", (), 7.7), oracle, limits, climbing())
     assert found is not None
