@@ -122,10 +122,14 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class DrawnWorld:
-    """The surroundings of the vehicles. side_axis: the axis to the right in the side view."""
+    """The surroundings of the vehicles. side_axis: the axis to the right in the side view.
+
+    fences: by vehicle, at the moment. fence_note: when they were changed in flight, as text.
+    """
 
     outlines: tuple[Outline, ...] = ()
     fences: Mapping[str, Fence] = field(default_factory=dict)
+    fence_note: str = ""
     side_axis: str = "north"
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from orchestrator.analysis.reading.judged_motion import JudgedMotion
 from orchestrator.report.model import Cause, Closeup, Curve, Plot, Point
+from orchestrator.report.reading.distances import TimedFences, fence_at
 from orchestrator.report.reading.held_limits import HeldLimit
-from safety.fence.geofence import Fence
 from safety.model import signals
 from safety.model.oracle_results import OracleResult
 from safety.model.samples import PoseSample
@@ -41,11 +41,11 @@ _TITLES = {"up_m": "height", "clearance_m": "clearance", "fence_margin_m": "marg
 
 @dataclass(frozen=True, slots=True)
 class JudgedFlight:
-    """Input to recompute the values of a flight. fences: by vehicle, in force at the end."""
+    """Input to recompute the values of a flight. fences: by vehicle."""
 
     motion: JudgedMotion
     scene: Scene
-    fences: Mapping[str, Fence]
+    fences: Mapping[str, TimedFences]
 
 
 def closeup_of(
@@ -113,14 +113,20 @@ def _values_of(
     if signal in _OF_POSE:
         return _OF_POSE[signal]
     if signal == "fence_margin_m" and vehicle in flight.fences:
-        fence = flight.fences[vehicle]
-        return lambda sample: fence.margin_m(sample.pose.position_ned_m)
+        fences = flight.fences[vehicle]
+        return lambda sample: _fence_margin_m(fences, sample)
     names = [
         name
         for name in flight.scene.names
         if signal in {"clearance_m", distance_name(name), f"distance to {name}"}
     ]
     return _distance_to(names, flight) if names else None
+
+
+def _fence_margin_m(fences: TimedFences, sample: PoseSample) -> float:
+    """Return the distance to the boundary of the fence of that time; NaN before the first."""
+    fence = fence_at(fences, sample.t_s)
+    return math.nan if fence is None else fence.margin_m(sample.pose.position_ned_m)
 
 
 def _distance_to(names: Sequence[str], flight: JudgedFlight) -> Callable[[PoseSample], float]:

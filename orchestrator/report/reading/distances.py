@@ -1,8 +1,10 @@
 """Distances over time: to the judged world, to the fence, between the vehicles."""
 
+import bisect
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 
 from orchestrator.report.model import Point
 from safety.fence.geofence import Fence
@@ -19,6 +21,8 @@ _EVERY = 2
 """Poses of a track per sweep; a sweep covers all that is between two poses."""
 
 TimedPose = tuple[float, Pose]
+TimedFences = Sequence[tuple[float, Fence]]
+"""Fences of a vehicle, each with the time from which it was in force, oldest first."""
 
 
 def clearances(
@@ -37,12 +41,19 @@ def clearances(
     return tuple(found)
 
 
-def fence_margins(poses: Sequence[TimedPose], fence: Fence) -> tuple[Point, ...]:
-    """Return the distance to the boundary of a fence, negative outside."""
+def fence_at(fences: TimedFences, t_s: float) -> Fence | None:
+    """Return the fence that was in force at a time; None before the first."""
+    count = bisect.bisect_right(fences, t_s, key=itemgetter(0))
+    return fences[count - 1][1] if count else None
+
+
+def fence_margins(poses: Sequence[TimedPose], fences: TimedFences) -> tuple[Point, ...]:
+    """Return the distance to the boundary of the fence of that time, negative outside."""
     return tuple(
         (t_s, fence.margin_m(pose.position_ned_m))
         for t_s, pose in poses
         if all(map(math.isfinite, pose.position_ned_m))
+        and (fence := fence_at(fences, t_s)) is not None
     )
 
 

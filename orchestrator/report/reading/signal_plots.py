@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
-from orchestrator.analysis.reading.judged_motion import JudgedMotion
 from orchestrator.report.model import Curve, Plot, PlotLimit, Point
+from orchestrator.report.reading.closeup import JudgedFlight
 from orchestrator.report.reading.distances import (
     SHOWN_WITHIN_M,
     TimedPose,
@@ -16,7 +16,6 @@ from orchestrator.report.reading.distances import (
     separations,
 )
 from orchestrator.report.reading.held_limits import HeldLimit
-from orchestrator.report.reading.world_facts import RecordedWorld
 
 _MOST_POINTS = 500
 
@@ -25,8 +24,7 @@ Poses = Mapping[str, Sequence[TimedPose]]
 
 def motion_plots(
     poses: Poses,
-    world: RecordedWorld,
-    motion: JudgedMotion,
+    flight: JudgedFlight,
     subject: str,
     limits: Sequence[HeldLimit],
 ) -> tuple[Plot, ...]:
@@ -36,8 +34,8 @@ def motion_plots(
     """
     limits = [one for one in limits if one.vehicle == subject]
     found = [
-        _clearance_plot(poses, world, motion, subject, limits),
-        _fence_plot(poses, world, motion),
+        _clearance_plot(poses, flight, subject, limits),
+        _fence_plot(poses, flight),
         _height_plot(poses, subject, limits),
     ]
     if poses.get("real") and poses.get("twin"):
@@ -52,27 +50,29 @@ def _lines(signal: str, limits: Sequence[HeldLimit]) -> tuple[PlotLimit, ...]:
 
 def _clearance_plot(
     poses: Poses,
-    world: RecordedWorld,
-    motion: JudgedMotion,
+    flight: JudgedFlight,
     subject: str,
     limits: Sequence[HeldLimit],
 ) -> Plot:
-    if not world.judged.objects:
+    if not flight.scene.objects:
         return Plot("clearance", "m", ())
-    curves = _curves(poses, lambda found: clearances(found, world.judged, motion.world_events))
+    events = flight.motion.world_events
+    curves = _curves(poses, lambda found: clearances(found, flight.scene, events))
     lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
     note = f"least distance of the body to objects except floors; capped at {SHOWN_WITHIN_M:g} m"
     return Plot("clearance", "m", curves, lines, note, subject)
 
 
-def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plot:
-    fences = {**world.fences, **motion.fences}
+def _fence_plot(poses: Poses, flight: JudgedFlight) -> Plot:
     curves = tuple(
-        Curve(name, _shortened(fence_margins(poses[name], fence)))
-        for name, fence in fences.items()
+        Curve(name, _shortened(fence_margins(poses[name], fences)))
+        for name, fences in flight.fences.items()
         if name in poses
     )
-    return Plot("margin to the fence", "m", curves, (PlotLimit(0.0),), "negative is outside")
+    note = "negative is outside"
+    if any(len(fences) > 1 for fences in flight.fences.values()):
+        note += "; to the fence in force at each time"
+    return Plot("margin to the fence", "m", curves, (PlotLimit(0.0),), note)
 
 
 def _height_plot(poses: Poses, subject: str, limits: Sequence[HeldLimit]) -> Plot:

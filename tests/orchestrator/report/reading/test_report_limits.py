@@ -1,5 +1,7 @@
 """What violated a limit and when the limit held, the things marked in an image, and contacts."""
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -74,7 +76,7 @@ def climbing() -> JudgedFlight:
         motion.poses.setdefault("real", []).append((t_s, Pose.of(0.0, 0.0, up_m)))
         motion.velocities.setdefault("real", []).append((0.0, 0.0, 0.0))
     fence = Fence.box(north_m=(-1.0, 1.0), east_m=(-1.0, 1.0), up_m=(-1.0, 1.8))
-    return JudgedFlight(motion, Scene(), {"real": fence})
+    return JudgedFlight(motion, Scene(), {"real": [(-math.inf, fence)]})
 
 
 def failed(actual: float, margin: float, detail: str, name: str = "waits") -> OracleResult:
@@ -113,6 +115,19 @@ def test_the_margin_to_the_fence_is_a_lower_limit() -> None:
     assert found is not None
     assert found.worst == pytest.approx((8.0, -0.2))
     assert found.plot.title == "margin to the fence"
+
+
+def test_the_margin_is_to_the_fence_that_was_in_force_then() -> None:
+    limits = held_limits({"geofence": {}}, STAGES, 21.0, "real")
+    flight = climbing()
+    # Wide again after it was left: the vehicle was outside of the one of that time.
+    wide = Fence.box(north_m=(-1.0, 1.0), east_m=(-1.0, 1.0), up_m=(-1.0, 5.0))
+    flight = replace(flight, fences={"real": [*flight.fences["real"], (9.0, wide)]})
+    found = closeup_of(
+        Cause("geofence", "", (), 7.7), failed(-0.2, -0.2, "", "geofence"), limits, flight
+    )
+    assert found is not None
+    assert found.worst == pytest.approx((8.0, -0.2))
 
 
 def seen(vehicle: str = "real", source: str = "mixed") -> Frame:
