@@ -9,9 +9,9 @@ from operator import itemgetter
 from orchestrator.report.model import Point
 from safety.fence.geofence import Fence
 from safety.oracles.contact import CLEAR_AGAIN_M
-from vehicles.embedded.physics.contact_world import BODY
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.frames import Pose
+from worlds.scene.parts import BoxShape
 from worlds.scene.scene import Scene
 
 SHOWN_WITHIN_M = 2.0
@@ -26,13 +26,13 @@ TimedFences = Sequence[tuple[float, Fence]]
 
 
 def clearances(
-    poses: Sequence[TimedPose], scene: Scene, events: Mapping[str, float]
+    poses: Sequence[TimedPose], body: BoxShape, scene: Scene, events: Mapping[str, float]
 ) -> tuple[Point, ...]:
     """Return the least clearance on each stretch between two poses, floors left out.
 
     As `collision` judges it: the body is swept between the poses, and contact is 0.
     """
-    probe = ClearanceProbe(scene, BODY, floors=False, within_m=SHOWN_WITHIN_M)
+    probe = ClearanceProbe(scene, body, floors=False, within_m=SHOWN_WITHIN_M)
     found: list[Point] = []
     for (begin_s, begin), (end_s, end) in itertools.pairwise(poses[::_EVERY]):
         near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)
@@ -71,13 +71,17 @@ def separations(real: Sequence[TimedPose], twin: Sequence[TimedPose]) -> tuple[P
 
 
 def contact_until_s(
-    poses: Sequence[TimedPose], scene: Scene, events: Mapping[str, float], touched_s: float
+    poses: Sequence[TimedPose],
+    body: BoxShape,
+    scene: Scene,
+    events: Mapping[str, float],
+    touched_s: float,
 ) -> float | None:
     """Return the end of a contact that began at touched_s; None if it did not end.
 
     As for `collision`, a contact ends when the clearance exceeds 2 cm. Floors are left out.
     """
-    probe = ClearanceProbe(scene, BODY, floors=False, within_m=2.0 * CLEAR_AGAIN_M)
+    probe = ClearanceProbe(scene, body, floors=False, within_m=2.0 * CLEAR_AGAIN_M)
     after = [one for one in poses if one[0] >= touched_s]
     for (begin_s, begin), (end_s, end) in itertools.pairwise(after):
         near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)

@@ -19,7 +19,7 @@ from campaigns.schema.sensors import MountPart
 from orchestrator.report.model import Frame, Mark
 from orchestrator.report.reading.distances import TimedPose
 from orchestrator.report.reading.outlines import vertices_of
-from vehicles.embedded.physics.contact_world import BODY
+from orchestrator.report.reading.world_facts import recorded_body
 from worlds.camera import CameraMount
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.files.documents import Data
@@ -141,7 +141,8 @@ def _distances(
         return {}
     wanted = {obj.name for obj in objects}
     others = [name for name in world.scene.names if name not in wanted]
-    probe = ClearanceProbe(world.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
+    body = recorded_body(world.campaign, vehicle)
+    probe = ClearanceProbe(world.scene, body, exclude=others, floors=False, within_m=_FAR_M)
     nearest: dict[str, float] = {}
     for one in probe.sweep(pose, t_s, pose, t_s, world.events):
         known_m = nearest.get(one.object_name, math.inf)

@@ -44,7 +44,7 @@ from orchestrator.report.reading.outlines import outlines_of
 from orchestrator.report.reading.recorded_sights import read_facts, read_sights
 from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
-from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
+from orchestrator.report.reading.world_facts import RecordedWorld, recorded_body, recorded_world
 from orchestrator.report.words import place_text, short_time, time_text, velocity_text
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import OracleResult
@@ -115,7 +115,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
             contact_at=lambda vehicle, t_s: _contact(parts, vehicle, t_s),
         )
     limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1], subject)
-    flight = JudgedFlight(parts.motion, parts.world.judged, parts.fences)
+    flight = JudgedFlight(parts.motion, parts.world.judged, parts.fences, parts.world.campaign)
     oracle = None if result is None else deciding_oracle(result)
     closeup = closeup_of(cause, oracle, limits, flight)
     cause = _with_worst(cause, closeup, parts.goal_s)
@@ -208,7 +208,8 @@ def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
     row = next(before, None)
     velocity = None if row is None else row.decoded().velocity_ned_m_s
     poses = parts.motion.poses.get(vehicle, [])
-    until_s = contact_until_s(poses, parts.world.judged, parts.motion.world_events, t_s)
+    body = recorded_body(parts.world.campaign, vehicle)
+    until_s = contact_until_s(poses, body, parts.world.judged, parts.motion.world_events, t_s)
     recorded_s = poses[-1][0] if poses and parts.world.judged.objects else None
     return Contact(None if velocity is None else norm(velocity), until_s, recorded_s)
 

@@ -16,6 +16,7 @@ from orchestrator.report.reading.distances import (
     separations,
 )
 from orchestrator.report.reading.held_limits import HeldLimit
+from orchestrator.report.reading.world_facts import recorded_body
 
 _MOST_POINTS = 500
 
@@ -57,10 +58,14 @@ def _clearance_plot(
     if not flight.scene.objects:
         return Plot("clearance", "m", ())
     events = flight.motion.world_events
-    curves = _curves(poses, lambda found: clearances(found, flight.scene, events))
+    curves = []
+    for name, found in poses.items():
+        body = recorded_body(flight.campaign, name)
+        swept = clearances(found, body, flight.scene, events)
+        curves.append(Curve(name, _shortened(swept)))
     lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
     note = f"least distance of the body to objects except floors; capped at {SHOWN_WITHIN_M:g} m"
-    return Plot("clearance", "m", curves, lines, note, subject)
+    return Plot("clearance", "m", tuple(curves), lines, note, subject)
 
 
 def _fence_plot(poses: Poses, flight: JudgedFlight) -> Plot:

@@ -20,6 +20,7 @@ from orchestrator.report.reading.object_marks import (
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import OracleResult
 from tests.orchestrator.report.recorded_campaign import WORLD
+from vehicles.embedded.physics.contact_world import BODY
 from worlds.camera import Intrinsics
 from worlds.files.documents import parse
 from worlds.frames import Pose
@@ -200,7 +201,7 @@ def test_things_are_named_as_words_and_as_things_of_parts() -> None:
 def test_a_contact_is_over_when_the_body_is_clear_again() -> None:
     # Through the left bar of the gate and out on the far side.
     through = [(k / 10, Pose.of(k / 10, -0.55, 1.2)) for k in range(40)]
-    until_s = contact_until_s(through, scene(), {}, 1.8)
+    until_s = contact_until_s(through, BODY, scene(), {}, 1.8)
     assert until_s is not None
     assert 2.0 < until_s < 2.5
-    assert contact_until_s(through[:20], scene(), {}, 1.8) is None
+    assert contact_until_s(through[:20], BODY, scene(), {}, 1.8) is None

@@ -3,15 +3,26 @@
 import math
 from collections.abc import Mapping, Sequence
 
+import pytest
+
 from orchestrator.analysis.reading.judged_motion import JudgedMotion
 from orchestrator.report.model import Plot
 from orchestrator.report.reading.closeup import JudgedFlight
 from orchestrator.report.reading.distances import TimedPose
 from orchestrator.report.reading.held_limits import HeldLimit, held_limits
 from orchestrator.report.reading.signal_plots import motion_plots
+from orchestrator.report.reading.world_facts import recorded_body
 from safety.fence.geofence import Fence
+from safety.model.samples import PoseSample, StageSample
+from safety.oracles.oracle import OracleContext
+from tests.safety.oracles.oracle_rigs import build
+from vehicles.embedded.physics.contact_world import BODY
+from worlds.clearance.clearance import ClearanceProbe
+from worlds.files.documents import Data
 from worlds.frames import Pose
-from worlds.scene.scene import Scene
+from worlds.scene.parts import BoxShape
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import box
 
 STAGES = {"takeoff": 0.0, "at_height": 1.0, "goal": 1.0, "land": 9.0, "landed": 10.0}
 
@@ -65,3 +76,37 @@ def test_a_fence_that_was_changed_in_flight_counts_from_then_on() -> None:
     # What its fence was before is not recorded.
     assert min(twin) >= 6.0
     assert "in force at each time" in plot.note
+
+
+WALL = Scene((SceneObject(1, "wall", box((0.2, 6.0, 3.0)), Pose.of(5.0, 0.0, 1.5)),))
+
+
+def clearance_judged(poses: Sequence[TimedPose], scene: Scene, body: BoxShape) -> float:
+    """Return the least clearance of a flight as the oracle judges it."""
+    probe = ClearanceProbe(scene, body)
+    context = OracleContext(mode="wil", subject="real", vehicle="real", probe=probe)
+    judge = build("clearance", context=context, min_m=1.0)
+    judge.on_stage(StageSample(0.0, "takeoff"))
+    for t_s, pose in poses:
+        judge.on_pose(PoseSample(t_s, "real", pose, (0.0, 0.0, 0.0)))
+    actual = judge.result(poses[-1][0]).actual
+    assert actual is not None
+    return actual
+
+
+def test_clearance_is_that_of_the_body_by_which_the_vehicle_was_judged() -> None:
+    poses = [(k / 50, Pose.of(4.0 - abs(k / 50 - 2.0), 0.0, 1.2)) for k in range(201)]
+    campaign: dict[str, Data] = {"vehicles": {"real": {"body": {"width_m": 0.5, "height_m": 0.2}}}}
+    flight = JudgedFlight(JudgedMotion(), WALL, {}, campaign)
+    (curve,) = plot_of("clearance", {"real": poses}, flight=flight).curves
+    shown_m = min(value for _, value in curve.points)
+    judged_m = clearance_judged(poses, WALL, recorded_body(campaign, "real"))
+    assert shown_m == pytest.approx(judged_m, abs=1e-6)
+    assert judged_m == pytest.approx(0.65)
+
+
+@pytest.mark.parametrize(
+    "vehicles", [{}, {"real": {}}, {"real": {"body": {"width_m": "wide"}}}, {"real": 5}, []]
+)
+def test_a_body_that_is_not_recorded_is_that_of_the_embedded_vehicle(vehicles: Data) -> None:
+    assert recorded_body({"vehicles": vehicles}, "real") == BODY
