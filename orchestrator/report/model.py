@@ -3,6 +3,7 @@
 Times are on the run clock, seconds; positions NED metres in the world's local frame.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -57,10 +58,18 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line of a plot. subject: whose it is, "real", "twin" or "mixed"."""
+    """One line of a plot. subject: whose it is, "real", "twin" or "mixed".
+
+    stretches: its unbroken parts in the order of time; in between there are no values.
+    """
 
     subject: str
-    points: tuple[Point, ...]
+    stretches: tuple[tuple[Point, ...], ...]
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """Return the points of all stretches."""
+        return tuple(itertools.chain.from_iterable(self.stretches))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.report.model import Cause, Closeup, Curve, Plot, Point
+from orchestrator.report.model import Cause, Closeup, Plot, Point
+from orchestrator.report.reading.curves import curve_of
 from orchestrator.report.reading.distances import TimedFences, fence_at
 from orchestrator.report.reading.held_limits import HeldLimit
 from orchestrator.report.reading.world_facts import recorded_body
@@ -94,7 +95,7 @@ def _closeup(
     if limit.excess(worst[1]) <= 0.0 or not is_same:
         return None
     title = _TITLES.get(limit.signal, limit.signal)
-    curves = (Curve(oracle.vehicle, points),)
+    curves = (curve_of(oracle.vehicle, points),)
     plot = Plot(title, oracle.unit, curves, (limit.line,), judged=oracle.vehicle)
     return Closeup(plot, (points[0][0], points[-1][0]), crossed_s, worst)
 
