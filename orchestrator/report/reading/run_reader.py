@@ -31,7 +31,7 @@ from orchestrator.report.reading.cause import (
 )
 from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
 from orchestrator.report.reading.distances import TimedPose, contact_until_s, fence_at
-from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, track_of
+from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, poses_from, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
 from orchestrator.report.reading.held_limits import held_limits
 from orchestrator.report.reading.object_marks import (
@@ -100,8 +100,10 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     parts = _read_parts(place, entry)
     subject = "twin" if entry.mode == "sim" else "real"
     times = EvenTimes.over(parts.span_s)
-    poses = {name: even_poses(found, times) for name, found in _poses(parts).items()}
-    passed = _nearest_pass(parts, poses.get(subject, []))
+    recorded = _poses(parts)
+    flown = {name: poses_from(found, times.begin_s) for name, found in recorded.items()}
+    poses = {name: even_poses(found, times) for name, found in recorded.items()}
+    passed = _nearest_pass(parts, flown.get(subject, []))
     result = entry.result
     cause = None
     if result is not None:
@@ -111,7 +113,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
             goal_s=parts.goal_s,
             passed=passed,
             formulas=parts.world.formulas,
-            outcome=tuple(_outcome(parts, poses.get(subject, []))),
+            outcome=tuple(_outcome(parts, flown.get(subject, []))),
             contact_at=lambda vehicle, t_s: _contact(parts, vehicle, t_s),
         )
     limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1], subject)
@@ -152,7 +154,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         sight=_marked(_nearest(shown, at_s), parts, oracle),
         strip=tuple(shown),
         plots=(
-            *motion_plots(poses, flight, subject, limits),
+            *motion_plots(flown, flight, subject, limits),
             *mixture_plots(sights.provenances, at_s),
         ),
         events=parts.log.events,

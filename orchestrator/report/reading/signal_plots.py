@@ -30,6 +30,7 @@ def motion_plots(
 
     subject: the judged vehicle. limits: of the campaign's oracles; those of its own are drawn.
     """
+    poses = {name: found for name, found in poses.items() if found}
     limits = [one for one in limits if one.vehicle == subject]
     found = [
         _clearance_plot(poses, flight, subject, limits),
