@@ -169,6 +169,6 @@ def test_the_distance_of_the_pair_is_not_known_while_the_twin_has_no_poses() -> 
     twin = [(t_s + 0.01, pose) for t_s, pose in twin if not 4.0 < t_s < 6.0]
     apart = plot_of("real to twin", {"real": real, "twin": twin}).curves[0]
     assert {round(value, 6) for _, value in apart.points} == {0.5}
-    assert [(one[0][0], one[-1][0]) for one in apart.stretches] == pytest.approx(
-        [(0.02, 4.0), (6.02, 10.0)], abs=0.05
-    )
+    before, after = apart.stretches
+    assert before[-1][0] == pytest.approx(4.0, abs=0.05)
+    assert after[0][0] == pytest.approx(6.02, abs=0.05)
