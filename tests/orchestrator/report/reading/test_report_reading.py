@@ -19,6 +19,7 @@ from orchestrator.report.reading.cause import Contact, NearestPass, cause_of, no
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
 from safety.evaluation.judge_log import read_judge_log
+from safety.fence.fence_values import plain_fence
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import OracleResult
 from safety.model.samples import FenceSample
@@ -120,7 +121,8 @@ def test_the_fence_drawn_is_that_of_the_moment_and_the_page_says_when_it_changed
         for sample in (*samples, FenceSample(TOUCHED_S + 0.5, "real", tighter)):
             judged.write(sample)
     run = run_of(copied)
-    assert run.world.fences == {"real": FENCE, "twin": FENCE}
+    drawn = {vehicle: plain_fence(fence) for vehicle, fence in run.world.fences.items()}
+    assert drawn == {"real": plain_fence(FENCE), "twin": plain_fence(FENCE)}
     note = "in force at the moment; it was changed in flight at +2.50 s"
     assert run.world.fence_note == note
     margins = plot_of(run, "margin to the fence")
