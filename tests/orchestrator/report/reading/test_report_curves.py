@@ -18,7 +18,7 @@ def spans(curve: Curve) -> list[tuple[float, float]]:
 def drawn(plot: Plot) -> list[str]:
     run = RunReport(name="a/wil/1", case="a", mode="wil", rep="1", result=None, span_s=(0.0, 10.0))
     (path,) = re.findall(r'<path class="curve [^"]*" d="([^"]*)"', plot_svg(plot, run))
-    return path.split("M")[1:]
+    return str(path).split("M")[1:]
 
 
 def test_there_is_no_line_while_there_is_no_value() -> None:
