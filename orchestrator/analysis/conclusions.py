@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
-from campaigns.statistics.exact_tests import Counts, stratified_exact
+from campaigns.statistics.exact_tests import Counts, stratified_rounded
 from campaigns.statistics.proportions import Interval
 from orchestrator.analysis.gap.energy import EnergyFigure
 from orchestrator.analysis.gap.gap import ALL_CASES, GapFigure
@@ -136,7 +136,7 @@ def _times_for_difference(rates: Sequence[PassRate], test: ModeTest) -> int | No
             )
             for a, b in pairs
         ]
-        if stratified_exact(tables) < _LEVEL:
+        if stratified_rounded(tables) < _LEVEL:
             return times
     return None
 

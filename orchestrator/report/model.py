@@ -3,6 +3,7 @@
 Times are on the run clock, seconds; positions NED metres in the world's local frame.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,12 +18,16 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class LogEvent:
-    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: vehicle or operator."""
+    """A line of log.jsonl. kind: stage, vehicle, guard, ...; subject: vehicle or operator.
+
+    oracle: whose flag it is; empty for other kinds.
+    """
 
     t_s: float
     kind: str
     subject: str
     text: str
+    oracle: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +58,18 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line of a plot. subject: whose it is, "real", "twin" or "mixed"."""
+    """One line of a plot. subject: whose it is, "real", "twin" or "mixed".
+
+    stretches: its unbroken parts in the order of time; in between there are no values.
+    """
 
     subject: str
-    points: tuple[Point, ...]
+    stretches: tuple[tuple[Point, ...], ...]
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """Return the points of all stretches."""
+        return tuple(itertools.chain.from_iterable(self.stretches))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +131,14 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class DrawnWorld:
-    """The surroundings of the vehicles. side_axis: the axis to the right in the side view."""
+    """The surroundings of the vehicles. side_axis: the axis to the right in the side view.
+
+    fences: by vehicle, at the moment. fence_note: when they were changed in flight, as text.
+    """
 
     outlines: tuple[Outline, ...] = ()
     fences: Mapping[str, Fence] = field(default_factory=dict)
+    fence_note: str = ""
     side_axis: str = "north"
 
 

@@ -16,6 +16,8 @@ from worlds.jit import F64
 STEP_S = 0.1
 _LEAST, _MOST = 5, 3000
 """Samples of a motion: fewer cannot be compared, more take too long to compare."""
+_MOST_LATE_S = 1.0
+"""The last row may be so much earlier than the last sample: rows come several times a second."""
 
 
 class MotionError(Exception):
@@ -49,10 +51,25 @@ def read_motion(folder: Path, vehicle: str, seed: int) -> RunMotion:
         raise MotionError(f"no poses of {vehicle} under the goal")
     ends = [judged.stages[name] for name in ("done", "land", "end") if name in judged.stages]
     times = _even_times(begin_s, min([*ends, poses[-1][0]]))
-    rows = read_trajectory(folder / "trajectory.csv")
-    given = [row.decoded() for row in rows.rows if row.vehicle == vehicle]
+    given = _rows(folder / "trajectory.csv", vehicle, float(times[-1]))
     kind, commands, answers = _commands([one for one in given if one.setpoint], times)
     return RunMotion(_positions(poses, times), kind, commands, answers, seed)
+
+
+def _rows(path: Path, vehicle: str, end_s: float) -> list[Commanded]:
+    """Return a vehicle's rows of a trajectory; empty without the file. Raises MotionError.
+
+    A damaged one is refused: its last row before the damage would stand for all that are missing.
+    """
+    found = read_trajectory(path)
+    if found.rows and found.problems:
+        raise MotionError(found.problems[0])
+    rows = [row for row in found.rows if row.vehicle == vehicle]
+    if rows and rows[-1].t_s < end_s - _MOST_LATE_S:
+        raise MotionError(
+            f"{path.name} ends at {rows[-1].t_s:.2f} s, before the goal's end at {end_s:.2f} s"
+        )
+    return [row.decoded() for row in rows]
 
 
 def _even_times(begin_s: float, end_s: float) -> F64:

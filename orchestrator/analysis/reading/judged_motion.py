@@ -14,15 +14,15 @@ from worlds.scene.track import RunHistory
 class JudgedMotion:
     """Judged poses by vehicle with their times, and the velocities (NED, m/s) at each.
 
-    world_events: their times, and the poses of actors. fences: those changed in flight, as in force
-    at the end.
+    world_events: their times, and the poses of actors. fences: those changed in flight by vehicle,
+    each with the time from which it was in force, oldest first.
     """
 
     poses: dict[str, list[tuple[float, Pose]]] = field(default_factory=dict)
     velocities: dict[str, list[Vec3]] = field(default_factory=dict)
     world_events: RunHistory = field(default_factory=RunHistory)
     stages: dict[str, float] = field(default_factory=dict)
-    fences: dict[str, Fence] = field(default_factory=dict)
+    fences: dict[str, list[tuple[float, Fence]]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
 
 
@@ -42,8 +42,8 @@ def read_judged_motion(path: Path) -> JudgedMotion:
                         found.world_events.setdefault(name, t_s)
                     case ActorPose(t_s, name, pose, velocity):
                         found.world_events.add_pose(name, t_s, pose, velocity)
-                    case FenceSample(_, vehicle, fence):
-                        found.fences[vehicle] = fence
+                    case FenceSample(t_s, vehicle, fence):
+                        found.fences.setdefault(vehicle, []).append((t_s, fence))
                     case _:
                         pass
     except JudgeLogError as error:

@@ -115,7 +115,8 @@ def _time_facts(
     first: the title of a single time.
     """
     if at_s is None:
-        return [("when", "at the end of the run")]
+        # An oracle without a time judged the whole flight; any other event has one in log.jsonl.
+        return [("when", "not known" if oracle is None else "at the end of the run")]
     worst_s = None if oracle is None else oracle.at_s
     if worst_s is not None and worst_s - at_s > SAME_MOMENT_S:
         return [("crossed", time_text(at_s, goal_s)), ("worst", time_text(worst_s, goal_s))]
@@ -223,7 +224,7 @@ def _decided_s(
         flagged = [
             one.t_s
             for one in events
-            if one.kind == "flag" and one.subject == oracle.vehicle and oracle.name in one.text
+            if one.kind == "flag" and (one.oracle, one.subject) == (oracle.name, oracle.vehicle)
         ]
         # The worst value may come after the violation.
         return min([oracle.at_s, *flagged])

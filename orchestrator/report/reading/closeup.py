@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.report.model import Cause, Closeup, Curve, Plot, Point
+from orchestrator.report.model import Cause, Closeup, Plot, Point
+from orchestrator.report.reading.curves import curve_of
+from orchestrator.report.reading.distances import TimedFences, fence_at
 from orchestrator.report.reading.held_limits import HeldLimit
-from safety.fence.geofence import Fence
+from orchestrator.report.reading.world_facts import recorded_body
 from safety.model import signals
 from safety.model.oracle_results import OracleResult
 from safety.model.samples import PoseSample
 from safety.oracles.stl_signals import distance_name
-from vehicles.embedded.physics.contact_world import BODY
 from worlds.clearance.clearance import ClearanceProbe
+from worlds.files.documents import Data
 from worlds.scene.scene import Scene
 
 _BEFORE_S, _AFTER_S = 1.0, 1.5
@@ -41,11 +43,12 @@ _TITLES = {"up_m": "height", "clearance_m": "clearance", "fence_margin_m": "marg
 
 @dataclass(frozen=True, slots=True)
 class JudgedFlight:
-    """Input to recompute the values of a flight. fences: by vehicle, in force at the end."""
+    """Input to recompute the values of a flight. fences: by vehicle. campaign: as flown."""
 
     motion: JudgedMotion
     scene: Scene
-    fences: Mapping[str, Fence]
+    fences: Mapping[str, TimedFences]
+    campaign: Mapping[str, Data] = field(default_factory=dict)
 
 
 def closeup_of(
@@ -92,7 +95,7 @@ def _closeup(
     if limit.excess(worst[1]) <= 0.0 or not is_same:
         return None
     title = _TITLES.get(limit.signal, limit.signal)
-    curves = (Curve(oracle.vehicle, points),)
+    curves = (curve_of(oracle.vehicle, points),)
     plot = Plot(title, oracle.unit, curves, (limit.line,), judged=oracle.vehicle)
     return Closeup(plot, (points[0][0], points[-1][0]), crossed_s, worst)
 
@@ -113,20 +116,29 @@ def _values_of(
     if signal in _OF_POSE:
         return _OF_POSE[signal]
     if signal == "fence_margin_m" and vehicle in flight.fences:
-        fence = flight.fences[vehicle]
-        return lambda sample: fence.margin_m(sample.pose.position_ned_m)
+        fences = flight.fences[vehicle]
+        return lambda sample: _fence_margin_m(fences, sample)
     names = [
         name
         for name in flight.scene.names
         if signal in {"clearance_m", distance_name(name), f"distance to {name}"}
     ]
-    return _distance_to(names, flight) if names else None
+    return _distance_to(names, vehicle, flight) if names else None
 
 
-def _distance_to(names: Sequence[str], flight: JudgedFlight) -> Callable[[PoseSample], float]:
+def _fence_margin_m(fences: TimedFences, sample: PoseSample) -> float:
+    """Return the distance to the boundary of the fence of that time; NaN before the first."""
+    fence = fence_at(fences, sample.t_s)
+    return math.nan if fence is None else fence.margin_m(sample.pose.position_ned_m)
+
+
+def _distance_to(
+    names: Sequence[str], vehicle: str, flight: JudgedFlight
+) -> Callable[[PoseSample], float]:
     """Return the distance from the body to the nearest of some objects, floors left out."""
     others = [name for name in flight.scene.names if name not in names]
-    probe = ClearanceProbe(flight.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
+    body = recorded_body(flight.campaign, vehicle)
+    probe = ClearanceProbe(flight.scene, body, exclude=others, floors=False, within_m=_FAR_M)
     events = flight.motion.world_events
 
     def distance(sample: PoseSample) -> float:

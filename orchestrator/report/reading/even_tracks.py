@@ -1,8 +1,9 @@
-"""Resamples poses to even times; pure."""
+"""Resamples poses to even times, for the maps and their cursor; pure."""
 
 import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 from orchestrator.report.model import Point, Track
 from orchestrator.report.reading.distances import TimedPose
@@ -30,6 +31,11 @@ class EvenTimes:
     def times(self) -> list[float]:
         """Return the times."""
         return [self.begin_s + index * self.step_s for index in range(self.count)]
+
+
+def poses_from(poses: Sequence[TimedPose], begin_s: float) -> Sequence[TimedPose]:
+    """Return the poses from a time on."""
+    return poses[bisect.bisect_left(poses, begin_s, key=itemgetter(0)) :]
 
 
 def even_poses(poses: Sequence[TimedPose], times: EvenTimes) -> list[TimedPose]:

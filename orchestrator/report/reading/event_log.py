@@ -1,6 +1,7 @@
 """Reads log.jsonl into events with readable texts; counts damaged lines."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -13,11 +14,13 @@ from worlds.files.limited_json import loads_limited
 
 MOST_EVENTS = 400
 """Events shown of a run; a vehicle that repeats a message would hide the rest."""
+_OWN_LIMIT = frozenset({"decisive", "flag", "stage"})
+"""Kinds of which as many more are shown: the verdict and its time rest on them."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventLog:
-    """The events of a run. stages: first time of each. left_out: events beyond the limit."""
+    """The events of a run. stages: first time of each. left_out: events beyond the limits."""
 
     events: tuple[LogEvent, ...] = ()
     preflight: tuple[LogEvent, ...] = ()
@@ -35,6 +38,7 @@ def read_event_log(path: Path) -> EventLog:
         return EventLog(problems=(str(error),))
     kept: dict[str, list[LogEvent]] = {"preflight": [], "before_arming": [], "": []}
     stages: dict[str, float] = {}
+    counts: Counter[str] = Counter()
     found = damaged = left_out = 0
     for line in BytesIO(data):  # not split(): a long file would be in memory three times
         if not line.strip():
@@ -46,7 +50,9 @@ def read_event_log(path: Path) -> EventLog:
             continue
         t_s, kind, fields = parsed
         group = kept[kind if kind in kept else ""]
-        is_kept = len(group) < MOST_EVENTS
+        counts[kind] += 1
+        has_room = kind in _OWN_LIMIT and counts[kind] <= MOST_EVENTS
+        is_kept = has_room or len(group) < MOST_EVENTS
         if is_kept or kind == "stage":
             event = _event(t_s, kind, fields)
             if is_kept:
@@ -80,7 +86,8 @@ def _parse(line: bytes) -> tuple[float, str, dict[str, Any]] | None:
 def _event(t_s: float, kind: str, fields: dict[str, Any]) -> LogEvent:
     rest = {name: value for name, value in fields.items() if name not in {"t_s", "event"}}
     subject = _first_text(rest, "vehicle", "who")
-    return LogEvent(t_s, kind, subject, " · ".join(_words(kind, rest)))
+    oracle = _first_text(rest, "oracle") if kind == "flag" else ""
+    return LogEvent(t_s, kind, subject, " · ".join(_words(kind, rest)), oracle)
 
 
 def _first_text(fields: dict[str, Any], *names: str) -> str:

@@ -5,7 +5,7 @@ number under `always` and `and`. A condition that may hold at some time has no l
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from orchestrator.report.model import PlotLimit, Point
 from safety.oracles import registry
@@ -25,7 +25,8 @@ _SPEEDS = {
 class HeldLimit:
     """A limit of an oracle. signal: its name in formulas; text: the comparison of a formula.
 
-    span_s: when it holds, run clock. is_whole: whether that is the oracle's whole window.
+    span_s: when it holds, run clock. is_whole: whether that is the oracle's whole window. vehicle:
+    the judged one.
     """
 
     oracle: str
@@ -35,6 +36,7 @@ class HeldLimit:
     span_s: Point
     is_whole: bool = True
     text: str = ""
+    vehicle: str = ""
 
     @property
     def line(self) -> PlotLimit:
@@ -47,16 +49,21 @@ class HeldLimit:
 
 
 def held_limits(
-    oracles: Mapping[str, Data], stages: Mapping[str, float], end_s: float
+    oracles: Mapping[str, Data], stages: Mapping[str, float], end_s: float, subject: str
 ) -> tuple[HeldLimit, ...]:
-    """Return the limits of the campaign file's oracles. stages: when each was reached."""
+    """Return the limits of the campaign file's oracles.
+
+    stages: when each was reached. subject: the vehicle of oracles that name none.
+    """
     found: list[HeldLimit] = []
     for name, given in oracles.items():
         part = given if isinstance(given, dict) else {}
         kind = "stl" if "stl" in part else str(part.get("use", name))
         span_s = _window(kind, part, stages, end_s)
         if span_s is not None:
-            found += _limits(name, kind, part, span_s, _in_the_air(span_s, stages))
+            vehicle = str(part.get("vehicle") or subject)
+            held = _limits(name, kind, part, span_s, _in_the_air(span_s, stages))
+            found += [replace(one, vehicle=vehicle) for one in held]
     return tuple(found)
 
 

@@ -3,7 +3,6 @@
 There is no detection in the image: a hidden object is marked where the record has it.
 """
 
-import bisect
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,9 +16,9 @@ from pydantic import ValidationError
 
 from campaigns.schema.sensors import MountPart
 from orchestrator.report.model import Frame, Mark
-from orchestrator.report.reading.distances import TimedPose
+from orchestrator.report.reading.distances import TimedPose, pose_at
 from orchestrator.report.reading.outlines import vertices_of
-from vehicles.embedded.physics.contact_world import BODY
+from orchestrator.report.reading.world_facts import recorded_body
 from worlds.camera import CameraMount
 from worlds.clearance.clearance import ClearanceProbe
 from worlds.files.documents import Data
@@ -86,7 +85,7 @@ def _camera_pose(frame: Frame, sensor: str, obj: SceneObject, world: SeenWorld) 
     vehicle = frame.view.vehicle
     if frame.source == "mixed" and obj.name not in world.physical:
         vehicle = _registered_to(world.recipe, sensor)
-    body, mount = _pose_at(world.poses.get(vehicle, ()), frame.t_s), _mount(vehicle, sensor, world)
+    body, mount = pose_at(world.poses.get(vehicle, ()), frame.t_s), _mount(vehicle, sensor, world)
     return None if body is None or mount is None else mount.camera_pose(body)
 
 
@@ -121,27 +120,17 @@ def _mount(vehicle: str, sensor: str, world: SeenWorld) -> CameraMount | None:
     return CameraMount(part.pose(), stabilized=found.get("stabilized") is True)
 
 
-def _pose_at(poses: Sequence[TimedPose], t_s: float) -> Pose | None:
-    """Return the interpolated pose at a time; None outside the judged poses."""
-    after = bisect.bisect_left(poses, t_s, key=lambda one: one[0])
-    if after == len(poses) or (after == 0 and poses[0][0] != t_s):
-        return None
-    if poses[after][0] == t_s:
-        return poses[after][1]
-    (begin_s, begin), (end_s, end) = poses[after - 1], poses[after]
-    return begin.interpolate(end, (t_s - begin_s) / (end_s - begin_s))
-
-
 def _distances(
     vehicle: str, t_s: float, world: SeenWorld, objects: Sequence[SceneObject]
 ) -> dict[str, float]:
     """Return the distances of objects from a vehicle's body at a time."""
-    pose = _pose_at(world.poses.get(vehicle, ()), t_s)
+    pose = pose_at(world.poses.get(vehicle, ()), t_s)
     if pose is None:
         return {}
     wanted = {obj.name for obj in objects}
     others = [name for name in world.scene.names if name not in wanted]
-    probe = ClearanceProbe(world.scene, BODY, exclude=others, floors=False, within_m=_FAR_M)
+    body = recorded_body(world.campaign, vehicle)
+    probe = ClearanceProbe(world.scene, body, exclude=others, floors=False, within_m=_FAR_M)
     nearest: dict[str, float] = {}
     for one in probe.sweep(pose, t_s, pose, t_s, world.events):
         known_m = nearest.get(one.object_name, math.inf)

@@ -7,8 +7,8 @@ or damaged file is read up to the damage.
 import bisect
 import json
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +84,15 @@ def read_sights(path: Path, *, mode: str, wanted_s: Iterable[float]) -> Recorded
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class _Perceived:
+    """A perceived reading with what belongs to it. provenance: None until it was read."""
+
+    message: Message
+    beside: tuple[Message, ...]
+    provenance: Mapping[str, Any] | None = None
+
+
 class _Picker:
     """Takes messages in order and picks the last ones before each wanted time."""
 
@@ -92,9 +101,8 @@ class _Picker:
         self._perceived = perceived
         self._wanted_s = wanted_s
         self._sights = sights
-        self._last: dict[str, Message] = {}
+        self._last: dict[str, _Perceived] = {}
         self._recent: dict[tuple[str, str], deque[Message]] = {}
-        self._provenance: dict[str, Mapping[str, Any]] = {}
         self._picked: dict[str, int] = {}
 
     def take(self, message: Message) -> None:
@@ -109,7 +117,7 @@ class _Picker:
             source = channel.metadata.get("source", "")
             if source == self._perceived:
                 self._pick(sensor, self._seconds(message))
-                self._last[sensor] = message
+                self._last[sensor] = _Perceived(message, self._inputs(sensor, {}))
             self._recent.setdefault((source, sensor), deque(maxlen=_RECENT)).append(message)
 
     def finish(self) -> None:
@@ -125,10 +133,16 @@ class _Picker:
             fields = json.loads(message.data)
         except (ValueError, RecursionError):
             return
-        if isinstance(fields, dict):
-            self._provenance[sensor] = fields
-            rows = self._sights.provenances.setdefault(sensor, [])
-            rows.append((self._seconds(message), fields))
+        if not isinstance(fields, dict):
+            return
+        rows = self._sights.provenances.setdefault(sensor, [])
+        rows.append((self._seconds(message), fields))
+        last = self._last.get(sensor)
+        # The first after a mixture is its own; others say why there was none.
+        if last is not None and last.provenance is None:
+            self._last[sensor] = replace(
+                last, provenance=fields, beside=self._inputs(sensor, fields)
+            )
 
     def _pick(self, sensor: str, now_s: float) -> None:
         """Pick the last reading for each wanted time that has passed."""
@@ -139,13 +153,14 @@ class _Picker:
         if last is None:
             return
         for wanted_s in self._wanted_s[first:due]:
-            provenance = self._provenance.get(sensor, {})
-            beside = tuple(self._inputs(sensor, provenance)) if self._perceived == "mixed" else ()
-            sight = RecordedSight(wanted_s, last, beside, provenance)
+            sight = RecordedSight(wanted_s, last.message, last.beside, last.provenance or {})
             self._sights.sights.setdefault(sensor, []).append(sight)
 
-    def _inputs(self, sensor: str, provenance: Mapping[str, Any]) -> Iterable[Message]:
-        """Yield the readings a mixture was made from; a name with receivers has its sensor's."""
+    def _inputs(self, sensor: str, provenance: Mapping[str, Any]) -> tuple[Message, ...]:
+        """Return the readings a mixture was made from; a name with receivers has its sensor's."""
+        return tuple(self._recent_inputs(sensor, provenance)) if self._perceived == "mixed" else ()
+
+    def _recent_inputs(self, sensor: str, provenance: Mapping[str, Any]) -> Iterator[Message]:
         for source in ("real", "twin"):
             recent = self._recent.get((source, sensor)) or self._recent.get(
                 (source, sensor.split(" ", maxsplit=1)[0])

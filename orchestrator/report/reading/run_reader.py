@@ -30,8 +30,8 @@ from orchestrator.report.reading.cause import (
     notes_of,
 )
 from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
-from orchestrator.report.reading.distances import TimedPose, contact_until_s
-from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, track_of
+from orchestrator.report.reading.distances import TimedPose, contact_until_s, fence_at
+from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, poses_from, track_of
 from orchestrator.report.reading.event_log import EventLog, read_event_log
 from orchestrator.report.reading.held_limits import held_limits
 from orchestrator.report.reading.object_marks import (
@@ -44,8 +44,9 @@ from orchestrator.report.reading.outlines import outlines_of
 from orchestrator.report.reading.recorded_sights import read_facts, read_sights
 from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
 from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
-from orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
+from orchestrator.report.reading.world_facts import RecordedWorld, recorded_body, recorded_world
 from orchestrator.report.words import place_text, short_time, time_text, velocity_text
+from safety.fence.geofence import Fence
 from safety.model.oracle_results import OracleResult
 from worlds.frames import Pose, norm, quat_from_euler
 
@@ -72,6 +73,14 @@ class _Parts:
         return self.stages.get("goal")
 
     @property
+    def fences(self) -> dict[str, list[tuple[float, Fence]]]:
+        """The fences of each vehicle, the one at the start first, with their times."""
+        found = {name: [(-math.inf, fence)] for name, fence in self.world.fences.items()}
+        for name, changed in self.motion.fences.items():
+            found.setdefault(name, []).extend(changed)
+        return found
+
+    @property
     def span_s(self) -> Point:
         """Return the time that plots show: from takeoff to the end, or the whole recording."""
         stamps = [row.t_s for row in self.commands]
@@ -91,8 +100,10 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     parts = _read_parts(place, entry)
     subject = "twin" if entry.mode == "sim" else "real"
     times = EvenTimes.over(parts.span_s)
-    poses = {name: even_poses(found, times) for name, found in _poses(parts).items()}
-    passed = _nearest_pass(parts, poses.get(subject, []))
+    recorded = _poses(parts)
+    flown = {name: poses_from(found, times.begin_s) for name, found in recorded.items()}
+    poses = {name: even_poses(found, times) for name, found in recorded.items()}
+    passed = _nearest_pass(parts, flown.get(subject, []))
     result = entry.result
     cause = None
     if result is not None:
@@ -102,12 +113,11 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
             goal_s=parts.goal_s,
             passed=passed,
             formulas=parts.world.formulas,
-            outcome=tuple(_outcome(parts, poses.get(subject, []))),
+            outcome=tuple(_outcome(parts, flown.get(subject, []))),
             contact_at=lambda vehicle, t_s: _contact(parts, vehicle, t_s),
         )
-    limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1])
-    fences = {**parts.world.fences, **parts.motion.fences}
-    flight = JudgedFlight(parts.motion, parts.world.judged, fences)
+    limits = held_limits(parts.world.oracles, parts.stages, parts.span_s[1], subject)
+    flight = JudgedFlight(parts.motion, parts.world.judged, parts.fences, parts.world.campaign)
     oracle = None if result is None else deciding_oracle(result)
     closeup = closeup_of(cause, oracle, limits, flight)
     cause = _with_worst(cause, closeup, parts.goal_s)
@@ -144,7 +154,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         sight=_marked(_nearest(shown, at_s), parts, oracle),
         strip=tuple(shown),
         plots=(
-            *motion_plots(poses, parts.world, parts.motion, subject, limits),
+            *motion_plots(flown, flight, subject, limits),
             *mixture_plots(sights.provenances, at_s),
         ),
         events=parts.log.events,
@@ -200,7 +210,8 @@ def _contact(parts: _Parts, vehicle: str, t_s: float) -> Contact:
     row = next(before, None)
     velocity = None if row is None else row.decoded().velocity_ned_m_s
     poses = parts.motion.poses.get(vehicle, [])
-    until_s = contact_until_s(poses, parts.world.judged, parts.motion.world_events, t_s)
+    body = recorded_body(parts.world.campaign, vehicle)
+    until_s = contact_until_s(poses, body, parts.world.judged, parts.motion.world_events, t_s)
     recorded_s = poses[-1][0] if poses and parts.world.judged.objects else None
     return Contact(None if velocity is None else norm(velocity), until_s, recorded_s)
 
@@ -317,7 +328,21 @@ def _drawn_world(
         events=parts.motion.world_events,
         span_s=parts.span_s,
     )
-    return DrawnWorld(outlines, {**world.fences, **parts.motion.fences}, side_axis)
+    return DrawnWorld(outlines, *_drawn_fences(parts, at_s), side_axis)
+
+
+def _drawn_fences(parts: _Parts, at_s: float | None) -> tuple[dict[str, Fence], str]:
+    """Return the fences in force at the moment, and when they were changed, as text."""
+    shown_s = parts.span_s[1] if at_s is None else at_s
+    in_force = {name: fence_at(fences, shown_s) for name, fences in parts.fences.items()}
+    drawn = {name: fence for name, fence in in_force.items() if fence is not None}
+    changed_s = sorted({t_s for fences in parts.motion.fences.values() for t_s, _ in fences})
+    if not changed_s:
+        return drawn, ""
+    first = short_time(changed_s[0], parts.goal_s)
+    when = f"at {first}" if len(changed_s) == 1 else f"{len(changed_s)} times, first at {first}"
+    moment = "the end of the flight" if at_s is None else "the moment"
+    return drawn, f"in force at {moment}; it was changed in flight {when}"
 
 
 def _at_moment(parts: _Parts, t_s: float) -> list[VehicleAtMoment]:

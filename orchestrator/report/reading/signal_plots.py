@@ -1,12 +1,11 @@
 """Plots of clearance, fence margin, height and mixture figures over time."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from operator import itemgetter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.report.model import Curve, Plot, PlotLimit, Point
+from orchestrator.report.model import Plot, PlotLimit
+from orchestrator.report.reading.closeup import JudgedFlight
+from orchestrator.report.reading.curves import curve_of
 from orchestrator.report.reading.distances import (
     SHOWN_WITHIN_M,
     TimedPose,
@@ -16,33 +15,32 @@ from orchestrator.report.reading.distances import (
     separations,
 )
 from orchestrator.report.reading.held_limits import HeldLimit
-from orchestrator.report.reading.world_facts import RecordedWorld
-
-_MOST_POINTS = 500
+from orchestrator.report.reading.world_facts import recorded_body
 
 Poses = Mapping[str, Sequence[TimedPose]]
 
 
 def motion_plots(
     poses: Poses,
-    world: RecordedWorld,
-    motion: JudgedMotion,
+    flight: JudgedFlight,
     subject: str,
     limits: Sequence[HeldLimit],
 ) -> tuple[Plot, ...]:
     """Return clearance, fence margin, height and the distance between the vehicles.
 
-    subject: the judged vehicle. limits: of the campaign's oracles.
+    subject: the judged vehicle. limits: of the campaign's oracles; those of its own are drawn.
     """
+    poses = {name: found for name, found in poses.items() if found}
+    limits = [one for one in limits if one.vehicle == subject]
     found = [
-        _clearance_plot(poses, world, motion, subject, limits),
-        _fence_plot(poses, world, motion),
+        _clearance_plot(poses, flight, subject, limits),
+        _fence_plot(poses, flight),
         _height_plot(poses, subject, limits),
     ]
     if poses.get("real") and poses.get("twin"):
         apart = separations(poses["real"], poses["twin"])
-        found.append(Plot("real to twin", "m", (Curve("pair", _shortened(apart)),)))
-    return tuple(plot for plot in found if any(curve.points for curve in plot.curves))
+        found.append(Plot("real to twin", "m", (curve_of("pair", apart),)))
+    return tuple(plot for plot in found if any(curve.stretches for curve in plot.curves))
 
 
 def _lines(signal: str, limits: Sequence[HeldLimit]) -> tuple[PlotLimit, ...]:
@@ -51,40 +49,41 @@ def _lines(signal: str, limits: Sequence[HeldLimit]) -> tuple[PlotLimit, ...]:
 
 def _clearance_plot(
     poses: Poses,
-    world: RecordedWorld,
-    motion: JudgedMotion,
+    flight: JudgedFlight,
     subject: str,
     limits: Sequence[HeldLimit],
 ) -> Plot:
-    if not world.judged.objects:
+    if not flight.scene.objects:
         return Plot("clearance", "m", ())
-    curves = _curves(poses, lambda found: clearances(found, world.judged, motion.world_events))
+    events = flight.motion.world_events
+    curves = []
+    for name, found in poses.items():
+        body = recorded_body(flight.campaign, name)
+        swept = clearances(found, body, flight.scene, events)
+        curves.append(curve_of(name, swept))
     lines = (PlotLimit(0.0), *_lines("clearance_m", limits))
     note = f"least distance of the body to objects except floors; capped at {SHOWN_WITHIN_M:g} m"
-    return Plot("clearance", "m", curves, lines, note, subject)
+    return Plot("clearance", "m", tuple(curves), lines, note, subject)
 
 
-def _fence_plot(poses: Poses, world: RecordedWorld, motion: JudgedMotion) -> Plot:
-    fences = {**world.fences, **motion.fences}
+def _fence_plot(poses: Poses, flight: JudgedFlight) -> Plot:
     curves = tuple(
-        Curve(name, _shortened(fence_margins(poses[name], fence)))
-        for name, fence in fences.items()
+        curve_of(name, fence_margins(poses[name], fences))
+        for name, fences in flight.fences.items()
         if name in poses
     )
-    return Plot("margin to the fence", "m", curves, (PlotLimit(0.0),), "negative is outside")
+    note = "negative is outside"
+    if any(len(fences) > 1 for fences in flight.fences.values()):
+        note += "; to the fence in force at each time"
+    return Plot("margin to the fence", "m", curves, (PlotLimit(0.0),), note)
 
 
 def _height_plot(poses: Poses, subject: str, limits: Sequence[HeldLimit]) -> Plot:
     own = [one for one in limits if one.signal == "up_m"]
     partial = dict.fromkeys(one.oracle for one in own if not one.is_whole)
     note = f"the limit of {', '.join(partial)} holds only in its interval" if partial else ""
-    return Plot("height", "m", _curves(poses, heights), _lines("up_m", own), note, subject)
-
-
-def _curves(
-    poses: Poses, values: Callable[[Sequence[TimedPose]], tuple[Point, ...]]
-) -> tuple[Curve, ...]:
-    return tuple(Curve(name, _shortened(values(found))) for name, found in poses.items() if found)
+    curves = tuple(curve_of(name, heights(found)) for name, found in poses.items())
+    return Plot("height", "m", curves, _lines("up_m", own), note, subject)
 
 
 def mixture_plots(
@@ -115,31 +114,17 @@ def mixture_plots(
     for sensor, rows in provenances.items():
         name = sensor if len(provenances) > 1 else ""
         for title, unit, key, note in wanted:
-            points = _shortened(tuple(_values(rows, key)), keep_s=at_s)
-            if points:
-                curves = (Curve("mixed", points),)
-                found.append(Plot(f"{title} {name}".rstrip(), unit, curves, note=note))
+            curve = curve_of("mixed", _values(rows, key), keep_s=at_s)
+            if curve.stretches:
+                found.append(Plot(f"{title} {name}".rstrip(), unit, (curve,), note=note))
     return tuple(found)
 
 
-def _values(rows: Sequence[tuple[float, Mapping[str, Any]]], key: str) -> list[Point]:
+def _values(
+    rows: Sequence[tuple[float, Mapping[str, Any]]], key: str
+) -> list[tuple[float, float | None]]:
+    """Return a figure of each mixture; None where it has none."""
     return [
-        (t_s, float(value))
+        (t_s, float(value) if isinstance(value := fields.get(key), int | float) else None)
         for t_s, fields in rows
-        if isinstance(value := fields.get(key), int | float) and math.isfinite(value)
     ]
-
-
-def _shortened(points: tuple[Point, ...], *, keep_s: float | None = None) -> tuple[Point, ...]:
-    """Return a curve with fewer points: the least and largest of each stretch.
-
-    keep_s: the last point up to this time stays too.
-    """
-    if len(points) <= _MOST_POINTS:
-        return points
-    size = math.ceil(2 * len(points) / _MOST_POINTS)
-    stretches = [points[i : i + size] for i in range(0, len(points), size)]
-    kept = {pick(one, key=itemgetter(1)) for one in stretches for pick in (min, max)}
-    if keep_s is not None:
-        kept |= set([one for one in points if one[0] <= keep_s][-1:])
-    return tuple(sorted(kept))

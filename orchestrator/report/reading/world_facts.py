@@ -5,10 +5,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+from pydantic import ValidationError
+
+from campaigns.schema.vehicles import BodyPart
 from orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
 from safety.fence.geofence import Fence
+from vehicles.embedded.physics.contact_world import BODY
 from worlds.files.documents import BadInput, Data
 from worlds.frames import Vec3
+from worlds.scene.parts import BoxShape
 from worlds.scene.scene import Scene
 from worlds.world_file.world import Mode, Which, World
 
@@ -63,6 +68,19 @@ class RecordedWorld:
         goal = self.campaign.get("goal")
         gates = goal.get("gates") if isinstance(goal, dict) else None
         return [name for name in gates if isinstance(name, str)] if isinstance(gates, list) else []
+
+
+def recorded_body(campaign: Mapping[str, Data], vehicle: str) -> BoxShape:
+    """Return a vehicle's body by which it was judged; by default that of the embedded vehicle."""
+    found: Data = dict(campaign)
+    for key in ("vehicles", vehicle, "body"):
+        found = found.get(key) if isinstance(found, dict) else None
+    if found is None:
+        return BODY
+    try:
+        return BodyPart.model_validate(found).shape()
+    except ValidationError:
+        return BODY
 
 
 def recorded_world(facts: Mapping[str, str], case: str, mode: str) -> RecordedWorld:

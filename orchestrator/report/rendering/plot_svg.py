@@ -12,6 +12,8 @@ from orchestrator.report.rendering.scales import Scale, ticks_within, value_scal
 
 _GRID = 1000.0
 """Units of the stretched drawing on both axes."""
+_SHORT = 0.8
+"""Half the length of the line that a single value is drawn as, in the same units."""
 _NAMED_FIRST = ("goal", "takeoff", "land", "done")
 _ROOM = 0.1
 """Share of the width for the name of a stage."""
@@ -178,15 +180,13 @@ def _curves(plot: Plot, times: Scale, values: Scale, zero_s: float) -> Markup:
 
 
 def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
-    points = (
-        (_GRID * times.share(t_s - zero_s), _GRID * (1.0 - values.share(value)))
-        for t_s, value in curve.points
-    )
+    """Return a curve as one path, broken between its stretches."""
+    stretches = (_places(points, times, values, zero_s) for points in curve.stretches)
     return element(
-        "polyline",
+        "path",
         {
             "class": f"curve {_subject(curve.subject)}",
-            "points": points_text(points),
+            "d": " ".join(f"M{points_text(_with_length(places))}" for places in stretches),
             "data-name": curve.subject,
             "data-low": repr(values.low),
             "data-high": repr(values.high),
@@ -194,18 +194,34 @@ def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
     )
 
 
+def _places(points: Sequence[Point], times: Scale, values: Scale, zero_s: float) -> Sequence[Point]:
+    """Return where points lie in the stretched drawing."""
+    return [
+        (_GRID * times.share(t_s - zero_s), _GRID * (1.0 - values.share(value)))
+        for t_s, value in points
+    ]
+
+
+def _with_length(places: Sequence[Point]) -> Sequence[Point]:
+    """Return a line's places; a single one as a short line, which can be seen."""
+    if len(places) > 1:
+        return places
+    x, y = places[0]
+    return [(x - _SHORT, y), (x + _SHORT, y)]
+
+
 def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
     """Return the areas between a curve and a violated limit, while the limit holds."""
     first_s, last_s = limit.span_s or (-math.inf, math.inf)
     sign = 1.0 if limit.is_upper else -1.0
-    inside = [one for one in curve.points if first_s <= one[0] <= last_s]
-    base = 1.0 - values.share(limit.value)
+    base = _GRID * (1.0 - values.share(limit.value))
     areas = []
-    for points in _stretches_beyond(inside, limit.value, sign):
-        places = [(times.share(t_s - zero_s), 1.0 - values.share(value)) for t_s, value in points]
-        corners = [(places[0][0], base), *places, (places[-1][0], base)]
-        scaled = ((_GRID * x, _GRID * y) for x, y in corners)
-        areas.append(element("polygon", {"points": points_text(scaled)}))
+    for stretch in curve.stretches:
+        inside = [one for one in stretch if first_s <= one[0] <= last_s]
+        for points in _stretches_beyond(inside, limit.value, sign):
+            places = _places(points, times, values, zero_s)
+            corners = [(places[0][0], base), *places, (places[-1][0], base)]
+            areas.append(element("polygon", {"points": points_text(corners)}))
     return element("g", {"class": "excess"}, areas) if areas else Markup("")
 
 

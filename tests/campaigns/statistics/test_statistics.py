@@ -9,7 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from campaigns.statistics.bootstrap import F64, bootstrap_interval
-from campaigns.statistics.exact_tests import Counts, fisher_exact, stratified_exact
+from campaigns.statistics.exact_tests import (
+    Counts,
+    fisher_exact,
+    stratified_exact,
+    stratified_rounded,
+)
 from campaigns.statistics.proportions import (
     clopper_pearson,
     flights_without_failure,
@@ -92,6 +97,23 @@ def test_the_stratified_test_is_that_of_all_outcomes(
     expected = sum(chosen) / sum(weights.values())
     found = stratified_exact(tables, "less" if alternative == "less" else "two-sided")
     assert found == pytest.approx(expected)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(
+        st.tuples(*[st.tuples(st.integers(0, 30), st.integers(0, 30)).map(sorted)] * 2),
+        min_size=1,
+        max_size=3,
+    )
+)
+def test_the_rounded_test_agrees_with_the_exact_one(drawn: list[list[list[int]]]) -> None:
+    tables = [(Counts(*one), Counts(*other)) for one, other in drawn]
+    assert stratified_rounded(tables) == pytest.approx(stratified_exact(tables), abs=1e-9)
+
+
+def test_the_rounded_test_of_what_is_next_to_impossible_is_zero() -> None:
+    assert stratified_rounded([(Counts(0, 2000), Counts(2000, 2000))]) == pytest.approx(0.0)
 
 
 def test_the_bootstrap_agrees_with_scipys() -> None:

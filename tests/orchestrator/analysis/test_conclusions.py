@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 
 from orchestrator.analysis.conclusions import Conclusion, conclusions
+from orchestrator.analysis.gap.gap import Gap
+from orchestrator.analysis.pass_rates import ModeTest, PassRate, PassRates
 from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.analysis.study import read_study
+from orchestrator.analysis.study import Study, read_study
 from orchestrator.cli.study_text import study_text
 from orchestrator.report.campaign_report import write_report
 from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
@@ -65,6 +67,24 @@ def test_a_difference_of_passes_says_what_would_show_it(tmp_path: Path) -> None:
     assert "times the flights for" in needed
     apart = conclusions_of(tmp_path / "b", campaign(0.1, wil="FFFFF"))
     assert "The pass rates of the modes differ: simulation and WIL" in texts(apart, "shown")
+
+
+def many_flights(passed: int) -> Study:
+    """Return ten cases of 20 flights; of the first, wil passed fewer than sim's 10."""
+    rates = [
+        PassRate(str(case), mode, passed if case == 0 and mode == "wil" else 10, 20, 0, False, None)
+        for case in range(10)
+        for mode in ("sim", "wil")
+    ]
+    return Study(PassRates(tuple(rates), (ModeTest("", "sim", "wil", 0.9),), ()), Gap())
+
+
+@pytest.mark.parametrize(("passed", "needed"), [(9, ""), (6, "25 times the flights")])
+def test_many_flights_are_tested_at_forty_times_their_number(passed: int, needed: str) -> None:
+    # In whole numbers this takes minutes.
+    found = texts(conclusions(many_flights(passed)), "needed")
+    assert needed in found
+    assert bool(found) == bool(needed)
 
 
 def test_what_is_open_says_how_many_flights_would_decide_it(tmp_path: Path) -> None:

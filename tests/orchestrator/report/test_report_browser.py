@@ -94,6 +94,28 @@ def test_one_cursor_moves_in_all_plots_and_maps(page: Page) -> None:
     assert page.value(spots) != spots_before
 
 
+def test_the_cursor_reads_no_value_where_the_curve_is_broken(page: Page) -> None:
+    show(page, "run-large-wil-1")
+    run = "document.querySelector('#run-large-wil-1')"
+    curve = f"{run}.querySelector('.plot path.curve')"
+    whole = page.value(f"{curve}.getAttribute('d')")
+    # The page shows 0.5 s to 6 s: 3.25 s is in the middle, in a gap of 0.11 s.
+    places = [f"{x},500" for x in range(0, 1001, 10) if x != 500]
+    joined, broken = f"M{' '.join(places)}", f"M{' '.join(places[:50])} M{' '.join(places[50:])}"
+    found = []
+    for drawn in (joined, broken):
+        page.value(f"{curve}.setAttribute('d', '{drawn}'), delete {curve}.wilPoints")
+        page.value(f"{run}.querySelector('.timeline').focus()")
+        page.press("Home")
+        for _ in range(15):
+            page.press("ArrowLeft")
+        found.append(page.value(f"{run}.querySelector('.plot output').textContent"))
+    assert float(found[0]) > 0.0
+    assert found[1] == "\N{EN DASH}"
+    page.value(f"{curve}.setAttribute('d', '{whole}'), delete {curve}.wilPoints")
+    assert page.errors == []
+
+
 def test_keys_lead_from_run_to_run(page: Page) -> None:
     show(page, "overview")
     hashes = []

@@ -8,12 +8,33 @@
 
   function pointsOf(line) {
     if (!line.wilPoints) {
-      line.wilPoints = (line.getAttribute("points") || "")
-        .split(" ")
-        .filter(Boolean)
-        .map((pair) => pair.split(",").map(Number));
+      line.wilPoints = pointsIn(line.getAttribute("points") || "");
     }
     return line.wilPoints;
+  }
+
+  function pointsIn(text) {
+    return text
+      .split(" ")
+      .filter(Boolean)
+      .map((pair) => pair.split(",").map(Number));
+  }
+
+  // The points of a curve; `isLast`: the curve is broken after that one.
+  function pointsOfCurve(curve) {
+    if (!curve.wilPoints) {
+      curve.wilPoints = (curve.getAttribute("d") || "").split("M").flatMap((stretch) => {
+        const points = pointsIn(stretch);
+        if (points.length) points[points.length - 1].isLast = true;
+        return points;
+      });
+    }
+    return curve.wilPoints;
+  }
+
+  function isInGap(points, index, x) {
+    const before = points[index][0] <= x ? index : index - 1;
+    return before >= 0 && before < points.length - 1 && points[before].isLast === true;
   }
 
   function nearest(points, x) {
@@ -47,17 +68,19 @@
       const cursor = plot.querySelector("line.cursor");
       cursor.setAttribute("x1", 100 * share + "%");
       cursor.setAttribute("x2", 100 * share + "%");
-      for (const line of plot.querySelectorAll("polyline")) {
+      for (const line of plot.querySelectorAll("path.curve")) {
         const output = [...plot.querySelectorAll("output")].find(
           (one) => one.dataset.name === line.dataset.name,
         );
-        const points = pointsOf(line);
+        const points = pointsOfCurve(line);
         if (!output || !points.length) continue;
-        const point = points[newestOf(line, points, 1000 * share)];
+        const index = newestOf(line, points, 1000 * share);
+        const point = points[index];
         const low = Number(line.dataset.low);
         const high = Number(line.dataset.high);
         const value = high - (point[1] / 1000) * (high - low);
-        const far = Math.abs(point[0] - 1000 * share) > 20;
+        const most = isInGap(points, index, 1000 * share) ? 4 : 20;
+        const far = Math.abs(point[0] - 1000 * share) > most;
         output.textContent = far ? "–" : value.toFixed(Math.abs(high - low) > 20 ? 1 : 2);
       }
     }

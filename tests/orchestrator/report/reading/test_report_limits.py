@@ -1,5 +1,7 @@
 """What violated a limit and when the limit held, the things marked in an image, and contacts."""
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -18,6 +20,7 @@ from orchestrator.report.reading.object_marks import (
 from safety.fence.geofence import Fence
 from safety.model.oracle_results import OracleResult
 from tests.orchestrator.report.recorded_campaign import WORLD
+from vehicles.embedded.physics.contact_world import BODY
 from worlds.camera import Intrinsics
 from worlds.files.documents import parse
 from worlds.frames import Pose
@@ -33,7 +36,7 @@ def scene() -> Scene:
 
 
 def spans(oracles: dict[str, Any]) -> list[tuple[str, float, bool, tuple[float, float]]]:
-    found = held_limits(oracles, STAGES, 21.0)
+    found = held_limits(oracles, STAGES, 21.0, "real")
     return [(one.signal, one.value, one.is_upper, one.span_s) for one in found]
 
 
@@ -74,7 +77,7 @@ def climbing() -> JudgedFlight:
         motion.poses.setdefault("real", []).append((t_s, Pose.of(0.0, 0.0, up_m)))
         motion.velocities.setdefault("real", []).append((0.0, 0.0, 0.0))
     fence = Fence.box(north_m=(-1.0, 1.0), east_m=(-1.0, 1.0), up_m=(-1.0, 1.8))
-    return JudgedFlight(motion, Scene(), {"real": fence})
+    return JudgedFlight(motion, Scene(), {"real": [(-math.inf, fence)]})
 
 
 def failed(actual: float, margin: float, detail: str, name: str = "waits") -> OracleResult:
@@ -82,7 +85,7 @@ def failed(actual: float, margin: float, detail: str, name: str = "waits") -> Or
 
 
 def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
-    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0)
+    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
     oracle = failed(1.75, -0.45, "up_m <= 1.3 is violated: 1.750 m against 1.3 m")
     found = closeup_of(Cause("waits", "", (), 6.6), oracle, limits, climbing())
     assert found is not None
@@ -95,24 +98,37 @@ def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
 
 
 def test_what_does_not_come_to_what_was_judged_is_not_shown() -> None:
-    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0)
+    limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
     cause = Cause("waits", "", (), 6.6)
     detail = "up_m <= 1.3 is violated"
     assert closeup_of(cause, failed(2.4, -1.1, detail), limits, climbing()) is None
     assert closeup_of(cause, failed(1.75, -0.45, "other <= 1"), limits, climbing()) is None
     assert closeup_of(None, failed(1.75, -0.45, detail), limits, climbing()) is None
-    signals = held_limits({"waits": {"stl": "always (battery_v >= 3)"}}, STAGES, 21.0)
+    signals = held_limits({"waits": {"stl": "always (battery_v >= 3)"}}, STAGES, 21.0, "real")
     low = failed(1.75, -0.45, "battery_v >= 3 is violated")
     assert closeup_of(cause, low, signals, climbing()) is None
 
 
 def test_the_margin_to_the_fence_is_a_lower_limit() -> None:
-    limits = held_limits({"geofence": {}}, STAGES, 21.0)
+    limits = held_limits({"geofence": {}}, STAGES, 21.0, "real")
     oracle = failed(-0.2, -0.2, "", "geofence")
     found = closeup_of(Cause("geofence", "", (), 7.7), oracle, limits, climbing())
     assert found is not None
     assert found.worst == pytest.approx((8.0, -0.2))
     assert found.plot.title == "margin to the fence"
+
+
+def test_the_margin_is_to_the_fence_that_was_in_force_then() -> None:
+    limits = held_limits({"geofence": {}}, STAGES, 21.0, "real")
+    flight = climbing()
+    # Wide again after it was left: the vehicle was outside of the one of that time.
+    wide = Fence.box(north_m=(-1.0, 1.0), east_m=(-1.0, 1.0), up_m=(-1.0, 5.0))
+    flight = replace(flight, fences={"real": [*flight.fences["real"], (9.0, wide)]})
+    found = closeup_of(
+        Cause("geofence", "", (), 7.7), failed(-0.2, -0.2, "", "geofence"), limits, flight
+    )
+    assert found is not None
+    assert found.worst == pytest.approx((8.0, -0.2))
 
 
 def seen(vehicle: str = "real", source: str = "mixed") -> Frame:
@@ -185,7 +201,7 @@ def test_things_are_named_as_words_and_as_things_of_parts() -> None:
 def test_a_contact_is_over_when_the_body_is_clear_again() -> None:
     # Through the left bar of the gate and out on the far side.
     through = [(k / 10, Pose.of(k / 10, -0.55, 1.2)) for k in range(40)]
-    until_s = contact_until_s(through, scene(), {}, 1.8)
+    until_s = contact_until_s(through, BODY, scene(), {}, 1.8)
     assert until_s is not None
     assert 2.0 < until_s < 2.5
-    assert contact_until_s(through[:20], scene(), {}, 1.8) is None
+    assert contact_until_s(through[:20], BODY, scene(), {}, 1.8) is None

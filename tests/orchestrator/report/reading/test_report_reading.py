@@ -12,13 +12,19 @@ from orchestrator.analysis.model import CampaignDocuments
 from orchestrator.analysis.reading.results_folder import read_campaign
 from orchestrator.model.results import Also, RunResult, SyncResult, with_note
 from orchestrator.model.twin_results import DropOut, TwinResult
+from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.report.campaign_report import write_report
 from orchestrator.report.model import Frame, LogEvent, RunReport
 from orchestrator.report.reading.cause import Contact, NearestPass, cause_of, notes_of
 from orchestrator.report.reading.run_reader import read_run
 from orchestrator.report.reading.sight_decoding import ImageSize
+from safety.evaluation.judge_log import read_judge_log
+from safety.fence.fence_values import plain_fence
+from safety.fence.geofence import Fence
 from safety.model.oracle_results import OracleResult
+from safety.model.samples import FenceSample
 from tests.orchestrator.report.recorded_campaign import (
+    FENCE,
     GOAL_S,
     TOUCHED_S,
     touched,
@@ -101,6 +107,29 @@ def test_clearance_and_margins_are_those_of_the_world_that_was_flown_in(recorded
     (gate,) = run.world.outlines
     assert gate.is_virtual
     assert len(gate.above_m) == 4
+
+
+def test_the_fence_drawn_is_that_of_the_moment_and_the_page_says_when_it_changed(
+    copied: Path,
+) -> None:
+    path = copied / FAILED / "judged.msgpack"
+    with path.open("rb") as stream:
+        samples = list(read_judge_log(stream))
+    path.unlink()
+    tighter = Fence.box(north_m=(-1.0, 2.5), east_m=(-2.0, 2.0), up_m=(-0.5, 2.0))
+    with JudgeLogWriter(path=path) as judged:
+        for sample in (*samples, FenceSample(TOUCHED_S + 0.5, "real", tighter)):
+            judged.write(sample)
+    run = run_of(copied)
+    drawn = {vehicle: plain_fence(fence) for vehicle, fence in run.world.fences.items()}
+    assert drawn == {"real": plain_fence(FENCE), "twin": plain_fence(FENCE)}
+    note = "in force at the moment; it was changed in flight at +2.50 s"
+    assert run.world.fence_note == note
+    margins = plot_of(run, "margin to the fence")
+    # It flew on north beyond the changed fence, within the one of before.
+    assert margins["real"][6.0] == pytest.approx(-1.5, abs=0.06)
+    assert margins["twin"][6.0] == pytest.approx(0.0, abs=0.06)
+    assert f"geofence {note}" in write_report(copied).path.read_text()
 
 
 def test_in_mode_sim_the_twin_perceives_its_own_images(recorded: Path) -> None:
@@ -276,7 +305,7 @@ def test_a_formula_is_its_own_rule_and_its_figures_stand_once() -> None:
 
 def test_a_limit_crossed_before_its_worst_has_both_times() -> None:
     high = OracleResult("altitude", "real", True, "FAIL", 2.5, (None, 2.3), "m", -0.2, 9.0, "")
-    events = [LogEvent(8.0, "flag", "real", "oracle altitude · real too high")]
+    events = [LogEvent(8.0, "flag", "real", "oracle altitude · real too high", "altitude")]
     cause = cause_of(failed(high), events, goal_s=2.0, passed=None)
     assert cause is not None
     facts = dict(cause.facts)

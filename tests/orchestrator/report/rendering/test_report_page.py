@@ -132,6 +132,17 @@ def test_the_cause_of_every_verdict_has_its_heading(
     assert "cannot be shown" not in text
 
 
+def test_the_plots_say_from_what_their_seconds_count(tmp_path: Path, page: str) -> None:
+    assert "Seconds since the goal was given." in page
+    folder = write_campaign(tmp_path / "gate")
+    for log in folder.glob("large/*/*/log.jsonl"):
+        lines = log.read_text("utf-8").splitlines(keepends=True)
+        log.write_text("".join(line for line in lines if '"goal"' not in line), "utf-8")
+    text = write_report(folder).path.read_text("utf-8")
+    assert "Seconds on the run clock: no goal is recorded." in text
+    assert "Seconds since the goal" not in text
+
+
 def test_nothing_from_a_file_acts(elements: _Reader) -> None:
     assert elements.names.count("script") == 1
     assert elements.names.count("style") == 1
