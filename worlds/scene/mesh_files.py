@@ -1,5 +1,6 @@
 """Meshes from files: .obj, .stl, .glb, .gltf, .dae, .ply through trimesh, imported when needed."""
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,14 +83,29 @@ _COLLADA_AXES = {"X_UP": Axes("x", "z"), "Y_UP": Y_UP, "Z_UP": Z_UP}
 
 
 def read_asset(path: Path) -> Asset:
-    """Return the unit and axes that a Collada mesh file states (1.4.1, chapter 5, "asset")."""
+    """Return the unit and axes that a Collada mesh file states (1.4.1, chapter 5, "asset").
+
+    Raises MeshFileError for a unit that is no length.
+    """
     if path.suffix.lower() != ".dae":
         return Asset()
     with path.open("rb") as stream:
         text = stream.read(100_000).decode("utf-8", "replace")
-    unit = re.search(r"<unit\b[^>]*\bmeter=[\"']([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)[\"']", text)
+    unit = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']", text)
     axes = re.search(r"<up_axis>\s*([XYZ]_UP)\s*</up_axis>", text)
-    return Asset(float(unit[1]) if unit else 1.0, _COLLADA_AXES[axes[1]] if axes else None)
+    unit_m = _metres(unit[1]) if unit else 1.0
+    return Asset(unit_m, _COLLADA_AXES[axes[1]] if axes else None)
+
+
+def _metres(written: str) -> float:
+    """Return a Collada file's unit in metres. Raises MeshFileError for one that is no length."""
+    try:
+        unit_m = float(written)
+    except ValueError:
+        unit_m = math.nan
+    if not 0.0 < unit_m <= _FARTHEST:
+        raise MeshFileError(f'its unit, meter="{written[:40]}", is not a length in metres')
+    return unit_m
 
 
 def load_mesh_shape(

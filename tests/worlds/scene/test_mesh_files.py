@@ -103,6 +103,26 @@ def test_colours_of_faces_and_corners_are_kept(tmp_path: Path, name: str) -> Non
     assert [material.rgb for material in mesh.materials] == [(200, 30, 10)]
 
 
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [('meter="0.01"', 0.01), ("meter = '2.'", 2.0), ('meter\n= "2.54E-2" name="inch"', 0.0254)],
+)
+def test_the_unit_of_a_collada_file_is_read_however_it_is_written(
+    tmp_path: Path, unit: str, metres: float
+) -> None:
+    path = sheet(tmp_path, "s.dae")
+    path.write_text(COLLADA.replace('name="centimeter" meter="0.01"', unit), encoding="utf-8")
+    assert np.abs(load_mesh_shape(path).mesh.vertices_m).max() == pytest.approx(100 * metres)
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "1,0", ""])
+def test_a_unit_of_a_collada_file_that_is_no_length_is_refused(tmp_path: Path, number: str) -> None:
+    path = sheet(tmp_path, "s.dae")
+    path.write_text(COLLADA.replace("0.01", number), encoding="utf-8")
+    with pytest.raises(MeshFileError, match=r"its unit, meter=.* is not a length in metres"):
+        load_mesh_shape(path)
+
+
 def test_very_many_colours_become_fewer(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(3)
     ball.visual.face_colors = [[k % 256, k // 5, 0, 255] for k in range(1280)]
