@@ -12,7 +12,7 @@ from worlds.files.images import ImageError, check_pixels
 from worlds.files.limits import MAX_MESH_BYTES, MAX_MESH_FACES
 from worlds.files.paths import is_file
 from worlds.frames import Pose
-from worlds.scene.colors import Rgb
+from worlds.scene.colors import SRGB_OF_LINEAR, Rgb
 from worlds.scene.mesh_damage import damage
 from worlds.scene.mesh_limits import MeshLimitError, check_mesh_file
 from worlds.scene.meshes import FloatArray, IntArray, Material, Mesh, merge
@@ -32,6 +32,8 @@ _MOST_COLORS = 64
 _FARTHEST = 1e9
 """Of a coordinate in the file's own unit: a thousand kilometres of millimetres."""
 _WHITE: Rgb = (255, 255, 255)
+_LINEAR_COLORS = (".glb", ".gltf")
+"""Formats whose colours are linear (glTF 2.0, 3.9.2 and 3.7.2.1); their textures are sRGB."""
 
 
 class MeshFileError(Exception):
@@ -131,7 +133,8 @@ def load_mesh_shape(
     asset = read_asset(path)
     turn = (axes or default_axes(path, asset)).frd_from_file()
     turn = turn * (scale * (METRES[unit] if unit else asset.unit_m))
-    meshes = [_convert(part, turn) for part in loaded if len(part.faces)]
+    is_linear = path.suffix.lower() in _LINEAR_COLORS
+    meshes = [_convert(part, turn, is_linear=is_linear) for part in loaded if len(part.faces)]
     if not meshes:
         why = damage(path)
         raise MeshFileError(f"it has no triangles{': ' if why else ''}{why}")
@@ -196,42 +199,54 @@ def _named_files(path: Path, keyword: str) -> list[Path]:
     return [path.parent / each[1].strip() for each in found if each]
 
 
-def _convert(part: Any, turn: FloatArray) -> Mesh:
-    """Return a mesh of trimesh in FRD metres."""
+def _convert(part: Any, turn: FloatArray, *, is_linear: bool) -> Mesh:
+    """Return a mesh of trimesh in FRD metres. is_linear: whether its colours are linear."""
     vertices = np.asarray(part.vertices, np.float64) @ turn.T
     uv = getattr(part.visual, "uv", None)
     uv = np.zeros((len(vertices), 2)) if uv is None or len(uv) != len(vertices) else np.array(uv)
     # Files count v upwards from the image's last row; this program downwards from its first.
     uv = np.stack([uv[:, 0], 1.0 - uv[:, 1]], axis=1)
     old, normals, faces = smoothed(vertices, uv, np.ascontiguousarray(part.faces, np.int32))
-    face_material, materials = _materials(part)
+    face_material, materials = _materials(part, is_linear=is_linear)
     return Mesh(vertices[old], normals, uv[old], faces, face_material, materials)
 
 
-def _materials(part: Any) -> tuple[IntArray, tuple[Material, ...]]:
+def _materials(part: Any, *, is_linear: bool) -> tuple[IntArray, tuple[Material, ...]]:
     """Return the material of each face in a mesh file, and the materials."""
     visual = part.visual
     if visual.kind in ("face", "vertex"):
         rgb = np.asarray(visual.face_colors, np.int32)[:, :3]
+        if is_linear:
+            rgb = SRGB_OF_LINEAR[rgb]
         if len(np.unique(rgb, axis=0)) > _MOST_COLORS:
             rgb = rgb // 32 * 32 + 16
         colors, index = np.unique(rgb, axis=0, return_inverse=True)
         return index.reshape(-1).astype(np.int32), tuple(Material(_rgb(each)) for each in colors)
-    return np.zeros(len(part.faces), np.int32), (_material(visual),)
+    return np.zeros(len(part.faces), np.int32), (_material(visual, is_linear=is_linear),)
 
 
-def _material(visual: Any) -> Material:
-    """Return the material of a mesh file's visual: its texture or its colour."""
+def _material(visual: Any, *, is_linear: bool) -> Material:
+    """Return the material of a mesh file's visual: its texture or its colour.
+
+    is_linear: whether the colour is, as in glTF (2.0, 3.9.2), where one that is left out is white.
+    """
     material = getattr(visual, "material", None)
+    factor = getattr(material, "baseColorFactor", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is not None:
         _check_texture(image)
         rgb = np.asarray(image.convert("RGB"), np.uint8)
-        tint = getattr(material, "baseColorFactor", None)
         texture = to_powers_of_two(np.ascontiguousarray(rgb[:, :, ::-1]))
-        return Material(_WHITE if tint is None else _rgb(tint), texture)
+        return Material(_WHITE if factor is None else _color(factor, is_linear), texture)
+    if is_linear and material is not None and factor is None:
+        return Material(_WHITE)
     color = getattr(material, "main_color", None)
-    return Material(_PLAIN_RGB if color is None else _rgb(color))
+    return Material(_PLAIN_RGB if color is None else _color(color, is_linear))
+
+
+def _color(color: Any, is_linear: bool) -> Rgb:
+    """Return a material's colour, 0 to 255 of its file, as sRGB."""
+    return _rgb(SRGB_OF_LINEAR[np.asarray(color, np.int32)] if is_linear else color)
 
 
 def _check_texture(image: Any) -> None:

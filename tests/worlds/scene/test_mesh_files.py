@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from tests.worlds.scene.tiny_gltf import gltf
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
@@ -94,13 +95,37 @@ def test_what_is_given_comes_before_what_the_file_states(tmp_path: Path) -> None
     assert np.abs(shape.mesh.vertices_m).max() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("name", ["c.ply", "c.glb"])
-def test_colours_of_faces_and_corners_are_kept(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(("name", "rgb"), [("c.ply", (200, 30, 10)), ("c.glb", (229, 96, 56))])
+def test_colours_of_faces_and_corners_are_kept(
+    tmp_path: Path, name: str, rgb: tuple[int, int, int]
+) -> None:
+    """Those of a .glb file are linear."""
     box = trimesh.creation.box((1, 1, 1))
     box.visual.face_colors = [200, 30, 10, 255]
     box.export(tmp_path / name)
     mesh = load_mesh_shape(tmp_path / name).mesh
-    assert [material.rgb for material in mesh.materials] == [(200, 30, 10)]
+    assert [material.rgb for material in mesh.materials] == [rgb]
+
+
+@pytest.mark.parametrize(
+    ("factor", "rgb"),
+    [
+        ([1.0, 0.1878, 0.0, 1.0], (255, 120, 0)),
+        ([0.002, 0.5, 1.0, 1.0], (13, 188, 255)),
+        (None, (255, 255, 255)),
+    ],
+    ids=["orange", "dark", "none"],
+)
+def test_the_colour_of_a_gltf_material_is_linear(
+    tmp_path: Path, factor: list[float] | None, rgb: tuple[int, int, int]
+) -> None:
+    part = {"attributes": {"POSITION": 0}, "indices": 1, "material": 0}
+    metal = {} if factor is None else {"baseColorFactor": factor}
+    materials = [{"pbrMetallicRoughness": metal}]
+    path = tmp_path / "c.gltf"
+    path.write_text(gltf(meshes=[{"primitives": [part]}], materials=materials))
+    (material,) = load_mesh_shape(path).mesh.materials
+    np.testing.assert_allclose(material.rgb, rgb, atol=1)
 
 
 @pytest.mark.parametrize(
