@@ -15,6 +15,7 @@ from worlds.frames import Pose
 from worlds.scene.colors import SRGB_OF_LINEAR, Rgb
 from worlds.scene.mesh_damage import damage
 from worlds.scene.mesh_limits import MeshLimitError, check_mesh_file
+from worlds.scene.mesh_support import UnsupportedMeshError
 from worlds.scene.meshes import FloatArray, IntArray, Material, Mesh, merge
 from worlds.scene.parts import Part, SurfaceShape
 from worlds.scene.shapes import Shape
@@ -34,6 +35,8 @@ _FARTHEST = 1e9
 _WHITE: Rgb = (255, 255, 255)
 _LINEAR_COLORS = (".glb", ".gltf")
 """Formats whose colours are linear (glTF 2.0, 3.9.2 and 3.7.2.1); their textures are sRGB."""
+_NO_AREA = 1e-12
+"""Of the square of the longest edge: what is left of no area after rounding."""
 
 
 class MeshFileError(Exception):
@@ -117,7 +120,8 @@ def load_mesh_shape(
 
     unit, axes: None for what the file states, else for metres and for its format's custom.
     Raises MeshFileError with the reason when the file is missing, of no known kind, not a mesh,
-    empty, not finite, or has more than MAX_FACES faces, or when a file that it names is missing.
+    empty, not finite, or has more than MAX_FACES faces, when a file that it names is missing, and
+    when it has what its reader would leave out or misread.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise MeshFileError(f"'{path.suffix}' is not one of {', '.join(SUFFIXES)}")
@@ -125,7 +129,7 @@ def load_mesh_shape(
         raise MeshFileError("no such file")
     try:
         check_mesh_file(path)
-    except MeshLimitError as error:
+    except (MeshLimitError, UnsupportedMeshError) as error:
         raise MeshFileError(str(error)) from error
     loaded = _load(path)
     if sum(len(part.faces) for part in loaded) > MAX_FACES:
@@ -139,6 +143,7 @@ def load_mesh_shape(
         why = damage(path)
         raise MeshFileError(f"it has no triangles{': ' if why else ''}{why}")
     mesh = merge(meshes)
+    _check_area(mesh)
     surface = SurfaceShape(mesh.vertices_m, mesh.faces)
     return Shape("mesh", mesh, (Part("surface", surface, Pose((0.0, 0.0, 0.0))),))
 
@@ -161,6 +166,15 @@ def _load(path: Path) -> list[Any]:
     for part in parts:
         _check_part(part)
     return parts
+
+
+def _check_area(mesh: Mesh) -> None:
+    """Refuse a mesh that nothing can see or touch: compressed data that were read as zeros."""
+    corners = mesh.vertices_m[mesh.faces]
+    edges = corners[:, 1:] - corners[:, :1]
+    twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    if twice_area.max() <= _NO_AREA * np.abs(edges).max() ** 2:
+        raise MeshFileError(f"none of its {len(mesh.faces)} triangles has an area")
 
 
 def _check_part(part: Any) -> None:

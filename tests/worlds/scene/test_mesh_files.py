@@ -148,6 +148,15 @@ def test_a_unit_of_a_collada_file_that_is_no_length_is_refused(tmp_path: Path, n
         load_mesh_shape(path)
 
 
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb", "dae"])
+def test_a_mesh_of_which_nothing_can_be_seen_is_refused(tmp_path: Path, suffix: str) -> None:
+    for corners in ([[1.0, 2, 3]] * 3, [[0.0, 0, 0], [1, 2, 3], [2, 4, 6]]):
+        line = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
+        line.export(tmp_path / f"line.{suffix}")
+        with pytest.raises(MeshFileError, match="none of its 1 triangles has an area"):
+            load_mesh_shape(tmp_path / f"line.{suffix}")
+
+
 def test_very_many_colours_become_fewer(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(3)
     ball.visual.face_colors = [[k % 256, k // 5, 0, 255] for k in range(1280)]
