@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,8 +16,10 @@ from worlds.frames import Pose
 from worlds.scene.colors import SRGB_OF_LINEAR, Rgb
 from worlds.scene.mesh_damage import damage
 from worlds.scene.mesh_limits import MeshLimitError, check_mesh_file
+from worlds.scene.mesh_polygons import check_polygons, ply_polygons
 from worlds.scene.mesh_support import UnsupportedMeshError
 from worlds.scene.meshes import FloatArray, IntArray, Material, Mesh, merge
+from worlds.scene.obj_faces import obj_with_absolute_faces
 from worlds.scene.parts import Part, SurfaceShape
 from worlds.scene.shapes import Shape
 from worlds.scene.smoothing import smoothed
@@ -155,8 +158,10 @@ def _load(path: Path) -> list[Any]:
 
     _check_companions(path)
     try:
-        scene = trimesh.load_scene(str(path), process=False)
+        scene = _open(path, trimesh)
         dumped = scene.dump()
+    except UnsupportedMeshError as error:
+        raise MeshFileError(str(error)) from error
     except Exception as error:
         # The readers behind trimesh raise any exception for a damaged file, with messages about
         # their internals.
@@ -166,6 +171,19 @@ def _load(path: Path) -> list[Any]:
     for part in parts:
         _check_part(part)
     return parts
+
+
+def _open(path: Path, trimesh: Any) -> Any:
+    """Return the scene of a mesh file. Raises UnsupportedMeshError for faces that it misreads."""
+    if path.suffix.lower() == ".obj":
+        text, beside = obj_with_absolute_faces(path), trimesh.resolvers.FilePathResolver(str(path))
+        return trimesh.load_scene(BytesIO(text), file_type="obj", resolver=beside, process=False)
+    scene = trimesh.load_scene(str(path), process=False)
+    for part in scene.geometry.values():
+        polygons = ply_polygons(part.metadata.pop("_ply_raw", {}))
+        if polygons is not None:
+            check_polygons(polygons)
+    return scene
 
 
 def _check_area(mesh: Mesh) -> None:

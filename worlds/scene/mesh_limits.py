@@ -24,6 +24,7 @@ from worlds.files.limits import (
     MAX_MESH_VALUES,
 )
 from worlds.files.paths import is_file
+from worlds.scene.mesh_polygons import check_collada_polygons
 from worlds.scene.mesh_support import check_gltf_support
 
 _GLB_HEAD_BYTES = 12
@@ -52,7 +53,7 @@ class MeshLimitError(Exception):
 def check_mesh_file(path: Path) -> None:
     """Raise MeshLimitError for a file that is too large, or would become so.
 
-    Raises UnsupportedMeshError for a glTF file that would be misread. A damaged file
+    Raises UnsupportedMeshError for a glTF or Collada file that would be misread. A damaged file
     passes: its reader reports the damage.
     """
     if path.stat().st_size > MAX_MESH_BYTES:
@@ -176,6 +177,7 @@ def _check_collada(path: Path) -> None:
         _check_graph(_collada_graph(root), ["scenes"])
     except (ET.ParseError, ValueError, RecursionError):
         return  # It is damaged, and trimesh refuses it.
+    check_collada_polygons(root)
 
 
 def _collada_graph(root: ET.Element) -> Graph:
