@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, get_args
 
 from campaigns.api import Telemetry
-from campaigns.autonomies.box_sight import BoxFinder
+from campaigns.autonomies.box_sight import BoxFinder, Layout
 from campaigns.autonomies.flight_frame import FlightFrame
 from campaigns.autonomies.parameters import goal_altitude_m, read_parameters
 from campaigns.autonomies.pid import Gains
 
 _MAY_BE_ZERO = frozenset({"ki", "kd", "standard_errors"})
+_CHOICES = {"layout": get_args(Layout)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +19,8 @@ class BoxFlightParameters:
     """The parameters of every flight by a detector's box.
 
     for_s: duration of the flight. kp, ki, kd: of the controllers. model, names (separated by
-    commas), input_px: of a detector other than the shipped one, an ONNX file beside this file.
+    commas), input_px, layout: of a detector other than the shipped one, an ONNX file beside this
+    file; layout: of its output.
     """
 
     for_s: float = 12.0
@@ -28,11 +30,18 @@ class BoxFlightParameters:
     model: str = ""
     names: str = ""
     input_px: float = 640
+    layout: Layout = "auto"
 
     def finder(self, wanted: str) -> BoxFinder:
         """Return a finder of boxes of one class. Raises ValueError, DetectorError."""
         names = [name.strip() for name in self.names.split(",")]
-        return BoxFinder(wanted, model=self.model, names=names, input_px=round(self.input_px))
+        return BoxFinder(
+            wanted,
+            model=self.model,
+            names=names,
+            input_px=round(self.input_px),
+            layout=self.layout,
+        )
 
     def gains(self, limit_m_s: float, *, times: float = 1.0) -> Gains:
         """Return the gains of a controller. limit_m_s: of its output; times: factor of kp."""
@@ -57,7 +66,9 @@ class BoxFlight(Generic[Parameters]):
         parameters: Mapping[str, object],
         owner: str,
     ) -> None:
-        self.parameters = read_parameters(kind, parameters, owner, may_be_zero=_MAY_BE_ZERO)
+        self.parameters = read_parameters(
+            kind, parameters, owner, may_be_zero=_MAY_BE_ZERO, choices=_CHOICES
+        )
         self.frame: FlightFrame | None = None
         self._altitude_m = goal_altitude_m(goal, owner)
         self._began_s = 0.0

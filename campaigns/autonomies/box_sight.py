@@ -3,9 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from campaigns.api import CameraReading, Detection, OnnxDetector, shipped_detector
 from campaigns.autonomies.gate_sight import View
+
+Layout = Literal["auto", "v5", "v8", "end2end"]
+"""Of the output of a detector; as OnnxDetector takes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +33,19 @@ class BoxSight:
 class BoxFinder:
     """Finds the box of one class with the highest score in images.
 
-    model: an ONNX file of the YOLO family beside this file, with the names of its classes and the
-    side of its input; "" is the shipped detector. Raises ValueError, DetectorError.
+    model: an ONNX file of the YOLO family beside this file, with the names of its classes, the side
+    of its input and the layout of its output; "" is the shipped detector. Raises ValueError,
+    DetectorError.
     """
 
     def __init__(
-        self, wanted: str, *, model: str = "", names: Sequence[str] = (), input_px: int = 640
+        self,
+        wanted: str,
+        *,
+        model: str = "",
+        names: Sequence[str] = (),
+        input_px: int = 640,
+        layout: Layout = "auto",
     ) -> None:
         self._wanted = wanted
         if not model:
@@ -43,7 +54,9 @@ class BoxFinder:
         if wanted not in names:
             raise ValueError(f"the detector '{model}' needs a class '{wanted}' among its names")
         path = Path(__file__).parent / model
-        self._detector = OnnxDetector(path, names=names, input_px=(input_px, input_px))
+        self._detector = OnnxDetector(
+            path, names=names, input_px=(input_px, input_px), layout=layout
+        )
 
     def find(self, reading: CameraReading) -> Detection | None:
         """Return the detection of the class with the highest score; None without any."""

@@ -80,7 +80,8 @@ class OnnxDetector:
     def detect(self, image_bgr: BgrImage) -> tuple[Detection, ...]:
         """Return the detections in a (height, width, 3) uint8 image, the highest score first.
 
-        Raises DetectorError when the network cannot run on the input, or its output fits no layout.
+        Raises DetectorError when the network cannot run on the input, when its output fits no
+        layout or several, and for a class without a name.
         """
         laid, how = letterboxed(image_bgr, self._input_px)
         blob = cv2.dnn.blobFromImage(laid, 1.0 / 255.0, swapRB=True)
@@ -95,12 +96,22 @@ class OnnxDetector:
         height_px, width_px = image_bgr.shape[:2]
         return tuple(
             Detection(
-                self._names[kind],
+                self._name(kind),
                 score,
                 *_to_image(box, how, width_px, height_px),
             )
             for kind, score, box in best(found, self._threshold, self._overlap)
         )
+
+    def _name(self, kind: int) -> str:
+        """Return the name of a class. Raises DetectorError for one beyond the names."""
+        if not 0 <= kind < len(self._names):
+            count = len(self._names)
+            raise DetectorError(
+                f"'{self._path.name}' found class {kind}, but has {count} names (classes 0 to "
+                f"{count - 1}); name all classes of the network, in order"
+            )
+        return self._names[kind]
 
 
 def _network(path: Path, input_px: tuple[int, int]) -> Any:
@@ -147,8 +158,8 @@ class Candidates:
 def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
     """Return the candidates in a detector's output. Raises DetectorError when nothing fits.
 
-    `auto` goes by the shape: (1, n, 5 + classes) is v5, (1, 4 + classes, n) v8, (1, n, 6) else
-    end2end.
+    `auto` goes by the shape: (1, n, 5 + classes) is v5, (1, 4 + classes, n) v8, (1, n, 6) end2end.
+    An output that fits several, as that of one class with v5 and end2end, needs the layout stated.
     """
     rows = np.asarray(output, np.float32)
     if rows.ndim != 3 or rows.shape[0] != 1:
@@ -173,7 +184,10 @@ def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
 
 
 def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end2end"]:
-    """Return the output layout of a YOLO detector by its shape. Raises DetectorError."""
+    """Return the output layout of a YOLO detector by its shape.
+
+    Raises DetectorError when no layout fits, or several do.
+    """
     candidates: list[Literal["v5", "v8", "end2end"]] = []
     if shape[1] == 5 + classes:
         candidates.append("v5")
@@ -184,6 +198,11 @@ def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end
     if not candidates:
         raise DetectorError(
             f"the output (1, {shape[0]}, {shape[1]}) has an unknown layout for {classes} classes"
+        )
+    if len(candidates) > 1:
+        raise DetectorError(
+            f"the output (1, {shape[0]}, {shape[1]}) for {classes} classes fits the layouts "
+            f"{' and '.join(candidates)}; state layout: {' or '.join(candidates)}"
         )
     return candidates[0]
 

@@ -2,6 +2,8 @@
 
 import re
 
+import numpy as np
+
 Rgb = tuple[int, int, int]
 
 NAMED: dict[str, Rgb] = {
@@ -23,6 +25,13 @@ NAMED: dict[str, Rgb] = {
     "brown": (115, 75, 45),
     "beige": (205, 190, 160),
 }
+
+_LINEAR = np.arange(256) / 255.0
+SRGB_OF_LINEAR = np.rint(
+    255.0
+    * np.where(_LINEAR <= 0.0031308, 12.92 * _LINEAR, 1.055 * np.power(_LINEAR, 1.0 / 2.4) - 0.055)
+).astype(np.int32)
+"""By a linear intensity of 0..255: the sRGB value of 0..255 (IEC 61966-2-1)."""
 
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 

@@ -1,14 +1,16 @@
-"""Checks the sizes that a mesh file states, before anything is allocated.
+"""Checks the sizes that a mesh file states, before anything is allocated, and what it needs.
 
 A file of a few bytes may state a million instances of a mesh, a thousand million vertices, or
 entities that expand without end. Sizes, counts and depths are in worlds.files.limits.
 """
 
 import base64
+import contextlib
 import json
 import re
 import struct
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -22,12 +24,22 @@ from worlds.files.limits import (
     MAX_MESH_VALUES,
 )
 from worlds.files.paths import is_file
+from worlds.scene.mesh_polygons import check_collada_polygons
+from worlds.scene.mesh_support import check_gltf_support
 
 _GLB_HEAD_BYTES = 12
 _STRIP_MODES = frozenset({5, 6})
 """TRIANGLE_STRIP and TRIANGLE_FAN: a face for each index, glTF 2.0, 3.7.2.1."""
 _PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\d{1,18})\s*$", re.MULTILINE)
 _PLY_HEAD_BYTES = 65536
+_DAMAGE = (
+    ValueError,
+    TypeError,
+    ArithmeticError,
+    LookupError,
+    AttributeError,
+    RecursionError,
+)
 _COLLADA_FACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 
 Graph = Mapping[str, tuple[int, tuple[str, ...]]]
@@ -41,7 +53,8 @@ class MeshLimitError(Exception):
 def check_mesh_file(path: Path) -> None:
     """Raise MeshLimitError for a file that is too large, or would become so.
 
-    A damaged file passes: its reader reports the damage.
+    Raises UnsupportedMeshError for a glTF or Collada file that would be misread. A damaged file
+    passes: its reader reports the damage.
     """
     if path.stat().st_size > MAX_MESH_BYTES:
         raise MeshLimitError(f"it is larger than {MAX_MESH_BYTES} bytes")
@@ -57,12 +70,24 @@ def _check_gltf(path: Path) -> None:
         data = data[_GLB_HEAD_BYTES + 8 : _GLB_HEAD_BYTES + 8 + length]
     try:
         document = json.loads(data)
-        if isinstance(document, dict):
-            _check_buffers(path, document)
-            _check_counts(document)
-            _check_graph(_gltf_graph(document), [str(index) for index in _gltf_roots(document)])
-    except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError, RecursionError):
+    except (ValueError, RecursionError):
         return  # It is damaged, and trimesh refuses it.
+    if not isinstance(document, dict):
+        return
+    checks: tuple[Callable[[Mapping[str, Any]], None], ...] = (
+        partial(_check_buffers, path),
+        _check_counts,
+        _check_scene,
+        check_gltf_support,
+    )
+    for check in checks:
+        # What a check cannot read is damaged, and trimesh refuses it.
+        with contextlib.suppress(*_DAMAGE):
+            check(document)
+
+
+def _check_scene(document: Mapping[str, Any]) -> None:
+    _check_graph(_gltf_graph(document), [str(index) for index in _gltf_roots(document)])
 
 
 def _check_buffers(path: Path, document: Mapping[str, Any]) -> None:
@@ -152,6 +177,7 @@ def _check_collada(path: Path) -> None:
         _check_graph(_collada_graph(root), ["scenes"])
     except (ET.ParseError, ValueError, RecursionError):
         return  # It is damaged, and trimesh refuses it.
+    check_collada_polygons(root)
 
 
 def _collada_graph(root: ET.Element) -> Graph:

@@ -5,13 +5,21 @@ Pure: the pose depends on the time and on when events happened, on nothing else.
 
 import bisect
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 
-from worlds.frames import Pose, Vec3, angle_between, norm, quat_from_euler, subtract
+from worlds.frames import (
+    Pose,
+    Vec3,
+    angle_between,
+    euler_from_quat,
+    norm,
+    quat_from_euler,
+    subtract,
+)
 from worlds.scene.speed_ramp import ramped_leg, way_share
 
 Moment = Literal["takeoff", "at_height", "goal", "done"]
@@ -231,28 +239,41 @@ def _legs(
     begin: Pose, waypoints: tuple[Waypoint, ...], acceleration_m_s2: float | None, *, loop: bool
 ) -> tuple[Leg, ...]:
     """Return the legs of a motion through waypoints, back to the begin for a loop."""
-    route = [*waypoints]
-    if loop and waypoints:
-        route.append(Waypoint(begin.position_ned_m, waypoints[0].speed_m_s, begin.yaw_rad))
     legs: list[Leg] = []
     at, begin_s = begin, 0.0
-    for waypoint in route:
-        leg = _leg(begin_s, at, waypoint, acceleration_m_s2)
+    for speed_m_s, end in _route(begin, waypoints, loop=loop):
+        leg = _leg(begin_s, at, end, speed_m_s, acceleration_m_s2)
         if leg.duration_s > 0.0:
             legs.append(leg)
             at, begin_s = leg.end, leg.begin_s + leg.duration_s
     return tuple(legs)
 
 
-def _leg(begin_s: float, begin: Pose, waypoint: Waypoint, acceleration_m_s2: float | None) -> Leg:
-    """Return the motion's leg to a waypoint; it takes at least as long as turning does."""
-    upright = waypoint.yaw_rad is not None
-    q_wxyz = quat_from_euler(0.0, 0.0, waypoint.yaw_rad or 0.0) if upright else begin.q_wxyz
-    turn_rad = angle_between(begin.q_wxyz, q_wxyz)
-    length_m = norm(subtract(waypoint.position_ned_m, begin.position_ned_m))
-    duration_s, ramp = length_m / waypoint.speed_m_s, 0.0
+def _route(
+    begin: Pose, waypoints: tuple[Waypoint, ...], *, loop: bool
+) -> Iterator[tuple[float, Pose]]:
+    """Return the speed to each pose of a motion, and the pose.
+
+    A waypoint's yaw turns the object about the vertical: roll and pitch of the begin stay.
+    """
+    q_wxyz = begin.q_wxyz
+    roll_rad, pitch_rad, _ = euler_from_quat(q_wxyz)
+    for each in waypoints:
+        if each.yaw_rad is not None:
+            q_wxyz = quat_from_euler(roll_rad, pitch_rad, each.yaw_rad)
+        yield each.speed_m_s, Pose(each.position_ned_m, q_wxyz)
+    if loop and waypoints:
+        yield waypoints[0].speed_m_s, begin
+
+
+def _leg(
+    begin_s: float, begin: Pose, end: Pose, speed_m_s: float, acceleration_m_s2: float | None
+) -> Leg:
+    """Return the motion's leg between two poses; it takes at least as long as turning does."""
+    turn_rad = angle_between(begin.q_wxyz, end.q_wxyz)
+    length_m = norm(subtract(end.position_ned_m, begin.position_ned_m))
+    duration_s, ramp = length_m / speed_m_s, 0.0
     if acceleration_m_s2 is not None:
-        duration_s, ramp = ramped_leg(length_m, waypoint.speed_m_s, acceleration_m_s2)
+        duration_s, ramp = ramped_leg(length_m, speed_m_s, acceleration_m_s2)
     duration_s = max(duration_s, turn_rad / TURN_RATE_RAD_S / (1.0 - ramp))
-    end = Pose(waypoint.position_ned_m, q_wxyz)
-    return Leg(begin_s, duration_s, begin, end, length_m, turn_rad, waypoint.speed_m_s, ramp)
+    return Leg(begin_s, duration_s, begin, end, length_m, turn_rad, speed_m_s, ramp)

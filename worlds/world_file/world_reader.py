@@ -110,7 +110,7 @@ class WorldReader:
         try:
             return load_mesh_shape(path, unit=model.unit, scale=model.scale, axes=axes)
         except MeshFileError as error:
-            self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(path))
+            self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(model.file))
             self._unreadable.add(str(at[1]))
             return shapes.box((1.0, 1.0, 1.0))
 
@@ -124,14 +124,16 @@ class WorldReader:
         except (OSError, ValueError) as error:
             reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
             message = f"texture file '{model.texture}': {reason}"
-            self._note((*at, "texture"), message, self._similar_file(path))
+            self._note((*at, "texture"), message, self._similar_file(model.texture))
             return shape
 
-    def _similar_file(self, path: Path) -> str:
+    def _similar_file(self, written: str) -> str:
+        """Return the path of a file that a misspelt one may mean, as it would be written; ""."""
+        path = self._folder / written
         if exists(path) or not is_folder(path.parent):
             return ""
         found = closest_file(path.name, [each.name for each in path.parent.iterdir()])
-        return str((path.parent / found).relative_to(self._folder)) if found else ""
+        return str(Path(written).parent / found) if found else ""
 
     def _check_floor(self, scene_object: SceneObject, floor_m: float) -> None:
         """Note objects of the world file that stick in the floor, at rest or at waypoints.

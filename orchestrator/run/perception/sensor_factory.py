@@ -228,7 +228,7 @@ class SensorFactory:
                 source=vehicle.name,
                 cast=cast,
                 half_angle_rad=sensor.half_angle_rad,
-                noise=_within_reach(RANGEFINDER_NOISES.named(noise), sensor),
+                noise=within_reach(RANGEFINDER_NOISES.named(noise), sensor),
                 timing=self._sensor_timing(vehicle, RANGEFINDER_TIMING, sensor.rate_hz),
                 mount=mount,
             )
@@ -237,7 +237,7 @@ class SensorFactory:
                 source=vehicle.name,
                 cast=cast,
                 pattern=sensor.pattern,
-                noise=_within_reach(POINTS_NOISES.named(noise), sensor),
+                noise=within_reach(POINTS_NOISES.named(noise), sensor),
                 timing=self._sensor_timing(vehicle, POINTS_TIMING, sensor.rate_hz),
                 mount=mount,
             )
@@ -245,7 +245,7 @@ class SensorFactory:
             source=vehicle.name,
             cast=cast,
             pattern=sensor.pattern,
-            noise=_within_reach(SCAN_NOISES.named(noise), sensor),
+            noise=within_reach(SCAN_NOISES.named(noise), sensor),
             timing=self._sensor_timing(vehicle, SCAN_TIMING, sensor.rate_hz),
             mount=mount,
         )
@@ -316,7 +316,7 @@ def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:
     )
 
 
-def _within_reach(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:
+def within_reach(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:
     """Return a ranging sensor's noise with the range limits of its setup."""
     low_m, high_m = sensor.reach.min_m, sensor.reach.max_m
     return replace(

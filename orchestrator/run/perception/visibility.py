@@ -82,7 +82,8 @@ class Measured:
 
     real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the twin's
     images come from the renderer of the expected views. is_judged: whether mixtures count now, as
-    they do while the goal is flown.
+    they do while the goal is flown. reach_m: least and greatest range of the twin's depth camera or
+    3-D lidar; readings of other sensors have their own.
     """
 
     combination: Combination
@@ -93,6 +94,7 @@ class Measured:
     body: BodyPose
     is_like: bool
     is_judged: Callable[[], bool]
+    reach_m: tuple[float, float]
 
 
 class VisibilityProbe:
@@ -187,7 +189,7 @@ class VisibilityProbe:
             mixed_m=mixed.depth_m[part, part].reshape(-1).astype(np.float64),
             expected=expected,
             virtual=measured.virtual,
-            reach_m=(0.0, np.inf),
+            reach_m=measured.reach_m,
             least=IN_VIEW_SHARE * expected.ids.size,
         )
 
@@ -237,8 +239,9 @@ class VisibilityProbe:
     ) -> FrameVisibility:
         directions = _some_beams(twin)
         cast_ranges = self._measured.views.ranges(body.compose(mixed.mount), directions, t_s)
-        reach_m = np.inf if twin.reach.max_m is None else twin.reach.max_m
-        ids = np.where(cast_ranges.ranges_m <= reach_m, cast_ranges.ids, np.uint8(0))
+        least_m, most_m = self._measured.reach_m
+        is_in_reach = (cast_ranges.ranges_m >= least_m) & (cast_ranges.ranges_m <= most_m)
+        ids = np.where(is_in_reach, cast_ranges.ids, np.uint8(0))
         met = np.isfinite(cast_ranges.ranges_m)
         return compare_points(
             t_s=t_s,

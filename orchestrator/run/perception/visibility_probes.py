@@ -3,10 +3,18 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from campaigns.setup.named_objects import named_objects
-from campaigns.values.sensor_setups import CameraSetup, LidarPointsSetup, SensorSetup
+from campaigns.values.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    LidarPointsSetup,
+    SensorSetup,
+)
 from orchestrator.external.external_io import ExternalIo
 from orchestrator.run.perception.expected_views import ExpectedViews
+from orchestrator.run.perception.sensor_factory import within_reach
 from orchestrator.run.perception.visibility import BodyPose, Measured, MixtureViews, VisibilityProbe
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.run_state import RunState
@@ -17,6 +25,9 @@ from recipes.visibility.model import SHOWING_KINDS, Virtual
 from vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import PoseReading
+from vehicles.sensors.depth import DEPTH_NOISES
+from vehicles.sensors.lidar import POINTS_NOISES
+from vehicles.sensors.noise_sets import NoiseSetName
 from worlds.frames import Pose
 from worlds.scene.scene import virtual_only
 
@@ -74,6 +85,7 @@ class VisibilityProbes:
             body=self._body(real),
             is_like=self._drawn_by_us(twin),
             is_judged=lambda: self._run_state.stage == "goal",
+            reach_m=reach_of_twin(twin, setup.profiles["twin"].sensors),
         )
         mixer.observer = views = MixtureViews()
         return VisibilityProbe(measured, views=views)
@@ -128,6 +140,24 @@ class VisibilityProbes:
     def _drawn_by_us(self, twin: SensorSetup) -> bool:
         key = ("twin", twin.name)
         return key not in self._external_io.cameras and key not in self._external_io.simulators
+
+
+def reach_of_twin(twin: SensorSetup, noise: NoiseSetName) -> tuple[float, float]:
+    """Return the least and greatest range, metres, of the twin's depth camera or 3-D lidar.
+
+    noise: that of the twin's profile. (0, inf) for other sensors, and what the setup leaves out of
+    a lidar with a source of its own.
+    """
+    if isinstance(twin, DepthSetup):
+        depth = DEPTH_NOISES.named(noise)
+        return depth.range_min_m, depth.range_max_m
+    if isinstance(twin, LidarPointsSetup) and twin.source is None:
+        points = within_reach(POINTS_NOISES.named(noise), twin)
+        return points.range_min_m, points.range_max_m
+    if isinstance(twin, LidarPointsSetup):
+        low_m, high_m = twin.reach.min_m, twin.reach.max_m
+        return low_m or 0.0, np.inf if high_m is None else high_m
+    return 0.0, np.inf
 
 
 def sought_objects(

@@ -1,12 +1,17 @@
 """Person following keeps a box in front, at the distance that its area tells, and holds without."""
 
 import math
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from campaigns.api import CameraReading, DetectorError, Intrinsics
+from campaigns.autonomies.box_flight import BoxFlightParameters
 from campaigns.autonomies.follow import FollowAutonomy
 from tests.campaigns.autonomies.point_mass import Corners, Flight, GeometryFinder, fly
+from tests.vehicles.tiny_onnx import INPUT_PX, tiny_detector
 from worlds.frames import Vec3
 
 
@@ -78,6 +83,7 @@ def test_nobody_is_no_reason_to_move() -> None:
         ({"camera_stabilized": 1}, "must be true or false"),
         ({"model": 3}, "model must be a text"),
         ({"model": "some.onnx", "names": "cat, dog"}, "class 'person'"),
+        ({"layout": "v6"}, "layout must be one of auto, v5, v8, end2end, is 'v6'"),
     ],
 )
 def test_wrong_parameters_are_refused(parameters: dict[str, object], said: str) -> None:
@@ -85,3 +91,19 @@ def test_wrong_parameters_are_refused(parameters: dict[str, object], said: str) 
         FollowAutonomy(goal={"altitude_m": 1.2}, parameters=parameters, seed=1)
     with pytest.raises(ValueError, match="altitude_m must be"):
         FollowAutonomy(goal={}, parameters={}, seed=1)
+
+
+def test_a_detector_of_ones_own_has_the_layout_that_is_given(tmp_path: Path) -> None:
+    """Its output for one class is that of two layouts."""
+    model = tmp_path / "own.onnx"
+    model.write_bytes(tiny_detector("end2end"))
+    parameters = {"model": str(model), "names": "person", "input_px": INPUT_PX}
+    image = np.zeros((INPUT_PX, INPUT_PX, 3), np.uint8)
+    image[: INPUT_PX // 2, : INPUT_PX // 2] = (0, 0, 255)
+    own = CameraReading(1.0, 1.1, 0, "mixed", image, Intrinsics.from_fov(INPUT_PX, INPUT_PX, 1.0))
+    with pytest.raises(DetectorError, match="state layout: v5 or end2end"):
+        BoxFlightParameters(**parameters).finder("person").find(own)  # type: ignore[arg-type]
+    given = BoxFlightParameters(**parameters, layout="end2end")  # type: ignore[arg-type]
+    box = given.finder("person").find(own)
+    assert box is not None
+    assert (box.left_px, box.top_px, box.right_px, box.bottom_px) == (0, 0, 16, 16)

@@ -114,6 +114,35 @@ def test_an_output_of_no_layout(shape: Any, classes: int, layout: Any) -> None:
         decoded(np.zeros(shape, np.float32), classes, layout)
 
 
+def test_an_output_of_two_layouts_needs_the_layout_stated() -> None:
+    """One class: six numbers are those of v5, and of an export with NMS."""
+    row = np.array([[[10, 20, 30, 40, 0.9, 0]]], np.float32)
+    with pytest.raises(DetectorError, match=r"v5 and end2end; state layout: v5 or end2end"):
+        decoded(row, 1, "auto")
+    assert decoded(row, 1, "end2end").boxes.tolist() == [[10, 20, 30, 40]]
+    assert decoded(row, 1, "v5").boxes.tolist() == [[-5, 0, 25, 40]]
+
+
+def test_a_class_without_a_name_is_an_error_that_says_so(tmp_path: Path) -> None:
+    path = detector(tmp_path, "end2end")._path
+    options: Any = {"input_px": (INPUT_PX, INPUT_PX), "layout": "end2end"}
+    found = OnnxDetector(path, names=NAMES, **options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vehicles.perception.detector.decoded", _of_classes(1, 2))
+        with pytest.raises(DetectorError, match=r"found class 2, but has 2 names \(classes 0 to 1"):
+            found.detect(picture())
+        patch.setattr("vehicles.perception.detector.decoded", _of_classes(-1))
+        with pytest.raises(DetectorError, match="found class -1"):
+            found.detect(picture())
+
+
+def _of_classes(*kinds: int) -> Any:
+    many = len(kinds)
+    boxes = np.array([[8 * k, 0, 8 * k + 4, 4] for k in range(many)], np.float32)
+    given_output = Candidates(boxes, np.full(many, 0.9, np.float32), np.array(kinds))
+    return lambda *_: given_output
+
+
 def test_candidates_that_are_not_finite_are_left_out() -> None:
     rows = np.ones((1, 3, 7), np.float32)
     rows[0, 1, 2] = np.nan

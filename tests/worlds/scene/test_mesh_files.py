@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from tests.worlds.scene.tiny_gltf import gltf
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
@@ -94,13 +95,66 @@ def test_what_is_given_comes_before_what_the_file_states(tmp_path: Path) -> None
     assert np.abs(shape.mesh.vertices_m).max() == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("name", ["c.ply", "c.glb"])
-def test_colours_of_faces_and_corners_are_kept(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(("name", "rgb"), [("c.ply", (200, 30, 10)), ("c.glb", (229, 96, 56))])
+def test_colours_of_faces_and_corners_are_kept(
+    tmp_path: Path, name: str, rgb: tuple[int, int, int]
+) -> None:
+    """Those of a .glb file are linear."""
     box = trimesh.creation.box((1, 1, 1))
     box.visual.face_colors = [200, 30, 10, 255]
     box.export(tmp_path / name)
     mesh = load_mesh_shape(tmp_path / name).mesh
-    assert [material.rgb for material in mesh.materials] == [(200, 30, 10)]
+    assert [material.rgb for material in mesh.materials] == [rgb]
+
+
+@pytest.mark.parametrize(
+    ("factor", "rgb"),
+    [
+        ([1.0, 0.1878, 0.0, 1.0], (255, 120, 0)),
+        ([0.002, 0.5, 1.0, 1.0], (13, 188, 255)),
+        (None, (255, 255, 255)),
+    ],
+    ids=["orange", "dark", "none"],
+)
+def test_the_colour_of_a_gltf_material_is_linear(
+    tmp_path: Path, factor: list[float] | None, rgb: tuple[int, int, int]
+) -> None:
+    part = {"attributes": {"POSITION": 0}, "indices": 1, "material": 0}
+    metal = {} if factor is None else {"baseColorFactor": factor}
+    materials = [{"pbrMetallicRoughness": metal}]
+    path = tmp_path / "c.gltf"
+    path.write_text(gltf(meshes=[{"primitives": [part]}], materials=materials))
+    (material,) = load_mesh_shape(path).mesh.materials
+    np.testing.assert_allclose(material.rgb, rgb, atol=1)
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [('meter="0.01"', 0.01), ("meter = '2.'", 2.0), ('meter\n= "2.54E-2" name="inch"', 0.0254)],
+)
+def test_the_unit_of_a_collada_file_is_read_however_it_is_written(
+    tmp_path: Path, unit: str, metres: float
+) -> None:
+    path = sheet(tmp_path, "s.dae")
+    path.write_text(COLLADA.replace('name="centimeter" meter="0.01"', unit), encoding="utf-8")
+    assert np.abs(load_mesh_shape(path).mesh.vertices_m).max() == pytest.approx(100 * metres)
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "1,0", ""])
+def test_a_unit_of_a_collada_file_that_is_no_length_is_refused(tmp_path: Path, number: str) -> None:
+    path = sheet(tmp_path, "s.dae")
+    path.write_text(COLLADA.replace("0.01", number), encoding="utf-8")
+    with pytest.raises(MeshFileError, match=r"its unit, meter=.* is not a length in metres"):
+        load_mesh_shape(path)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb", "dae"])
+def test_a_mesh_of_which_nothing_can_be_seen_is_refused(tmp_path: Path, suffix: str) -> None:
+    for corners in ([[1.0, 2, 3]] * 3, [[0.0, 0, 0], [1, 2, 3], [2, 4, 6]]):
+        line = trimesh.Trimesh(corners, [[0, 1, 2]], process=False)
+        line.export(tmp_path / f"line.{suffix}")
+        with pytest.raises(MeshFileError, match="none of its 1 triangles has an area"):
+            load_mesh_shape(tmp_path / f"line.{suffix}")
 
 
 def test_very_many_colours_become_fewer(tmp_path: Path) -> None:

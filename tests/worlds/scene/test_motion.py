@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.frames import Pose, Vec3, angle_between, norm, subtract
+from worlds.frames import Pose, Vec3, angle_between, euler_from_quat, norm, subtract
 from worlds.scene.motion import TURN_RATE_RAD_S, Motion, StartAt, StartOn, Waypoint
 
 BEGIN = Pose.of(0, 0, 1)
+TILTED = Pose.of(0, 0, 1, yaw_rad=0.4, pitch_rad=math.pi / 6, roll_rad=-0.2)
 L_WAY = (Waypoint((4.0, 0.0, -1.0), 2.0), Waypoint((4.0, 3.0, -1.0), 1.0, math.pi / 2))
 times = st.floats(-5.0, 60.0)
 coordinate = st.floats(-5.0, 5.0)
@@ -22,7 +23,7 @@ waypoints = st.builds(
 )
 motions = st.builds(
     Motion,
-    st.just(BEGIN),
+    st.sampled_from([BEGIN, TILTED]),
     st.lists(waypoints, min_size=1, max_size=4).map(tuple),
     st.builds(StartAt, st.floats(0.0, 3.0)) | st.builds(StartOn, st.just("go"), st.floats(0, 2)),
     st.booleans(),
@@ -82,6 +83,31 @@ def test_a_loop_leads_back_and_round() -> None:
     assert place(motion, 3.0) == pytest.approx((1.0, 0.0, -1.0))
     assert place(motion, 4.0) == pytest.approx((0.0, 0.0, -1.0))
     assert place(motion, 401.5) == pytest.approx((1.5, 0.0, -1.0))
+
+
+def test_what_is_tilted_stays_so_on_the_way_back() -> None:
+    motion = Motion(TILTED, (Waypoint((2.0, 0.0, -1.0), 1.0),), loop=True)
+    for t_s in (0.5, 2.0, 3.0, 3.999, 4.001, 7.5):
+        assert motion.pose_at(t_s, {}).q_wxyz == pytest.approx(TILTED.q_wxyz)
+    assert motion.is_even(2.5, 3.5, {})
+
+
+@pytest.mark.parametrize("yaw_rad", [1.2, -2.8])
+def test_what_is_tilted_turns_about_the_vertical(yaw_rad: float) -> None:
+    there = Waypoint((4.0, 0.0, -1.0), 1.0, yaw_rad)
+    motion = Motion(TILTED, (there,), loop=True)
+    roll_rad, pitch_rad, _ = euler_from_quat(TILTED.q_wxyz)
+    turned = euler_from_quat(motion.pose_at(4.0, {}).q_wxyz)
+    assert turned == pytest.approx((roll_rad, pitch_rad, yaw_rad))
+    closed = motion.pose_at(8.0 - 1e-9, {})
+    assert angle_between(closed.q_wxyz, TILTED.q_wxyz) < 1e-6
+
+
+def test_what_looks_straight_up_turns_too() -> None:
+    up = Pose.of(0, 0, 1, yaw_rad=0.4, pitch_rad=math.pi / 2)
+    motion = Motion(up, (Waypoint((4.0, 0.0, -1.0), 1.0, 1.4),))
+    wanted = Pose.of(4, 0, 1, yaw_rad=1.4, pitch_rad=math.pi / 2)
+    assert angle_between(motion.pose_at(4.0, {}).q_wxyz, wanted.q_wxyz) < 1e-6
 
 
 def test_going_nowhere_is_rest() -> None:

@@ -264,6 +264,23 @@ def test_a_texture_from_a_file(tmp_path: Path) -> None:
     assert "not a PNG, JPEG, BMP" in problem.message
 
 
+@pytest.mark.parametrize("above", ["", "parts/", "./parts/../", "{folder}/", "{folder}/parts/"])
+def test_a_misspelt_path_is_mended_as_it_was_written(tmp_path: Path, above: str) -> None:
+    """Also an absolute one, which is in no folder of the world file."""
+    place = tmp_path / "elsewhere"
+    (place / "parts").mkdir(parents=True)
+    for folder in (place, place / "parts"):
+        tetrahedron(folder / "shelf.obj")
+        cv2.imwrite(str(folder / "wood.png"), np.zeros((3, 7, 3), np.uint8))
+    above = above.format(folder=place)
+    (problem,) = faults(f"  m: {{shape: {{mesh: {{file: {above}shelv.obj}}}}}}\n", place)
+    assert Path(problem.suggestion) == Path(f"{above}shelf.obj")
+    (problem,) = faults(f"  gate: {GATE}, texture: {above}wod.png}}\n", place)
+    assert Path(problem.suggestion) == Path(f"{above}wood.png")
+    elsewhere = f"  m: {{shape: {{mesh: {{file: {place}/shelv.obj}}}}}}\n"
+    assert faults(elsewhere, tmp_path / "none")[0].suggestion == str(place / "shelf.obj")
+
+
 def test_colours() -> None:
     assert parse_color("#ff8000") == (255, 128, 0)
     for wrong in ("#ff80", "Orange ", [1, 2, 3, 4], [-1, 0, 0]):

@@ -1,11 +1,31 @@
 """Which virtual objects a combination has to show, and which it leaves out by name."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
-from orchestrator.run.perception.visibility_probes import sought_objects
+from campaigns.values.sensor_setups import (
+    DepthSetup,
+    LidarPointsSetup,
+    RangefinderSetup,
+    Reach,
+    SensorSetup,
+)
+from orchestrator.run.perception.visibility import Measured, MixtureViews, VisibilityProbe
+from orchestrator.run.perception.visibility_probes import reach_of_twin, sought_objects
 from recipes.language.recipe_files import load_recipe_file
+from recipes.model.recipe import Combination
+from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
+from recipes.visibility.sampling import sampled_intrinsics
+from tests.recipes.samples import CAMERA, depth
+from vehicles.readings import LidarPointsReading, Reading
+from vehicles.sensors.lidar import GridPattern
+from vehicles.sensors.noise_sets import NoiseSetName
+from worlds.camera import CameraMount
+from worlds.frames import AT_ORIGIN
 
 THINGS = {2: "gate", 3: "intruder", 4: "decoy"}
 RECIPE = """\
@@ -43,3 +63,81 @@ def test_what_goal_and_oracles_name_has_to_be_shown_and_the_rest_is_left_out(  #
     (combination,) = load_recipe_file(tmp_path / "recipe.yaml").combinations
     virtual = sought_objects(combination, THINGS, named)
     assert (set(virtual.names), set(virtual.not_mixed)) == (sought, left_out)
+
+
+STEREO = DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())
+BEAMS = GridPattern(columns=36, rings=4)
+SPINNING = LidarPointsSetup(name="points", rate_hz=10, pattern=BEAMS)
+NEAR = LidarPointsSetup(name="points", rate_hz=10, pattern=BEAMS, reach=Reach(max_m=8.0))
+BELOW = RangefinderSetup(name="range", rate_hz=10, half_angle_rad=0.0, mount=AT_ORIGIN)
+
+
+def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float) -> Any:
+    """Return what a probe measures of an object all around, of which the mixture shows nothing."""
+    text = RECIPE.replace("filter: [FILTER]", "").replace("camera", sensor.kind)
+    text = text.replace("{overlay: {priority: [twin, real]}}", "replace")
+    (folder / "recipe.yaml").write_text(text)
+
+    def seen(*given: Any) -> ExpectedRanges:
+        sampled = sampled_intrinsics(CAMERA)
+        count = sampled.width_px * sampled.height_px
+        if sensor is not STEREO:
+            count = len(given[1])
+        return ExpectedRanges(np.full(count, at_m), np.full(count, 2, np.uint8))
+
+    views: Any = SimpleNamespace(depths=seen, ranges=seen)
+    parts = Measured(
+        combination=_combination(folder),
+        real=sensor,
+        twin=sensor,
+        virtual=Virtual({2: "gate"}),
+        views=views,
+        body=lambda _: AT_ORIGIN,
+        is_like=True,
+        is_judged=lambda: True,
+        reach_m=reach_of_twin(sensor, noise),
+    )
+    nothing: Reading = depth(np.inf)
+    if sensor is not STEREO:
+        nothing = LidarPointsReading(1.0, 1.0, 3, "mixed", np.zeros((0, 3), np.float32))
+    found = VisibilityProbe(parts, views=MixtureViews())._compare(nothing, nothing, AT_ORIGIN, 1.0)
+    assert isinstance(found, FrameVisibility)
+    (gate,) = found.objects
+    assert gate.shown == 0.0
+    return gate
+
+
+def _combination(folder: Path) -> Combination:
+    (combination,) = load_recipe_file(folder / "recipe.yaml").combinations
+    return combination
+
+
+@pytest.mark.parametrize(
+    ("sensor", "noise", "at_m", "is_due"),
+    [
+        (STEREO, "datasheet", 9.0, True),
+        (STEREO, "datasheet", 12.0, False),
+        (STEREO, "datasheet", 0.2, False),
+        (STEREO, "ideal", 12.0, True),
+        (SPINNING, "ideal", 90.0, True),
+        (SPINNING, "ideal", 120.0, False),
+        (SPINNING, "ideal", 0.4, False),
+        (NEAR, "datasheet", 7.0, True),
+        (NEAR, "datasheet", 9.0, False),
+    ],
+)
+def test_an_object_is_due_within_the_reach_of_the_twins_sensor(
+    tmp_path: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float, is_due: bool
+) -> None:
+    assert measured(tmp_path, sensor, noise, at_m).in_view is is_due
+
+
+def test_a_lidar_with_a_source_of_its_own_has_the_reach_that_the_campaign_gives() -> None:
+    source: Any = SimpleNamespace()
+    own = LidarPointsSetup(name="points", rate_hz=10, pattern=BEAMS, source=source)
+    assert reach_of_twin(own, "datasheet") == (0.0, np.inf)
+    given = LidarPointsSetup(
+        name="points", rate_hz=10, pattern=BEAMS, source=source, reach=Reach(min_m=1.0, max_m=200.0)
+    )
+    assert reach_of_twin(given, "datasheet") == (1.0, 200.0)
+    assert reach_of_twin(BELOW, "ideal") == (0.0, np.inf)
