@@ -104,7 +104,8 @@ class Encoder:
             calibration = self._calibration(sensor, reading)
             return [*calibration, *parts, self._message(sensor, reading, body)]
         message = self._message(sensor, reading, body_of(reading))
-        if isinstance(reading, PoseReading):
+        # A mixed pose is what the autonomy perceives: it does not place the vehicle.
+        if isinstance(reading, PoseReading) and reading.source != "mixed":
             return [message, self._transform(reading)]
         return [message]
 

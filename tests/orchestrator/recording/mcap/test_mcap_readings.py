@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from orchestrator.recording.mcap.mcap_encode import Encoder
 from orchestrator.recording.mcap.mcap_json import encode, number
 from orchestrator.recording.mcap.mcap_settings import LOSSLESS, ImageSettings, RecordingSettings
 from orchestrator.recording.mcap_reader import RecordedEvent, RecordedProvenance, RecordedReading
@@ -38,9 +39,12 @@ from vehicles.readings import (
     PoseReading,
     RangefinderReading,
     Reading,
+    Source,
     sensor_type_of,
 )
 from worlds.frames import Pose
+
+SOURCES: tuple[Source, ...] = ("real", "twin", "mixed")
 
 READINGS: tuple[Reading, ...] = (
     camera(),
@@ -120,6 +124,20 @@ def test_images_in_each_form(
     assert off == 0 if exact else off <= 8
     with pytest.raises(ValueError, match="read-only"):
         one.reading.image_bgr[0, 0, 0] = 1
+
+
+def test_only_the_vehicles_own_poses_place_them() -> None:
+    encoder = Encoder(epoch_s=0.0, settings=RecordingSettings())
+    pose = PoseReading(0.1, 0.2, "real", Pose.of(1.0, 2.0, 3.0))
+    topics = {
+        source: [one.channel.topic for one in encoder.encode("pose", replace(pose, source=source))]
+        for source in SOURCES
+    }
+    assert topics == {
+        "real": ["/real/pose", "/tf"],
+        "twin": ["/twin/pose", "/tf"],
+        "mixed": ["/mixed/pose"],
+    }
 
 
 def test_a_source_whose_images_are_not_wanted(tmp_path: Path) -> None:
