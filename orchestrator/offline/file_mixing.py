@@ -11,7 +11,12 @@ from orchestrator.offline import image_inputs, recorded_inputs
 from orchestrator.offline.contact_sheet import ContactSheet
 from orchestrator.offline.errors import OfflineError
 from orchestrator.offline.image_inputs import Optics, WorldCamera, kind_of
-from orchestrator.offline.mixture_outputs import Output, output_for, write_image
+from orchestrator.offline.mixture_outputs import (
+    Output,
+    output_for,
+    refuse_file_of_run,
+    write_image,
+)
 from orchestrator.offline.offline_pairing import (
     DrawnTwins,
     HeldTwins,
@@ -25,6 +30,7 @@ from recipes.model.recipe import Recipe
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from vehicles.readings import CameraReading, Reading, Source
 from worlds.files.documents import BadInput, load
+from worlds.files.paths import is_folder
 from worlds.frames import AT_ORIGIN, Pose
 from worlds.world_file.world import World
 
@@ -99,12 +105,17 @@ def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
 
 
 def _refuse_to_overwrite(order: MixOrder) -> None:
-    """Raise OfflineError when an output of the mixing is one of its input files."""
-    inputs = (order.real.file, order.twin.file, order.real.depth, order.twin.depth)
-    taken = {file.resolve() for file in inputs if file is not None}
+    """Raise OfflineError when an output of the mixing is an input, or a file of a run."""
+    named = (order.real.file, order.twin.file, order.real.depth, order.twin.depth)
+    inputs = [file for file in named if file is not None]
+    inputs += [file / "run.mcap" for file in inputs if is_folder(file)]
+    taken = {file.resolve() for file in inputs}
     for written in (order.out, order.stages):
-        if written is not None and written.resolve() in taken:
+        if written is None:
+            continue
+        if written.resolve() in taken:
             raise OfflineError(f"{written}: is an input file; write to another file")
+        refuse_file_of_run(written)
 
 
 def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:

@@ -10,8 +10,9 @@ from cyclopts import Parameter
 
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.offline.errors import OfflineError
-from orchestrator.offline.mixture_outputs import VideoOut, write_image
+from orchestrator.offline.mixture_outputs import VideoOut, is_run_folder, write_image
 from orchestrator.offline.offline_pairing import MixedPair
+from orchestrator.offline.recorded_inputs import recording_file
 from orchestrator.offline.replay import Replayed, ReplayReport, replay
 from recipes.language.recipe_files import load_recipe_file
 from recipes.working import StepError
@@ -53,6 +54,7 @@ def replay_run(
         if out_ is None:
             report = replay(run, other, trusted=trust)
         else:
+            _refuse_folder_of_run(out_, run)
             out_.mkdir(parents=True, exist_ok=True)
             with _ReplayVideo(out_ / "mixed.mp4") as video:
                 report = replay(run, other, trusted=trust, on_mixture=video.take)
@@ -65,6 +67,13 @@ def replay_run(
         return 3
     out(_as_json(report) if json_ else _as_text(report))
     return 1 if report.diverges else 0
+
+
+def _refuse_folder_of_run(folder: Path, run: Path) -> None:
+    """Raise OfflineError for an output folder whose video would replace that of a flight."""
+    own = recording_file(run).parent
+    if folder.resolve() == own.resolve() or is_run_folder(folder):
+        raise OfflineError(f"--out {folder}: is the folder of a recorded run; name another folder")
 
 
 class _ReplayVideo(VideoOut):

@@ -14,6 +14,8 @@ from orchestrator.cli import main
 from orchestrator.model.results import RunResult
 from orchestrator.offline.reading_difference import difference
 from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from recipes.language.recipe_files import load_recipe_file
+from recipes.pipeline.pipeline import compile_recipe
 from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.run.perception.test_perception import SMALLEST, Listening, recipe
 from tests.recipes.samples import beam, camera, cloud, plain, scan
@@ -197,6 +199,62 @@ def test_what_cannot_be_replayed_is_reported(
     told = capsys.readouterr()
     assert said in told.err
     assert told.out == ""
+
+
+MIXED = """\
+schema: wil/recipe/1
+sensors: {range: {type: rangefinder}}
+combine: [{sensor: range, merge: {aggregate: min}}]
+"""
+
+
+@pytest.fixture
+def ranges(tmp_path: Path) -> Path:
+    """Return the folder of a run with 40 mixtures of a rangefinder, in several chunks."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (tmp_path / "mixed.yaml").write_text(MIXED)
+    recipe = load_recipe_file(tmp_path / "mixed.yaml")
+    (mixer,) = compile_recipe(recipe, object_ids={})
+    facts = {"recipe": json.dumps(recipe.document.data), "recipe_file": "mixed.yaml"}
+    path = folder / "run.mcap"
+    with McapRecorder(path=path, epoch_s=0.0, clock="virtual", facts=facts) as run:
+        for k in range(40):
+            t_s = k / 10
+            stamps: dict[str, Any] = {"t_s": t_s, "arrived_s": t_s, "seq": k, "sensor": "range"}
+            real = beam(3.0, "real", **stamps)
+            twin = beam(2.0, **stamps)
+            run.reading("range", real)
+            run.reading("range", twin)
+            made = mixer.mix(real, twin, now_s=t_s)
+            run.mixed("range", made.reading, made.provenance, now_s=t_s)
+    (folder / "log.jsonl").touch()
+    return folder
+
+
+
+
+
+@pytest.mark.parametrize("place", ["run", "other"])
+def test_a_replay_leaves_the_folder_of_a_run_as_it_is(
+    ranges: Path, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = ranges.parent / place
+    folder.mkdir(exist_ok=True)
+    (folder / "log.jsonl").touch()
+    (folder / "mixed.mp4").write_bytes(b"as flown")
+    assert main(["replay", str(ranges), "--out", str(folder)]) == 2
+    assert "is the folder of a recorded run; name another folder" in capsys.readouterr().err
+    assert (folder / "mixed.mp4").read_bytes() == b"as flown"
+
+
+def test_a_replay_that_is_refused_leaves_an_earlier_one(
+    ranges: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (ranges / "run.mcap").write_bytes(b"")
+    (tmp_path / "mixed.mp4").write_bytes(b"before")
+    assert main(["replay", str(ranges), "--out", str(tmp_path)]) == 2
+    assert (tmp_path / "mixed.mp4").read_bytes() == b"before"
 
 
 def test_readings_are_compared_to_the_bit() -> None:
