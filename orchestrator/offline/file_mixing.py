@@ -159,6 +159,7 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
             reasons.setdefault(provenance.dropped, provenance.detail)
         output.take(name, pair)
     counts = mixer.counts()
+    lacking = [f"{file}: {what}" for file, what in inputs.lacking.items()]
     refused = twins.faults[:1] if isinstance(twins, StreamedTwins) else []
     return CombinationReport(
         name=name,
@@ -166,7 +167,7 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
         mixed=counts.mixed,
         dropped=dict(counts.dropped),
         faults=dict(counts.faults),
-        reasons=(*reasons.values(), *refused),
+        reasons=(*reasons.values(), *refused, *lacking),
     )
 
 
@@ -175,6 +176,8 @@ class _Inputs:
 
     def __init__(self, order: MixOrder) -> None:
         self._order = order
+        self.lacking: dict[Path, str] = {}
+        """What a recording lacks, by its file, as far as it was read to its end."""
         self._kinds = (kind_of(order.real.file), kind_of(order.twin.file))
         real, twin = self._kinds
         if real == "world":
@@ -203,14 +206,14 @@ class _Inputs:
         """Yield the real side's readings from its file for a mixer."""
         side = self._order.real
         if self._kinds[0] == "recording":
-            return _recorded_inputs(side.file, "real", mixer.sensor)
+            return self._recorded(side.file, "real", mixer.sensor)
         return _image_inputs(side, self._kinds[0] == "image", "real")
 
     def twins(self, mixer: Mixer) -> Twins:
         """Return the twin's readings from its file for a mixer."""
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
-            found = _recorded_inputs(side.file, "twin", mixer.sensor)
+            found = self._recorded(side.file, "twin", mixer.sensor)
             return StreamedTwins(found, partial(mixer.offer, "twin"))
         if self._world is not None:
             optics = Optics(side.fov_deg)
@@ -220,15 +223,15 @@ class _Inputs:
             return HeldTwins(next(_image_inputs(side, True, "twin")))
         return StreamedTwins(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
 
-
-def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
-    """Return a recording's readings of a sensor to mix. Raises OfflineError."""
-    file = recorded_inputs.recording_file(path)
-    found = recorded_inputs.readings(file, source, sensor)
-    first = next(found, None)
-    if first is None:
-        raise OfflineError(f"{file}: has no reading of sensor '{sensor}' of {source}")
-    return chain([first], found)
+    def _recorded(self, path: Path, source: Source, sensor: str) -> Iterator[Reading]:
+        """Return a recording's readings of a sensor to mix. Raises OfflineError."""
+        file = recorded_inputs.recording_file(path)
+        found = recorded_inputs.readings(file, source, sensor, self.lacking.__setitem__)
+        first = next(found, None)
+        if first is None:
+            lacks = f"; {self.lacking[file]}" if file in self.lacking else ""
+            raise OfflineError(f"{file}: has no reading of sensor '{sensor}' of {source}{lacks}")
+        return chain([first], found)
 
 
 def _image_inputs(side: SideFiles, one: bool, source: Source) -> Iterator[CameraReading]:

@@ -32,7 +32,8 @@ def replay_run(
 ) -> int:
     """Mix a recorded run again, and report where the result diverges from the recording.
 
-    Exits with 0 when it does not diverge, with 1 when it does.
+    Exits with 0 when it does not diverge, with 1 when it does, and with 3 when the recording has no
+    mixture to compare.
 
     Parameters
     ----------
@@ -66,7 +67,9 @@ def replay_run(
         err(error)
         return 3
     out(_as_json(report) if json_ else _as_text(report))
-    return 1 if report.diverges else 0
+    if report.diverges:
+        return 1
+    return 0 if report.compared else 3
 
 
 def _refuse_folder_of_run(folder: Path, run: Path) -> None:
@@ -113,6 +116,8 @@ def _as_text(report: ReplayReport) -> str:
     """Return the replay's report as text."""
     lines = [line for one in report.combinations for line in _lines(one)]
     lines += [f"{name}: recorded, but not made by the recipe" for name in report.without]
+    if report.lacks:
+        lines.append(report.lacks)
     return "\n".join(lines)
 
 
@@ -122,6 +127,8 @@ def _lines(one: Replayed) -> list[str]:
     left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())
     mixed = f"{one.name}: {one.mixed} of {one.frames} mixed"
     mixed += f" ({left_out})" if left_out else ""
+    if not one.compared:
+        return [f"{mixed}; the recording has no mixture to compare"]
     if not one.divergences:
         return [f"{mixed}; all as recorded, {how}"]
     lines = [f"{mixed}; {len(one.divergences)} of {one.compared} differ from the recording"]
@@ -137,6 +144,7 @@ def _as_json(report: ReplayReport) -> str:
     """Return the replay's report as JSON."""
     document = {
         "diverges": report.diverges,
+        "lacks": report.lacks,
         "without": list(report.without),
         "combinations": [
             {

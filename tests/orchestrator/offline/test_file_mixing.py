@@ -193,6 +193,18 @@ def test_recordings_are_mixed_sensor_by_sensor(here: Path) -> None:
     assert len(frames_of(here / "mixed.mp4")) == 6
 
 
+def test_a_cut_recording_is_mixed_as_far_as_it_goes_and_that_is_reported(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorded(here / "run.mcap")
+    whole = (here / "run.mcap").read_bytes()
+    (here / "run.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    assert mix(here, "color.yaml", ".", ".", "mixed.mcap", "--sensor", "range") == 0
+    assert "run.mcap: the recording is cut after byte " in capsys.readouterr().out
+    (here / "run.mcap").write_bytes(b"")
+    assert mix(here, "color.yaml", ".", ".", "again.mcap") == 2
+    assert "of twin; the recording is cut after byte 0" in capsys.readouterr().err
+
 
 @pytest.mark.parametrize("option", ["--out", "--stages"])
 @pytest.mark.parametrize("name", ["run.mcap", "mixed.mp4", "mixed.png"])
