@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
-from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings, decisive
+from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings, brings_down
 from safety.guard.guard import Guard
 from safety.guard.process.guard_config import GuardConfig, Guarded
 from safety.guard.process.remote_guard import RemoteGuard
@@ -124,7 +124,7 @@ async def _fly_until_takeover(flight: StepFlight, guard: RemoteGuard) -> Series:
     causes: list[GuardEvent] = []
 
     def stop_flight(event: GuardEvent) -> None:
-        if decisive(event) is not None:
+        if brings_down(event):
             causes.append(event)
             task.cancel()
 

@@ -6,11 +6,12 @@ from orchestrator.foxglove_bridge.followed_run import FollowedRun
 from orchestrator.foxglove_bridge.foxglove_server import FoxgloveServer
 from orchestrator.foxglove_bridge.live_messages import LiveMessages
 from orchestrator.live_feed.feed_messages import FactsView, FeedMessage, RunView
+from orchestrator.recording.recording_facts import mounts_in
 
 _MOST_RUNS = 64
 """Runs whose clocks are kept; a new one replaces the oldest."""
-_UPRIGHT_S = 1.0
-"""Period of the transform from `map`, for clients that connect later."""
+_FIXED_S = 1.0
+"""Period of the transforms that do not change, for clients that connect later."""
 
 
 class Bridge:
@@ -21,14 +22,15 @@ class Bridge:
         self._followed = FollowedRun()
         self._begun = ""
         self._runs: OrderedDict[str, LiveMessages] = OrderedDict()
-        self._upright_s = 0.0
+        self._fixed_s = 0.0
 
     def take(self, message: FeedMessage, now_s: float) -> None:
         """Take a message of a live feed. now_s: of a monotonic clock."""
         if isinstance(message, FactsView):
             epoch_ns = message.facts.get("epoch_ns", "")
             if epoch_ns.isdecimal():
-                self._runs[message.run] = LiveMessages(int(epoch_ns))
+                mounts = mounts_in(message.facts)
+                self._runs[message.run] = LiveMessages(int(epoch_ns), mounts)
                 self._runs.move_to_end(message.run)
             if len(self._runs) > _MOST_RUNS:
                 self._runs.popitem(last=False)
@@ -38,11 +40,12 @@ class Bridge:
         if messages is None or not self._followed.follows(message, now_s):
             return
         if message.run != self._begun:
-            self._begun, self._upright_s = message.run, now_s
+            self._begun, self._fixed_s = message.run, now_s
             self._server.begin(message.run)
-        if now_s >= self._upright_s:
-            self._upright_s = now_s + _UPRIGHT_S
-            self._server.send(messages.upright())
+        if now_s >= self._fixed_s:
+            self._fixed_s = now_s + _FIXED_S
+            for one in messages.fixed_transforms():
+                self._server.send(one)
         if isinstance(message, RunView):
             self._server.show_time(messages.ns(message.t_s))
         for one in messages.of(message):

@@ -1,5 +1,6 @@
 """Encodes a run's live feed with the topics, schemas and encoding of run.mcap; pure."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import msgspec
@@ -19,9 +20,11 @@ from orchestrator.recording.mcap.mcap_encode import (
     Encoder,
     LogLevel,
     Message,
+    image_frame,
 )
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from vehicles.readings import PoseReading, Source
+from worlds.camera import CameraMount
 from worlds.frames import Pose
 
 RUN = Channel("/run", "wil.Run", "", "", "run")
@@ -69,14 +72,14 @@ _STATE = tuple(field.name for field in fields(RunState))
 
 
 class LiveMessages:
-    """Encodes the live feed of one run. epoch_ns: UTC of its clock's zero."""
+    """Encodes the live feed of one run. epoch_ns: UTC of its clock's zero. mounts: of cameras."""
 
-    def __init__(self, epoch_ns: int) -> None:
-        self._encoder = Encoder(epoch_s=epoch_ns / 1e9, settings=RecordingSettings())
+    def __init__(self, epoch_ns: int, mounts: Mapping[str, CameraMount] | None = None) -> None:
+        self._encoder = Encoder(epoch_s=epoch_ns / 1e9, settings=RecordingSettings(), mounts=mounts)
 
-    def upright(self) -> Message:
-        """Return the transform with which viewers draw north-east-down upright."""
-        return self._encoder.upright()
+    def fixed_transforms(self) -> list[Message]:
+        """Return the transforms that do not change in the run."""
+        return self._encoder.fixed_transforms()
 
     def ns(self, t_s: float) -> int:
         """Return a time of the run in nanoseconds since 1970."""
@@ -123,7 +126,7 @@ class LiveMessages:
         """Return an image as sent to consoles: smaller than in run.mcap."""
         topic = f"/{image.source}/{image.sensor}"
         shown = {
-            "frame_id": "twin" if image.source == "twin" else "real",
+            "frame_id": image_frame(image.source, image.sensor),
             "format": "jpeg",
             "wil": {
                 "sensor": image.sensor,

@@ -36,7 +36,7 @@ _IDLE_S = 0.25
 _JOIN_S = 2.0
 _MOST_EVENTS = 1000
 _LONGEST_TEXT = 2000
-_SHORT_FACTS = ("case", "mode", "rep", "seed", "epoch_ns", "clock")
+_SHORT_FACTS = ("case", "mode", "rep", "seed", "epoch_ns", "clock", "mounts")
 
 Note = Callable[[str], None]
 

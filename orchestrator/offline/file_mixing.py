@@ -11,7 +11,12 @@ from orchestrator.offline import image_inputs, recorded_inputs
 from orchestrator.offline.contact_sheet import ContactSheet
 from orchestrator.offline.errors import OfflineError
 from orchestrator.offline.image_inputs import Optics, WorldCamera, kind_of
-from orchestrator.offline.mixture_outputs import Output, output_for, write_image
+from orchestrator.offline.mixture_outputs import (
+    Output,
+    output_for,
+    refuse_file_of_run,
+    write_image,
+)
 from orchestrator.offline.offline_pairing import (
     DrawnTwins,
     HeldTwins,
@@ -25,6 +30,7 @@ from recipes.model.recipe import Recipe
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from vehicles.readings import CameraReading, Reading, Source
 from worlds.files.documents import BadInput, load
+from worlds.files.paths import is_folder
 from worlds.frames import AT_ORIGIN, Pose
 from worlds.world_file.world import World
 
@@ -99,12 +105,17 @@ def mix_files(order: MixOrder) -> tuple[CombinationReport, ...]:
 
 
 def _refuse_to_overwrite(order: MixOrder) -> None:
-    """Raise OfflineError when an output of the mixing is one of its input files."""
-    inputs = (order.real.file, order.twin.file, order.real.depth, order.twin.depth)
-    taken = {file.resolve() for file in inputs if file is not None}
+    """Raise OfflineError when an output of the mixing is an input, or a file of a run."""
+    named = (order.real.file, order.twin.file, order.real.depth, order.twin.depth)
+    inputs = [file for file in named if file is not None]
+    inputs += [file / "run.mcap" for file in inputs if is_folder(file)]
+    taken = {file.resolve() for file in inputs}
     for written in (order.out, order.stages):
-        if written is not None and written.resolve() in taken:
+        if written is None:
+            continue
+        if written.resolve() in taken:
             raise OfflineError(f"{written}: is an input file; write to another file")
+        refuse_file_of_run(written)
 
 
 def _refuse_unknown_objects(recipe: Recipe, objects: Mapping[str, int]) -> None:
@@ -148,6 +159,7 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
             reasons.setdefault(provenance.dropped, provenance.detail)
         output.take(name, pair)
     counts = mixer.counts()
+    lacking = [f"{file}: {what}" for file, what in inputs.lacking.items()]
     refused = twins.faults[:1] if isinstance(twins, StreamedTwins) else []
     return CombinationReport(
         name=name,
@@ -155,7 +167,7 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
         mixed=counts.mixed,
         dropped=dict(counts.dropped),
         faults=dict(counts.faults),
-        reasons=(*reasons.values(), *refused),
+        reasons=(*reasons.values(), *refused, *lacking),
     )
 
 
@@ -164,6 +176,8 @@ class _Inputs:
 
     def __init__(self, order: MixOrder) -> None:
         self._order = order
+        self.lacking: dict[Path, str] = {}
+        """What a recording lacks, by its file, as far as it was read to its end."""
         self._kinds = (kind_of(order.real.file), kind_of(order.twin.file))
         real, twin = self._kinds
         if real == "world":
@@ -192,14 +206,14 @@ class _Inputs:
         """Yield the real side's readings from its file for a mixer."""
         side = self._order.real
         if self._kinds[0] == "recording":
-            return _recorded_inputs(side.file, "real", mixer.sensor)
+            return self._recorded(side.file, "real", mixer.sensor)
         return _image_inputs(side, self._kinds[0] == "image", "real")
 
     def twins(self, mixer: Mixer) -> Twins:
         """Return the twin's readings from its file for a mixer."""
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
-            found = _recorded_inputs(side.file, "twin", mixer.sensor)
+            found = self._recorded(side.file, "twin", mixer.sensor)
             return StreamedTwins(found, partial(mixer.offer, "twin"))
         if self._world is not None:
             optics = Optics(side.fov_deg)
@@ -209,15 +223,15 @@ class _Inputs:
             return HeldTwins(next(_image_inputs(side, True, "twin")))
         return StreamedTwins(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
 
-
-def _recorded_inputs(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
-    """Return a recording's readings of a sensor to mix. Raises OfflineError."""
-    file = recorded_inputs.recording_file(path)
-    found = recorded_inputs.readings(file, source, sensor)
-    first = next(found, None)
-    if first is None:
-        raise OfflineError(f"{file}: has no reading of sensor '{sensor}' of {source}")
-    return chain([first], found)
+    def _recorded(self, path: Path, source: Source, sensor: str) -> Iterator[Reading]:
+        """Return a recording's readings of a sensor to mix. Raises OfflineError."""
+        file = recorded_inputs.recording_file(path)
+        found = recorded_inputs.readings(file, source, sensor, self.lacking.__setitem__)
+        first = next(found, None)
+        if first is None:
+            lacks = f"; {self.lacking[file]}" if file in self.lacking else ""
+            raise OfflineError(f"{file}: has no reading of sensor '{sensor}' of {source}{lacks}")
+        return chain([first], found)
 
 
 def _image_inputs(side: SideFiles, one: bool, source: Source) -> Iterator[CameraReading]:

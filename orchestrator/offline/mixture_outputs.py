@@ -1,6 +1,9 @@
 """Output files of mixtures without a flight: an image, a video, a recording."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -10,10 +13,14 @@ from orchestrator.model.document_writer import write_whole
 from orchestrator.offline.errors import OfflineError
 from orchestrator.offline.offline_pairing import MixedPair
 from orchestrator.recording.mcap.mcap_settings import LOSSLESS
-from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
 from orchestrator.recording.video import VideoWriter
 from vehicles.readings import BgrImage, CameraReading
 from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
+from worlds.files.paths import exists, is_file, is_folder
+
+_OF_RUNS = ("log.jsonl", "result.json", "judged.msgpack")
+"""Files by which the folder of a run is recognised."""
 
 
 class Output(Protocol):
@@ -40,6 +47,33 @@ def write_image(path: Path, image_bgr: BgrImage) -> None:
     if not coded:
         raise OfflineError(f"{path}: cannot be written as {path.suffix}; use .png or .jpg")
     write_whole(path, data.tobytes())
+
+
+def is_run_folder(folder: Path) -> bool:
+    """Return whether a folder is that of a flown run."""
+    return any(is_file(folder / name) for name in _OF_RUNS)
+
+
+def refuse_file_of_run(path: Path) -> None:
+    """Raise OfflineError for an output that would replace a file in the folder of a run."""
+    if exists(path) and is_run_folder(path.parent):
+        raise OfflineError(f"{path}: is a file of a flown run; write to another file")
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """Yield where to write a file that takes the place of `path` once it is whole.
+
+    After an exception, or when nothing was written, the file that was there stays. Raises
+    OfflineError, OSError.
+    """
+    if not is_folder(path.parent):
+        raise OfflineError(f"{path}: there is no folder {path.parent}; create it")
+    with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+        written = Path(folder) / path.name
+        yield written
+        if written.exists():
+            written.replace(path)
 
 
 class ImageOut:
@@ -73,10 +107,15 @@ class VideoOut:
     """An output of mixed images as a video, at their times."""
 
     def __init__(self, path: Path, *, rate_hz: float) -> None:
-        self._video = VideoWriter(path=path, rate_hz=rate_hz)
+        self._path = path
+        self._rate_hz = rate_hz
+        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        self._video.__enter__()
+        with ExitStack() as stack:
+            path = stack.enter_context(_replacing(self._path))
+            self._video = stack.enter_context(VideoWriter(path=path, rate_hz=self._rate_hz))
+            self._stack = stack.pop_all()
         return self
 
     def take(self, name: str, pair: MixedPair) -> None:
@@ -91,20 +130,26 @@ class VideoOut:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._video.__exit__(kind, error, trace)
+        self._stack.__exit__(kind, error, trace)
 
 
 class RecordingOut:
     """An output of mixtures as lossless MCAP. epoch_s: UTC of the run clock's zero."""
 
     def __init__(self, path: Path, *, epoch_s: float) -> None:
-        path.unlink(missing_ok=True)
-        self._recorder = McapRecorder(
-            path=path, epoch_s=epoch_s, clock="virtual", settings=LOSSLESS
-        )
+        self._path = path
+        self._epoch_s = epoch_s
+        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        self._recorder.__enter__()
+        with ExitStack() as stack:
+            path = stack.enter_context(_replacing(self._path))
+            recorder = McapRecorder(
+                path=path, epoch_s=self._epoch_s, clock="virtual", settings=LOSSLESS
+            )
+            self._recorder = stack.enter_context(recorder)
+            stack.push(self._require_whole)
+            self._stack = stack.pop_all()
         return self
 
     def take(self, name: str, pair: MixedPair) -> None:
@@ -119,9 +164,28 @@ class RecordingOut:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def _require_whole(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the recording; raise OSError when it lacks anything."""
+        del kind, trace
         report = self._recorder.close()
-        if report.fault is not None and error is None:
-            raise OfflineError(report.fault)
+        if error is None and not report.complete:
+            raise OSError(f"{self._path}: cannot be written: {_why_incomplete(report)}")
+
+
+def _why_incomplete(report: RecordingReport) -> str:
+    """Return what an MCAP output lacks, and why."""
+    if report.fault is not None:
+        return report.fault
+    lost = ", ".join(f"{one.lost} of {one.offered} of {one.topic}" for one in report.losses)
+    errors = [f"{type(error).__name__}: {error}" for error in report.errors[:1]]
+    return ": ".join([f"{lost} are missing", *errors])
 
 
 def output_for(path: Path, *, rate_hz: float, epoch_s: float) -> Output:

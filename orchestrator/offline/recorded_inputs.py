@@ -1,6 +1,6 @@
 """Reads recorded runs as inputs of mixing."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,10 +23,27 @@ def recording_file(path: Path) -> Path:
     return file
 
 
-def items(path: Path) -> Iterator[Recorded]:
+Lacking = Callable[[Path, str], None]
+"""Called after all items of a recording that is not whole: with its file, and what it lacks."""
+
+
+def items(path: Path, lacking: Lacking | None = None) -> Iterator[Recorded]:
     """Yield the items of a recording, in its order. Raises OfflineError."""
+    recording = Recording(path)
     with _offline_errors(path):
-        yield from Recording(path)
+        yield from recording
+    if lacking is not None and (what := what_lacks(recording)):
+        lacking(path, what)
+
+
+def what_lacks(recording: Recording) -> str:
+    """Return what an iterated recording lacks, as a sentence; empty when it is whole."""
+    end = recording.end
+    if end is not None and not end.whole:
+        return f"the recording is {end.reason}"
+    lost = {name: count for name, count in recording.counts.items() if name != "written"}
+    missing = ", ".join(f"{name} {count}" for name, count in lost.items() if count != "0")
+    return f"the recording lacks messages: {missing}" if missing else ""
 
 
 def facts_of_recording(path: Path) -> Mapping[str, str]:
@@ -48,9 +65,11 @@ def _offline_errors(path: Path) -> Iterator[None]:
         raise OfflineError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def readings(path: Path, source: Source, sensor: str) -> Iterator[Reading]:
+def readings(
+    path: Path, source: Source, sensor: str, lacking: Lacking | None = None
+) -> Iterator[Reading]:
     """Yield a recording's readings of one sensor of a vehicle. Raises OfflineError."""
-    for item in items(path):
+    for item in items(path, lacking):
         if not isinstance(item, RecordedReading):
             continue
         if item.reading.source == source and item.sensor == sensor:

@@ -57,10 +57,19 @@ class Replayed:
 
 @dataclass(frozen=True, slots=True)
 class ReplayReport:
-    """The report of a replay. without: recorded mixtures that the recipe does not make."""
+    """The report of a replay. without: recorded mixtures that the recipe does not make.
+
+    lacks: what the recording lacks, as a sentence; empty when it is whole.
+    """
 
     combinations: tuple[Replayed, ...]
     without: tuple[str, ...]
+    lacks: str = ""
+
+    @property
+    def compared(self) -> int:
+        """Return how many mixtures of the recording were compared with replayed ones."""
+        return sum(one.compared for one in self.combinations)
 
     @property
     def diverges(self) -> bool:
@@ -92,16 +101,22 @@ def replay(
         raise BadInput(problems)
     mixers = compile_recipe(recipe, object_ids=objects)
     replaying = _Replay(dict(names_of(mixers)), on_mixture)
-    for item in recorded_inputs.items(file):
+    lacks: list[str] = []
+    for item in recorded_inputs.items(file, lambda _, what: lacks.append(what)):
         if isinstance(item, RecordedReading):
             replaying.reading(item)
         elif isinstance(item, RecordedProvenance):
             replaying.mixture(item)
-    return replaying.report()
+    return replaying.report("".join(lacks))
 
 
 def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> Recipe:
     """Return the recipe in a recording. Raises OfflineError for code that is not trusted."""
+    if not facts:
+        raise OfflineError(
+            f"{file}: has no facts of a run, as a recording that is empty or cut at its beginning; "
+            "give a --recipe"
+        )
     recipe = recipe_in(facts, loads_code=False)
     if recipe is None:
         raise OfflineError(f"{file}: nothing was mixed in this run; give a --recipe")
@@ -164,13 +179,13 @@ class _Replay:
         for name in names:
             self._mix(name, self._mixers[name], item.fields, recorded)
 
-    def report(self) -> ReplayReport:
-        """Return the replay's report of all combinations."""
+    def report(self, lacks: str) -> ReplayReport:
+        """Return the replay's report of all combinations. lacks: of the recording."""
         for name, mixer in self._mixers.items():
             counts = mixer.counts()
             self._replayed[name].mixed = counts.mixed
             self._replayed[name].dropped = dict(counts.dropped)
-        return ReplayReport(tuple(self._replayed.values()), tuple(self._without))
+        return ReplayReport(tuple(self._replayed.values()), tuple(self._without), lacks)
 
     def _mix(
         self,

@@ -2,14 +2,17 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from recipes.language.recipe_document import load_recipe
 from recipes.model.recipe import Recipe
 from safety.fence.fence_values import fence_of_plain, plain_fence
 from safety.fence.geofence import Fence
+from worlds.camera import CameraMount
 from worlds.files.documents import Data, parse
+from worlds.frames import Pose
 from worlds.world_file.world import World
 
 if TYPE_CHECKING:  # readers of a recording do not load the code that flies
@@ -45,6 +48,14 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     }
     if latencies:
         facts["latency_s"] = json.dumps(latencies)
+    mounts = {
+        f"{vehicle.name}/{sensor.name}": asdict(mount)
+        for vehicle in setup.with_sensors
+        for sensor in vehicle.sensors
+        if isinstance(mount := getattr(sensor, "mount", None), CameraMount)
+    }
+    if mounts:
+        facts["mounts"] = json.dumps(mounts)
     recipe = setup.campaign.recipe
     if recipe is not None and plan.mode == "wil":
         # JSON is YAML: the recipe as it was flown, with the overrides of the case.
@@ -92,6 +103,19 @@ def latencies_in(facts: Mapping[str, str]) -> dict[str, float]:
     """Return a recording's camera latencies by vehicle and camera, as subtracted in flight."""
     found: dict[str, float] = json.loads(facts.get("latency_s", "{}"))
     return found
+
+
+def mounts_in(facts: Mapping[str, str]) -> dict[str, CameraMount]:
+    """Return the mounts of a recording's cameras by vehicle and camera, as "real/camera"."""
+    found = json.loads(facts.get("mounts", "{}"))
+    return {frame: _mount_of(mount) for frame, mount in found.items()}
+
+
+def _mount_of(mount: dict[str, Any]) -> CameraMount:
+    """Return the camera mount in a recording's facts."""
+    x_m, y_m, z_m = mount["pose"]["position_ned_m"]
+    w, x, y, z = mount["pose"]["q_wxyz"]
+    return CameraMount(Pose((x_m, y_m, z_m), (w, x, y, z)), mount["stabilized"])
 
 
 def objects_in(facts: Mapping[str, str]) -> dict[str, int]:

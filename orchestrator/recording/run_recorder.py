@@ -15,6 +15,7 @@ from orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
 from orchestrator.recording.judge_log_file import JudgeLogWriter
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport, TopicLoss
+from orchestrator.recording.recording_facts import mounts_in
 from orchestrator.recording.recording_losses import excessive_loss
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
@@ -85,7 +86,12 @@ class RunRecorder:
             else VideoWriter(path=folder / "mixed.mp4", rate_hz=video_rate_hz)
         )
         self._mcap = McapRecorder(
-            path=folder / "run.mcap", epoch_s=epoch_s, clock=clock, settings=settings, facts=facts
+            path=folder / "run.mcap",
+            epoch_s=epoch_s,
+            clock=clock,
+            settings=settings,
+            facts=facts,
+            mounts=mounts_in(facts),
         )
         self._goal_s: float | None = None
         self._snapshot: PreviewImages | None = None

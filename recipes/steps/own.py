@@ -12,6 +12,7 @@ from recipes.model.registry import Context, ParameterFault, SidedParameters, Ste
 from recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
 from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
 from vehicles.readings.checks import fault_of
+from vehicles.readings.copies import copied, with_python_numbers
 from worlds.files.references import BadReferenceError, load_reference
 
 _ANY = tuple(SENSOR_TYPES)
@@ -85,23 +86,24 @@ class UseParameters(SidedParameters):
 def use(parameters: UseParameters, context: Context) -> Operator:
     """Call a function of the user's own: (work, other, **with) that returns a reading or a Masked.
 
-    work, other: recipes.working.Masked, this side and the other (None when it is missing). The
-    returned reading must be valid and of the same type; a reading without a Masked keeps the mask.
+    work, other: recipes.working.Masked, this side and the other (None when it is missing). They are
+    copies, which the step may write into. The returned reading must be valid and of the same type;
+    a reading without a Masked keeps the mask.
     A class is instantiated once, with the arguments in `with`, and its instance is called.
     """
     called = _prepare_function(parameters.use, parameters.with_, context)
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
-        made = called(work, other)
+        made = called(_copied_side(work), None if other is None else _copied_side(other))
         if isinstance(made, _READINGS):
             made = Masked(made, work.mask)
         if not isinstance(made, Masked):
             raise BadResultError(f"returned {type(made).__name__}, not a reading or a Masked")
-        _refuse_bad(made.reading, sensor_type_of(work.reading))
-        if made.mask is not None and made.mask.shape != element_shape(made.reading):
-            shapes = f"{made.mask.shape}, not {element_shape(made.reading)}"
+        reading = _checked_result(made.reading, sensor_type_of(work.reading))
+        if made.mask is not None and made.mask.shape != element_shape(reading):
+            shapes = f"{made.mask.shape}, not {element_shape(reading)}"
             raise BadResultError(f"returned a mask of {shapes}")
-        return made
+        return Masked(reading, made.mask)
 
     return operator
 
@@ -129,26 +131,35 @@ class UseMergeParameters(StepParameters):
 def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
     """Call a function of the user's own: (sides, **with) that returns the mixed reading.
 
-    sides: a mapping of "real" and "twin" to recipes.working.Masked; "twin" is missing when there is
-    no reading of it to mix.
+    sides: a mapping of "real" and "twin" to recipes.working.Masked, copies as of `use`; "twin" is
+    missing when there is no reading of it to mix.
     """
     called = _prepare_function(parameters.use, parameters.with_, context)
 
     def merge(sides: Sides) -> Reading:
-        made = called(dict(sides))
+        made = called({side: _copied_side(work) for side, work in sides.items()})
         if not isinstance(made, _READINGS):
             raise BadResultError(f"returned {type(made).__name__}, not a reading")
-        _refuse_bad(made, sensor_type_of(sides["real"].reading))
-        return made
+        return _checked_result(made, sensor_type_of(sides["real"].reading))
 
     return merge
 
 
-def _refuse_bad(made: Any, kind: str) -> None:
-    """Raise BadResultError for a result of a user's own step that is no valid reading."""
+def _copied_side(work: AnyMasked) -> AnyMasked:
+    """Return a copy of a side: a step of the user's may write into what the recording waits for."""
+    return Masked(copied(work.reading), None if work.mask is None else work.mask.copy())
+
+
+def _checked_result(made: Any, kind: str) -> Reading:
+    """Return the result of a user's own step as a reading that shares no buffer with the step.
+
+    Raises BadResultError for one that is no valid reading of this sensor type.
+    """
     if sensor_type_of(made) != kind:
         raise BadResultError(f"returned a {sensor_type_of(made)} reading of a {kind} one")
+    reading = copied(with_python_numbers(made))
     # The mixer sets the time of delivery.
-    fault = fault_of(replace(made, arrived_s=made.t_s))
+    fault = fault_of(replace(reading, arrived_s=reading.t_s))
     if fault is not None:
         raise BadResultError(f"returned a bad reading: {fault.detail}")
+    return reading

@@ -19,6 +19,7 @@ from safety.guard.core.events import (
     Outputs,
     ToOrchestrator,
     ToVehicle,
+    unrecorded,
 )
 from safety.guard.core.guard_core import GuardCore
 from safety.guard.core.operator_command import OperatorCommand
@@ -51,9 +52,9 @@ class LocalGuard:
     """The guard inside this process: holds the vehicle links; an async context manager.
 
     The frames of a decision are sent before anything is recorded or reported. `record` gets every
-    frame from and to a vehicle; if it raises OSError the flight continues unrecorded, and an event
-    reports it. early_s: by how much a tick may come early, together with a vehicle's frame: the
-    process then wakes once for both. ticked: called after each tick.
+    frame from and to a vehicle; if it raises OSError the guard goes on without it for this vehicle,
+    and an event reports it. early_s: by how much a tick may come early, together with a vehicle's
+    frame: the process then wakes once for both. ticked: called after each tick.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class LocalGuard:
         self._links = dict(links)
         self._with_gcs = frozenset(name for name, vehicle in vehicles.items() if vehicle.gcs)
         self._record = record
+        self._unrecorded: set[str] = set()
         self._listeners: list[Callable[[GuardEvent], None]] = []
         self._stack = AsyncExitStack()
         self._early_s = early_s
@@ -280,19 +282,19 @@ class LocalGuard:
                     listener(event)
 
     def _record_frames(self, name: str, t_s: float, frames: Sequence[bytes]) -> list[GuardEvent]:
-        """Record frames; return an event with the reason if recording ends now.
+        """Record frames; return an event with the reason if the vehicle's recording ends now.
 
         A programming error in `record` is reported, and the flight continues.
         """
         record = self._record
-        if record is None:
+        if record is None or name in self._unrecorded:
             return []
         try:
             for frame in frames:
                 record(name, t_s, frame)
         except OSError as error:
-            self._record = None
-            return [GuardEvent(t_s, "record", "", f"the log of frames ends here: {error}")]
+            self._unrecorded.add(name)
+            return [unrecorded(name, t_s, error)]
         except FAULTS as error:
             report(error, "the record of frames")
         return []

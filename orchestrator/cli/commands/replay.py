@@ -10,8 +10,9 @@ from cyclopts import Parameter
 
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.offline.errors import OfflineError
-from orchestrator.offline.mixture_outputs import VideoOut, write_image
+from orchestrator.offline.mixture_outputs import VideoOut, is_run_folder, write_image
 from orchestrator.offline.offline_pairing import MixedPair
+from orchestrator.offline.recorded_inputs import recording_file
 from orchestrator.offline.replay import Replayed, ReplayReport, replay
 from recipes.language.recipe_files import load_recipe_file
 from recipes.working import StepError
@@ -31,7 +32,8 @@ def replay_run(
 ) -> int:
     """Mix a recorded run again, and report where the result diverges from the recording.
 
-    Exits with 0 when it does not diverge, with 1 when it does.
+    Exits with 0 when it does not diverge, with 1 when it does, and with 3 when the recording has no
+    mixture to compare.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ def replay_run(
         if out_ is None:
             report = replay(run, other, trusted=trust)
         else:
+            _refuse_folder_of_run(out_, run)
             out_.mkdir(parents=True, exist_ok=True)
             with _ReplayVideo(out_ / "mixed.mp4") as video:
                 report = replay(run, other, trusted=trust, on_mixture=video.take)
@@ -64,7 +67,16 @@ def replay_run(
         err(error)
         return 3
     out(_as_json(report) if json_ else _as_text(report))
-    return 1 if report.diverges else 0
+    if report.diverges:
+        return 1
+    return 0 if report.compared else 3
+
+
+def _refuse_folder_of_run(folder: Path, run: Path) -> None:
+    """Raise OfflineError for an output folder whose video would replace that of a flight."""
+    own = recording_file(run).parent
+    if folder.resolve() == own.resolve() or is_run_folder(folder):
+        raise OfflineError(f"--out {folder}: is the folder of a recorded run; name another folder")
 
 
 class _ReplayVideo(VideoOut):
@@ -104,6 +116,8 @@ def _as_text(report: ReplayReport) -> str:
     """Return the replay's report as text."""
     lines = [line for one in report.combinations for line in _lines(one)]
     lines += [f"{name}: recorded, but not made by the recipe" for name in report.without]
+    if report.lacks:
+        lines.append(report.lacks)
     return "\n".join(lines)
 
 
@@ -113,6 +127,8 @@ def _lines(one: Replayed) -> list[str]:
     left_out = ", ".join(f"{what} {count}" for what, count in one.dropped.items())
     mixed = f"{one.name}: {one.mixed} of {one.frames} mixed"
     mixed += f" ({left_out})" if left_out else ""
+    if not one.compared:
+        return [f"{mixed}; the recording has no mixture to compare"]
     if not one.divergences:
         return [f"{mixed}; all as recorded, {how}"]
     lines = [f"{mixed}; {len(one.divergences)} of {one.compared} differ from the recording"]
@@ -128,6 +144,7 @@ def _as_json(report: ReplayReport) -> str:
     """Return the replay's report as JSON."""
     document = {
         "diverges": report.diverges,
+        "lacks": report.lacks,
         "without": list(report.without),
         "combinations": [
             {

@@ -84,10 +84,11 @@ def depth_body(reading: DepthReading, parts: list[str]) -> Body:
 
 def calibration_body(i: Intrinsics) -> Body:
     """Return the camera model's MCAP message body, for viewers."""
+    model = "rational_polynomial" if len(i.distortion) >= 8 else "plumb_bob"
     fields = {
         "width": i.width_px,
         "height": i.height_px,
-        "distortion_model": "plumb_bob" if i.distortion else "",
+        "distortion_model": model if i.distortion else "",
         "D": list(i.distortion),
         "K": [i.fx_px, 0.0, i.cx_px, 0.0, i.fy_px, i.cy_px, 0.0, 0.0, 1.0],
         "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],

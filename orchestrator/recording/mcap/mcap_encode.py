@@ -23,10 +23,15 @@ from vehicles.readings import (
     Reading,
     sensor_type_of,
 )
-from worlds.camera import Intrinsics
+from worlds.camera import CameraMount, Intrinsics
+from worlds.frames import Pose
 
 MAP_FRAME, NED_FRAME = "map", "ned"
 """East-north-up, which Foxglove draws upright, and the north-east-down of all our values."""
+_UPRIGHT = Pose((0.0, 0.0, 0.0), (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0))
+"""North-east-down in east-north-up."""
+_OPTICAL = Pose((0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.5))
+"""The frame of an image (x right, y down, z into the image) in the camera's FRD frame."""
 
 _LAST_NS = 2**63 - 1
 
@@ -83,10 +88,20 @@ class Stamps:
 
 
 class Encoder:
-    """Encodes readings as MCAP messages, in the order in which they are to be written."""
+    """Encodes readings as MCAP messages, in the order in which they are to be written.
 
-    def __init__(self, *, epoch_s: float, settings: RecordingSettings) -> None:
+    mounts: of cameras and depth cameras, by their frame, as "real/camera".
+    """
+
+    def __init__(
+        self,
+        *,
+        epoch_s: float,
+        settings: RecordingSettings,
+        mounts: Mapping[str, CameraMount] | None = None,
+    ) -> None:
         self.stamps = Stamps(epoch_s)
+        self._mounts = dict(mounts or {})
         self._image_settings: Mapping[str, ImageSettings] = {
             "real": settings.real,
             "twin": settings.twin,
@@ -104,8 +119,9 @@ class Encoder:
             calibration = self._calibration(sensor, reading)
             return [*calibration, *parts, self._message(sensor, reading, body)]
         message = self._message(sensor, reading, body_of(reading))
-        if isinstance(reading, PoseReading):
-            return [message, self._transform(reading)]
+        # A mixed pose is what the autonomy perceives: it does not place the vehicle.
+        if isinstance(reading, PoseReading) and reading.source != "mixed":
+            return [message, *self._transforms(reading)]
         return [message]
 
     def _camera(self, sensor: str, reading: CameraReading) -> list[Message]:
@@ -133,34 +149,56 @@ class Encoder:
         self._known_intrinsics[key] = reading.intrinsics
         return [self._message(sensor, reading, calibration_body(reading.intrinsics), "calibration")]
 
-    def _transform(self, reading: PoseReading) -> Message:
-        pose = pose_out(reading.pose)
-        return self.message(
-            TRANSFORMS,
-            {
-                "parent_frame_id": NED_FRAME,
-                "child_frame_id": _body_frame(reading),
-                "translation": pose["position"],
-                "rotation": pose["orientation"],
-            },
-            t_s=reading.t_s,
-            arrived_s=reading.arrived_s,
-            sequence=reading.seq,
-        )
+    def _transforms(self, reading: PoseReading) -> list[Message]:
+        """Return the transforms of a vehicle's body and of its stabilized cameras."""
+        body = _body_frame(reading)
+        poses = {body: reading.pose}
+        for frame, mount in self._mounts.items():
+            if mount.stabilized and frame.startswith(f"{body}/"):
+                poses[frame] = mount.camera_pose(reading.pose).compose(_OPTICAL)
+        return [
+            self._transform(
+                NED_FRAME,
+                frame,
+                pose,
+                t_s=reading.t_s,
+                arrived_s=reading.arrived_s,
+                sequence=reading.seq,
+            )
+            for frame, pose in poses.items()
+        ]
 
-    def upright(self) -> Message:
-        """Return the transform by which viewers draw north-east-down upright."""
-        half = math.sqrt(0.5)
+    def fixed_transforms(self) -> list[Message]:
+        """Return the transforms that do not change in a run: `map` to `ned`, body to cameras."""
+        cameras = [
+            self._transform(frame.partition("/")[0], frame, mount.pose.compose(_OPTICAL))
+            for frame, mount in self._mounts.items()
+            if not mount.stabilized
+        ]
+        return [self._transform(MAP_FRAME, NED_FRAME, _UPRIGHT), *cameras]
+
+    def _transform(
+        self,
+        parent: str,
+        child: str,
+        pose: Pose,
+        *,
+        t_s: float = 0.0,
+        arrived_s: float = 0.0,
+        sequence: int = 0,
+    ) -> Message:
+        placed = pose_out(pose)
         return self.message(
             TRANSFORMS,
             {
-                "parent_frame_id": MAP_FRAME,
-                "child_frame_id": NED_FRAME,
-                "translation": {"x": 0.0, "y": 0.0, "z": 0.0},
-                "rotation": {"x": half, "y": half, "z": 0.0, "w": 0.0},
+                "parent_frame_id": parent,
+                "child_frame_id": child,
+                "translation": placed["position"],
+                "rotation": placed["orientation"],
             },
-            t_s=0.0,
-            arrived_s=0.0,
+            t_s=t_s,
+            arrived_s=arrived_s,
+            sequence=sequence,
         )
 
     def event(self, t_s: float, level: LogLevel, name: str, text: str) -> Message:
@@ -191,11 +229,10 @@ class Encoder:
     def _message(self, sensor: str, reading: Reading, body: Body, part: str = "reading") -> Message:
         schema, fields, data = body
         topic = f"/{reading.source}/{sensor}" + ("" if part == "reading" else f"/{part}")
-        frame = NED_FRAME if isinstance(reading, PoseReading | GpsReading) else _body_frame(reading)
         return self.message(
             Channel(topic, schema, reading.source, sensor, part),
             {
-                "frame_id": frame,
+                "frame_id": _frame(sensor, reading),
                 **fields,
                 "wil": {**_common(reading), **fields.get("wil", {})},
             },
@@ -206,8 +243,22 @@ class Encoder:
         )
 
 
+def _frame(sensor: str, reading: Reading) -> str:
+    """Return the frame id of a reading: of an image the camera's optical frame."""
+    if isinstance(reading, PoseReading | GpsReading):
+        return NED_FRAME
+    if isinstance(reading, CameraReading | DepthReading):
+        return image_frame(reading.source, reading.sensor or sensor)
+    return _body_frame(reading)
+
+
+def image_frame(source: str, sensor: str) -> str:
+    """Return the frame id of a camera's images; a mixed one is in the real camera's frame."""
+    return f"{'twin' if source == 'twin' else 'real'}/{sensor}"
+
+
 def _body_frame(reading: Reading) -> str:
-    """Return the frame id of a reading; a mixed one is in the real vehicle's frame."""
+    """Return the frame id of a vehicle's body; a mixed reading is in the real one's frame."""
     return "twin" if reading.source == "twin" else "real"
 
 

@@ -22,6 +22,7 @@ from orchestrator.recording.mcap.mcap_json import plain
 from orchestrator.recording.mcap.mcap_schemas import schema_of
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from vehicles.readings import Reading
+from worlds.camera import CameraMount
 
 SCHEMA = "wil/recording/1"
 
@@ -79,8 +80,9 @@ class McapRecorder:
     """Writes one run's recording as MCAP; a context manager, used by one thread.
 
     epoch_s: UTC at which the run clock was zero. facts: metadata for the file's first record,
-    before all readings. Leaving the context waits for the thread; within a running loop under a
-    wall clock, await `aclose()` before. Raises OSError when the file cannot be created.
+    before all readings. mounts: of the cameras, as of the Encoder. Leaving the context waits for
+    the thread; within a running loop under a wall clock, await `aclose()` before. Raises OSError
+    when the file cannot be created.
     """
 
     def __init__(
@@ -91,12 +93,13 @@ class McapRecorder:
         clock: Clock,
         settings: RecordingSettings | None = None,
         facts: Mapping[str, str] | None = None,
+        mounts: Mapping[str, CameraMount] | None = None,
     ) -> None:
         self._path = path
         self._facts = dict(facts or {})
         self._waits = clock == "virtual"
         self._settings = settings or RecordingSettings()
-        self._encoder = Encoder(epoch_s=epoch_s, settings=self._settings)
+        self._encoder = Encoder(epoch_s=epoch_s, settings=self._settings, mounts=mounts)
         self._incoming: SimpleQueue[_Item | None] = SimpleQueue()
         self._done: SimpleQueue[int] = SimpleQueue()
         self._backlog_bytes = 0
@@ -124,7 +127,7 @@ class McapRecorder:
         )
         # a daemon: a process that ends without closing must not wait for it
         threading.Thread(target=self._work, name=f"recorder {self._path.name}", daemon=True).start()
-        self._enqueue(_Item("/tf", 0.0, _SMALL_BYTES, lambda: [self._encoder.upright()]))
+        self._enqueue(_Item("/tf", 0.0, _SMALL_BYTES, self._encoder.fixed_transforms))
         return self
 
     def reading(self, sensor: str, reading: Reading) -> None:

@@ -114,7 +114,9 @@ def _view(document: Mapping[str, Any]) -> CameraView | None:
     """Return the camera of an image; None where it was not recorded."""
     try:
         intrinsics, pose = camera_of(document)
-        return CameraView(str(document["frame_id"]), intrinsics, pose)
+        # A mixture is in the view of the real vehicle's camera.
+        vehicle = "twin" if document["wil"]["source"] == "twin" else "real"
+        return CameraView(vehicle, intrinsics, pose)
     except (KeyError, ValueError, TypeError):
         return None
 

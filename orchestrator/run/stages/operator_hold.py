@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from orchestrator.state.run_state import FlightError, RunState
-from safety.guard.core.events import GuardEvent, decisive
+from safety.guard.core.events import GuardEvent, brings_down
 from vehicles.errors import VehicleError
 from vehicles.tasks import start, stop
 
@@ -29,7 +29,7 @@ class OperatorHold:
         """Process a guard event: a hold, or what ends it."""
         if event.kind == "hold":
             self._hold(event)
-        elif event.kind in {"resume", "bring_down"} or decisive(event) is not None:
+        elif event.kind == "resume" or brings_down(event):
             self._run_state.release()
             self._free.set()
 

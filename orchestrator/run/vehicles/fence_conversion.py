@@ -1,5 +1,6 @@
 """Converts a campaign's fence into one that an autopilot enforces: areas and a ceiling; pure."""
 
+import math
 from collections.abc import Callable, Iterator
 
 import shapely
@@ -12,6 +13,8 @@ from worlds.frames import Vec3
 
 _QUARTER = 6
 """Corners of a quarter circle joined with other areas: autopilots store 70 corners in all."""
+_CIRCUMSCRIBED = 1.0 / math.cos(math.pi / (4 * _QUARTER))
+"""Radius of the corners, by that of the circle: the sides touch it, so that none of it is lost."""
 
 Locate = Callable[[Point2], Place]
 """Returns the place on Earth of a point of the world; north and east in metres."""
@@ -64,9 +67,10 @@ def _exclusion(area: Area, margin_m: float, locate: Locate) -> Iterator[FenceAre
 
 
 def _shape(area: Area) -> shapely.Polygon:
-    """Return a fence's area as a shapely shape for the conversion."""
+    """Return a fence's area as a polygon; around the circle where it is one."""
     if isinstance(area, Circle):
-        return shapely.Point(*area.centre_m).buffer(area.radius_m, quad_segs=_QUARTER)
+        radius_m = area.radius_m * _CIRCUMSCRIBED
+        return shapely.Point(*area.centre_m).buffer(radius_m, quad_segs=_QUARTER)
     return shapely.Polygon(area.corners_m)
 
 

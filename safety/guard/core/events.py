@@ -46,9 +46,9 @@ frames of the vehicle that the orchestrator did not read in time; limited: setpo
 the campaign's limits, reported at the first and after the last of them; heard: a lost
 vehicle or orchestrator is received again; link: another link or address of a vehicle is active now;
 rival: another sender at a vehicle's port has the same system id, and is not accepted; pose: a
-position was ignored, because it is not finite or its source is frozen; record: the log of frames
-cannot be written any more; guard: the guard's own process ended or failed; alone: a cause that
-brings down this one vehicle and decides nothing for the other."""
+position was ignored, because it is not finite or its source is frozen; record: the log of a
+vehicle's frames cannot be written any more; guard: the guard's own process ended or failed; alone:
+a cause that brings down this one vehicle and decides nothing for the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +145,12 @@ class GuardSettings:
     component_id: int = 191
 
 
+def unrecorded(name: str, t_s: float, error: OSError) -> GuardEvent:
+    """Return the event that a vehicle's frames are not recorded any more."""
+    why = error.strerror or str(error)
+    return GuardEvent(t_s, "record", name, f"the recording ended early: {name}.tlog: {why}")
+
+
 def is_about_fences(event: GuardEvent) -> bool:
     """Return whether an event answers a proposal or a change of fences."""
     refused = event.kind == "refused" and ": geofence: " in event.text
@@ -158,6 +164,7 @@ _DECISIVE: dict[EventKind, DecisiveKind] = {
     "lost": "ERROR",
     "guard": "ERROR",
     "clock": "ERROR",
+    "record": "ERROR",
     "abort": "ABORTED",
     "takeover": "ABORTED",
 }
@@ -173,3 +180,8 @@ def decisive(event: GuardEvent) -> DecisiveEvent | None:
     if kind is None:
         return None
     return DecisiveEvent(event.t_s, kind, event.text, f"guard.{event.kind}/{event.vehicle}")
+
+
+def brings_down(event: GuardEvent) -> bool:
+    """Return whether the guard lands all vehicles with this event."""
+    return event.kind == "bring_down" or (event.kind != "record" and event.kind in _DECISIVE)

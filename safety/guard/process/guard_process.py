@@ -21,7 +21,7 @@ from pathlib import Path
 from traceback import format_exception
 from typing import Any
 
-from safety.guard.core.events import EventKind, GuardEvent
+from safety.guard.core.events import EventKind, GuardEvent, unrecorded
 from safety.guard.local_guard import GuardLinks, LocalGuard
 from safety.guard.operator.operator_requests import OperatorOrders
 from safety.guard.operator.operator_socket import POINTER, OperatorSocket
@@ -62,7 +62,6 @@ from safety.guard.process.orphaned_processes import (
     write_record,
 )
 from safety.guard.process.process_links import (
-    close_quietly,
     guard_links,
     open_ports,
     vehicle_link,
@@ -150,7 +149,7 @@ class GuardProcess:
                 for name in self._names:
                     log = TlogWriter(path=folder / f"{name}.tlog", epoch_s=guard_config.epoch_s)
                     self._tlogs[name] = log.__enter__()
-                    logs.callback(close_quietly, log)
+                    logs.callback(self._close_tlog, name, log)
                 async with AsyncExitStack() as stack:
                     await self._open(stack, guard_config)
                     try:
@@ -438,6 +437,15 @@ class GuardProcess:
         # COMMAND_INT, COMMAND_LONG of MAVLink 2: when they went out is the measure of a skew.
         if frame[7] in {75, 76} and frame[8] == 0 and frame[0] == 0xFD:
             self._channel.send(FrameSent(self._names.index(name), t_s, frame))
+
+    def _close_tlog(self, name: str, log: TlogWriter) -> None:
+        """Close a vehicle's tlog; report that its end cannot be written, unless that is known."""
+        try:
+            log.__exit__(None, None, None)
+        except OSError as error:
+            known = {one.vehicle for one in self._shell.events if one.kind == "record"}
+            if name not in known:
+                self._event(unrecorded(name, asyncio.get_running_loop().time(), error))
 
     def _event(self, event: GuardEvent) -> None:
         self._channel.send(EventMessage(event))

@@ -1,6 +1,5 @@
-"""The links that the guard's process opens, and the end of its logs."""
+"""The links that the guard's process opens."""
 
-import contextlib
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,7 +12,6 @@ from vehicles.links.link_conditions import under_conditions
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import LinkAddress, parse_link
 from vehicles.links.udp import UdpLink
-from vehicles.mavlink.tlog import TlogWriter
 
 
 def vehicle_link(guarded: Guarded) -> Link:
@@ -57,9 +55,3 @@ def open_ports(
         link.on_rival(partial(report, "rival", name))
         link.on_change(partial(report, "link", name))
     return tuple(udp[name].local_port if name in udp else 0 for name in links)
-
-
-def close_quietly(log: TlogWriter) -> None:
-    """Close a link's tlog; a full disk was reported when it was written to."""
-    with contextlib.suppress(OSError):
-        log.__exit__(None, None, None)

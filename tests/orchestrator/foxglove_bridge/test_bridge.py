@@ -25,6 +25,8 @@ from tests.orchestrator.foxglove_bridge.foxglove_client import (
     listening,
     never_reading,
 )
+from worlds.camera import CameraMount
+from worlds.frames import Pose
 
 FREE = ConsoleAddress("127.0.0.1", 0)
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -149,6 +151,21 @@ def test_a_vehicle_whose_place_is_unknown_has_no_pose() -> None:
     assert [one.channel.topic for one in messages] == ["/twin/pose", "/tf", "/run"]
     assert json.loads(messages[0].data)["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": -3.0}
     assert messages[0].publish_ns == EPOCH_NS + 1_500_000_000
+
+
+def test_the_mounts_of_a_run_place_its_cameras_in_the_live_view() -> None:
+    mounts = {
+        "real/camera": CameraMount(Pose((0.1, 0.0, 0.0))),
+        "twin/gimbal": CameraMount(stabilized=True),
+    }
+    messages = LiveMessages(EPOCH_NS, mounts)
+    fixed = [json.loads(one.data) for one in messages.fixed_transforms()]
+    assert [(one["parent_frame_id"], one["child_frame_id"]) for one in fixed] == [
+        ("map", "ned"),
+        ("real", "real/camera"),
+    ]
+    (shown,) = messages.of(image(1))
+    assert json.loads(shown.data)["frame_id"] == "real/camera"
 
 
 def image(number: int) -> ImageView:

@@ -193,6 +193,37 @@ def test_recordings_are_mixed_sensor_by_sensor(here: Path) -> None:
     assert len(frames_of(here / "mixed.mp4")) == 6
 
 
+def test_a_cut_recording_is_mixed_as_far_as_it_goes_and_that_is_reported(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorded(here / "run.mcap")
+    whole = (here / "run.mcap").read_bytes()
+    (here / "run.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    assert mix(here, "color.yaml", ".", ".", "mixed.mcap", "--sensor", "range") == 0
+    assert "run.mcap: the recording is cut after byte " in capsys.readouterr().out
+    (here / "run.mcap").write_bytes(b"")
+    assert mix(here, "color.yaml", ".", ".", "again.mcap") == 2
+    assert "of twin; the recording is cut after byte 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--out", "--stages"])
+@pytest.mark.parametrize("name", ["run.mcap", "mixed.mp4", "mixed.png"])
+def test_files_of_a_run_are_never_written(
+    here: Path, capsys: pytest.CaptureFixture[str], name: str, option: str
+) -> None:
+    (here / "run").mkdir()
+    recorded(here / "run" / "run.mcap")
+    for made in ("log.jsonl", "mixed.mp4", "mixed.png"):
+        (here / "run" / made).write_text("as flown")
+    before = (here / "run" / name).read_bytes()
+    names = {"--out": str(here / "m.mcap"), option: str(here / "run" / name)}
+    given = [word for pair in names.items() for word in pair]
+    files = ("--real", str(here / "run"), "--twin", str(here / "run"))
+    assert main(["mix", str(here / "color.yaml"), *files, *given]) == 2
+    assert "write to another file" in capsys.readouterr().err
+    assert (here / "run" / name).read_bytes() == before
+
+
 BAD = [
     (("nothing.yaml", "photo.png", "render.png", "m.png"), 2, "cannot be read"),
     (("color.yaml", "nothing.png", "render.png", "m.png"), 2, "there is no such file"),

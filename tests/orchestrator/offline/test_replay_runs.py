@@ -13,7 +13,12 @@ import pytest
 from orchestrator.cli import main
 from orchestrator.model.results import RunResult
 from orchestrator.offline.reading_difference import difference
+from orchestrator.offline.recorded_inputs import what_lacks
+from orchestrator.recording.mcap.mcap_chunks import End
 from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from orchestrator.recording.mcap_reader import Recording
+from recipes.language.recipe_files import load_recipe_file
+from recipes.pipeline.pipeline import compile_recipe
 from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.run.perception.test_perception import SMALLEST, Listening, recipe
 from tests.recipes.samples import beam, camera, cloud, plain, scan
@@ -120,6 +125,7 @@ def test_a_run_mixed_anew_is_what_it_was(
     code, report = replayed(capsys, str(cut))
     assert code == 0
     assert 10 < report["combinations"][0]["frames"] < combinations["camera"]["frames"]
+    assert report["lacks"].startswith("the recording is cut after byte ")
 
 
 TIMED = """\
@@ -184,12 +190,14 @@ def test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
         (("text.mcap",), "text.mcap"),
         (("text.mcap", "--recipe", "none.yaml"), "none.yaml"),
         (("sim.mcap",), "nothing was mixed in this run; give a --recipe"),
+        (("empty.mcap",), "empty or cut at its beginning; give a --recipe"),
     ],
 )
 def test_what_cannot_be_replayed_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
 ) -> None:
     (tmp_path / "text.mcap").write_text("none\n" * 100)
+    (tmp_path / "empty.mcap").touch()
     with McapRecorder(path=tmp_path / "sim.mcap", epoch_s=0.0, clock="virtual") as run:
         run.reading("range", beam(1.0))
     given = [word if word.startswith("--") else str(tmp_path / word) for word in arguments]
@@ -197,6 +205,93 @@ def test_what_cannot_be_replayed_is_reported(
     told = capsys.readouterr()
     assert said in told.err
     assert told.out == ""
+
+
+MIXED = """\
+schema: wil/recipe/1
+sensors: {range: {type: rangefinder}}
+combine: [{sensor: range, merge: {aggregate: min}}]
+"""
+
+
+@pytest.fixture
+def ranges(tmp_path: Path) -> Path:
+    """Return the folder of a run with 40 mixtures of a rangefinder, in several chunks."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (tmp_path / "mixed.yaml").write_text(MIXED)
+    recipe = load_recipe_file(tmp_path / "mixed.yaml")
+    (mixer,) = compile_recipe(recipe, object_ids={})
+    facts = {"recipe": json.dumps(recipe.document.data), "recipe_file": "mixed.yaml"}
+    path = folder / "run.mcap"
+    with McapRecorder(path=path, epoch_s=0.0, clock="virtual", facts=facts) as run:
+        for k in range(40):
+            t_s = k / 10
+            stamps: dict[str, Any] = {"t_s": t_s, "arrived_s": t_s, "seq": k, "sensor": "range"}
+            real = beam(3.0, "real", **stamps)
+            twin = beam(2.0, **stamps)
+            run.reading("range", real)
+            run.reading("range", twin)
+            made = mixer.mix(real, twin, now_s=t_s)
+            run.mixed("range", made.reading, made.provenance, now_s=t_s)
+    (folder / "log.jsonl").touch()
+    return folder
+
+
+def test_what_a_recording_lacks_is_reported(
+    ranges: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, report = replayed(capsys, str(ranges))
+    assert (code, report["lacks"]) == (0, "")
+    assert report["combinations"][0]["compared"] == 40
+    file = ranges / "run.mcap"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    assert main(["replay", str(ranges)]) == 0
+    assert "the recording is cut after byte " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kept", [0, 100])
+def test_a_recording_without_mixtures_is_not_as_recorded(
+    ranges: Path, kept: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = ranges / "run.mcap"
+    file.write_bytes(file.read_bytes()[:kept])
+    recipe = ("--recipe", str(ranges.parent / "mixed.yaml"))
+    assert main(["replay", str(ranges), *recipe]) == 3
+    said = capsys.readouterr().out
+    assert "the recording has no mixture to compare" in said
+    assert "the recording is cut after byte " in said
+    assert "all as recorded" not in said
+
+
+def test_messages_that_were_dropped_in_flight_are_reported(tmp_path: Path) -> None:
+    recording = Recording(tmp_path)
+    recording.end = End(whole=True, read_bytes=9)
+    recording.counts = {"written": "9", "failed": "0", "dropped /real/camera": "3"}
+    assert what_lacks(recording) == "the recording lacks messages: dropped /real/camera 3"
+
+
+@pytest.mark.parametrize("place", ["run", "other"])
+def test_a_replay_leaves_the_folder_of_a_run_as_it_is(
+    ranges: Path, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = ranges.parent / place
+    folder.mkdir(exist_ok=True)
+    (folder / "log.jsonl").touch()
+    (folder / "mixed.mp4").write_bytes(b"as flown")
+    assert main(["replay", str(ranges), "--out", str(folder)]) == 2
+    assert "is the folder of a recorded run; name another folder" in capsys.readouterr().err
+    assert (folder / "mixed.mp4").read_bytes() == b"as flown"
+
+
+def test_a_replay_that_is_refused_leaves_an_earlier_one(
+    ranges: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (ranges / "run.mcap").write_bytes(b"")
+    (tmp_path / "mixed.mp4").write_bytes(b"before")
+    assert main(["replay", str(ranges), "--out", str(tmp_path)]) == 2
+    assert (tmp_path / "mixed.mp4").read_bytes() == b"before"
 
 
 def test_readings_are_compared_to_the_bit() -> None:

@@ -9,7 +9,7 @@ import pytest
 from recipes.language.recipe_files import load_recipe_file
 from recipes.pipeline.pipeline import Mixer, compile_recipe
 from recipes.working import StepError
-from tests.recipes.samples import camera, plain
+from tests.recipes.samples import beam, camera, plain
 from worlds.files.documents import BadInput
 
 STEPS = """
@@ -64,6 +64,38 @@ def wrong_size(work, other):
     return replace(work.reading, image_bgr=work.reading.image_bgr[:3])
 
 
+def writes(work, other):
+    work.reading.image_bgr[:] = 7
+    if work.mask is not None:
+        work.mask[:] = 255
+    if other is not None:
+        other.reading.image_bgr[:] = 9
+    return work
+
+
+def merges_and_writes(sides):
+    for work in sides.values():
+        work.reading.image_bgr[:] = 8
+    return sides["real"].reading
+
+
+class Reuses:
+    def __init__(self):
+        self.image = None
+
+    def __call__(self, sides):
+        real = sides["real"].reading
+        if self.image is None:
+            self.image = np.zeros_like(real.image_bgr)
+        self.image += 1
+        return replace(real, image_bgr=self.image)
+
+
+def halved(sides):
+    ranges = [work.reading.range_m for work in sides.values()]
+    return replace(sides["real"].reading, range_m=np.float32(min(ranges) / 2), seq=np.int64(4))
+
+
 def bad_mask(work, other):
     return Masked(work.reading, np.zeros(3, np.uint8))
 
@@ -107,6 +139,58 @@ def test_functions_work_in_every_stage(tmp_path: Path) -> None:
 def test_a_class_is_made_once_for_each_side(tmp_path: Path) -> None:
     one = mixer(tmp_path, "transform: [{use: 'my_steps.py:Counter', with: {start: 7}, on: both}]")
     assert [int(mixed(one).reading.image_bgr[0, 0, 0]) for _ in range(3)] == [8, 9, 10]
+
+
+@pytest.mark.parametrize("on", ["real", "twin"])
+def test_a_step_that_writes_into_what_it_is_given_changes_no_reading(
+    tmp_path: Path, on: str
+) -> None:
+    writes = f"{{use: 'my_steps.py:writes', on: {on}}}"
+    one = mixer(tmp_path, "filter:", "  - {use: 'my_steps.py:keep_left'}", f"  - {writes}")
+    real, twin = camera(plain(), "real"), camera(plain((10, 20, 60)))
+    made: Any = one.mix(real, twin, now_s=1.1).reading
+    assert (real.image_bgr == plain()).all()
+    assert (twin.image_bgr == plain((10, 20, 60))).all()
+    assert (made.image_bgr[:, :10] == (7 if on == "twin" else (10, 20, 60))).all()
+
+
+def test_a_merge_that_writes_into_what_it_is_given_changes_no_reading(tmp_path: Path) -> None:
+    one = mixer(tmp_path, merge="{use: 'my_steps.py:merges_and_writes'}")
+    real, twin = camera(plain(), "real"), camera(plain((10, 20, 60)))
+    made: Any = one.mix(real, twin, now_s=1.1).reading
+    assert (made.image_bgr == 8).all()
+    assert (real.image_bgr == plain()).all()
+    assert (twin.image_bgr == plain((10, 20, 60))).all()
+
+
+def test_readings_that_may_not_be_written_are_given_as_copies_too(tmp_path: Path) -> None:
+    """As in a replay: its readings are of the recording's bytes."""
+    one = mixer(tmp_path, merge="{use: 'my_steps.py:merges_and_writes'}")
+    image = plain()
+    image.flags.writeable = False
+    made: Any = one.mix(camera(image, "real"), camera(image), now_s=1.1).reading
+    assert (made.image_bgr == 8).all()
+
+
+def test_a_step_that_reuses_its_buffer_leaves_earlier_mixtures_as_they_were(
+    tmp_path: Path,
+) -> None:
+    one = mixer(tmp_path, merge="{use: 'my_steps.py:Reuses'}")
+    made = [mixed(one).reading.image_bgr for _ in range(3)]
+    assert [int(image[0, 0, 0]) for image in made] == [1, 2, 3]
+
+
+def test_numbers_of_numpy_are_recorded_as_numbers(tmp_path: Path) -> None:
+    (tmp_path / "my_steps.py").write_text(STEPS)
+    path = tmp_path / "own.yaml"
+    path.write_text(
+        "schema: wil/recipe/1\nsensors: {range: {type: rangefinder}}\n"
+        "combine: [{sensor: range, merge: {use: 'my_steps.py:halved'}}]\n"
+    )
+    (one,) = compile_recipe(load_recipe_file(path), object_ids={})
+    made: Any = one.mix(beam(3.0, "real"), beam(2.0), now_s=1.1).reading
+    assert made.range_m == 1.0
+    assert type(made.range_m) is float
 
 
 def test_an_exception_is_reported_in_full(tmp_path: Path) -> None:

@@ -224,7 +224,27 @@ def test_a_log_that_cannot_be_written_does_not_stop_the_flight(fake_vehicle: Any
             assert flight.vehicles["real"].words() == ["SET_POSITION_TARGET_LOCAL_NED"]
             flight.shell.command(OperatorCommand("abort", "anna"))
             assert await flight.shell.all_down(30.0)
-            assert flight.kinds() == ["record", "abort"]
+            assert flight.kinds() == ["record", "record", "abort"]
+            assert {one.vehicle for one in flight.told if one.kind == "record"} == {"real", "twin"}
+
+    fly(main())
+
+
+def test_the_log_of_one_vehicle_ends_alone(fake_vehicle: Any) -> None:
+    kept: list[tuple[str, float]] = []
+
+    def full(name: str, t_s: float, frame: bytes) -> None:
+        if name == "real":
+            raise OSError(28, "No space left on device")
+        kept.append((name, t_s))
+
+    async def main() -> None:
+        async with Flight(fake_vehicle, record=full) as flight:
+            await asyncio.sleep(2.0)
+            (event,) = flight.told
+            assert event.text == "the recording ended early: real.tlog: No space left on device"
+            assert {name for name, _ in kept} == {"twin"}
+            assert kept[-1][1] > event.t_s + 1.0
 
     fly(main())
 

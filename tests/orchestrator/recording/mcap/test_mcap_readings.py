@@ -1,7 +1,7 @@
 """run.mcap: what goes in comes out, for us and for others."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,9 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from orchestrator.recording.mcap.mcap_json import encode, number
+from orchestrator.recording.mcap.mcap_bodies import calibration_body
+from orchestrator.recording.mcap.mcap_encode import Encoder
+from orchestrator.recording.mcap.mcap_json import encode, number, pose_in
 from orchestrator.recording.mcap.mcap_settings import LOSSLESS, ImageSettings, RecordingSettings
 from orchestrator.recording.mcap_reader import RecordedEvent, RecordedProvenance, RecordedReading
+from orchestrator.recording.recording_facts import mounts_in
 from recipes.pipeline.mixture import StageTime
 from tests.orchestrator.mcap_runs import (
     INF,
@@ -38,9 +41,13 @@ from vehicles.readings import (
     PoseReading,
     RangefinderReading,
     Reading,
+    Source,
     sensor_type_of,
 )
-from worlds.frames import Pose
+from worlds.camera import CameraMount
+from worlds.frames import Pose, Vec3
+
+SOURCES: tuple[Source, ...] = ("real", "twin", "mixed")
 
 READINGS: tuple[Reading, ...] = (
     camera(),
@@ -120,6 +127,64 @@ def test_images_in_each_form(
     assert off == 0 if exact else off <= 8
     with pytest.raises(ValueError, match="read-only"):
         one.reading.image_bgr[0, 0, 0] = 1
+
+
+def test_only_the_vehicles_own_poses_place_them() -> None:
+    encoder = Encoder(epoch_s=0.0, settings=RecordingSettings())
+    pose = PoseReading(0.1, 0.2, "real", Pose.of(1.0, 2.0, 3.0))
+    topics = {
+        source: [one.channel.topic for one in encoder.encode("pose", replace(pose, source=source))]
+        for source in SOURCES
+    }
+    assert topics == {
+        "real": ["/real/pose", "/tf"],
+        "twin": ["/twin/pose", "/tf"],
+        "mixed": ["/mixed/pose"],
+    }
+
+
+@pytest.mark.parametrize("source", ["real", "mixed"])
+@pytest.mark.parametrize("stabilized", [False, True])
+def test_an_image_is_drawn_where_its_camera_looks(source: Source, *, stabilized: bool) -> None:
+    mount = CameraMount(Pose.of(0.1, 0.02, 0.05, yaw_rad=0.3, pitch_rad=-0.4), stabilized)
+    encoder = Encoder(epoch_s=0.0, settings=LOSSLESS, mounts={"real/camera": mount})
+    body = Pose.of(5.0, -2.0, 3.0, roll_rad=0.2, pitch_rad=0.1, yaw_rad=1.0)
+    pose = encoder.encode("pose", PoseReading(0.1, 0.2, "real", body))
+    images = encoder.encode("camera", replace(camera(0, source), sensor="camera"))
+    documents = [json.loads(one.data) for one in (*encoder.fixed_transforms(), *pose)]
+    transforms = {one["child_frame_id"]: one for one in documents if "child_frame_id" in one}
+    shown = {one.channel.topic: json.loads(one.data) for one in images}
+    assert {one["frame_id"] for one in shown.values()} == {"real/camera"}
+
+    def seen_from(frame: str, point_ned_m: Vec3) -> Vec3:
+        if frame == "ned":
+            return point_ned_m
+        one = transforms[frame]
+        placed = pose_in({"position": one["translation"], "orientation": one["rotation"]})
+        return placed.to_local(seen_from(one["parent_frame_id"], point_ned_m))
+
+    looking = mount.camera_pose(body)
+    for there in ((4.0, 0.7, -0.3), (9.0, -2.0, 1.0)):
+        point = seen_from("real/camera", looking.to_parent(there))
+        matrix = np.reshape(shown[f"/{source}/camera/calibration"]["K"], (3, 3))
+        u_px, v_px, scale = matrix @ point
+        assert (u_px / scale, v_px / scale) == pytest.approx(INTRINSICS.project(there))
+
+
+@pytest.mark.parametrize(
+    ("count", "model"),
+    [(0, ""), (4, "plumb_bob"), (5, "plumb_bob"), (8, "rational_polynomial")],
+)
+def test_a_calibration_names_its_model_of_distortion(count: int, model: str) -> None:
+    _, fields, _ = calibration_body(replace(INTRINSICS, distortion=(0.01,) * count))
+    assert fields["distortion_model"] == model
+
+
+def test_the_mounts_of_the_cameras_are_facts_of_a_recording() -> None:
+    mount = CameraMount(Pose.of(0.1, 0.0, 0.05, yaw_rad=0.3), stabilized=True)
+    facts = {"mounts": json.dumps({"real/camera": asdict(mount)})}
+    assert mounts_in(facts) == {"real/camera": mount}
+    assert mounts_in({}) == {}
 
 
 def test_a_source_whose_images_are_not_wanted(tmp_path: Path) -> None:

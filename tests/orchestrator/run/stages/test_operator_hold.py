@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from orchestrator.model.results import RunResult
+from orchestrator.run.stages.operator_hold import OperatorHold
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
+from safety.guard.core.events import GuardEvent
 from safety.guard.core.operator_command import OperatorCommand, OperatorKind
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
@@ -135,3 +137,13 @@ def test_whoever_holds_may_abort(fly_run: Fly) -> None:
     assert "anna: hold: all vehicles hold already" in said
     assert entered(folder)["landed"] > entered(folder)["takeoff"] + 12.0
     assert all_landed(folder)
+
+
+def test_a_log_that_ends_during_a_hold_leaves_the_rest_to_the_operator() -> None:
+    run_state = RunState(time=lambda: 1.0)
+    hold = OperatorHold(run_state=run_state)
+    hold.take(GuardEvent(1.0, "hold", "", "anna: hold"))
+    hold.take(GuardEvent(2.0, "record", "real", "the recording ended early"))
+    assert run_state.held
+    hold.take(GuardEvent(3.0, "resume", "", "anna: resume"))
+    assert not run_state.held

@@ -1,9 +1,12 @@
 import asyncio
 import json
 import os
+import resource
 import signal
+import socket
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,8 +15,10 @@ from pymavlink import mavutil
 from orchestrator.doctor.machine import granted_scheduling
 from safety.fence.geofence import Fence
 from safety.guard.core.contingency import Phase
+from safety.guard.core.events import GuardEvent, decisive
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_socket import POINTER
+from safety.guard.process.guard_process import GuardProcess
 from safety.guard.process.orphaned_processes import reap_orphans, records
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.guard.process.runtime_folder import open_runtime_folder
@@ -263,6 +268,44 @@ async def test_a_guard_that_cannot_begin_says_why(folder: Path) -> None:
     with pytest.raises(LinkError, match=r"real\.tlog"):
         async with RemoteGuard(guard_config=guard_config(folder)):
             pass
+
+
+async def test_a_log_that_cannot_be_written_is_an_error_and_the_guard_goes_on(folder: Path) -> None:
+    async with RemoteFlight(folder) as flight:
+        resource.prlimit(flight.guard.pid, resource.RLIMIT_FSIZE, (64, 64))
+        await until(lambda: set(flight.kinds()) == {"record"} and len(flight.kinds()) == 2)
+        assert flight.guard.phases == {"real": Phase.IDLE, "twin": Phase.IDLE}
+        decided = [decisive(one) for one in flight.guard.events if one.kind == "record"]
+        assert {(one.kind, one.source) for one in decided if one is not None} == {
+            ("ERROR", "guard.record/real"),
+            ("ERROR", "guard.record/twin"),
+        }
+        flight.guard.bring_down("done")
+        assert await flight.guard.all_down(10.0)
+    assert flight.kinds().count("record") == 2
+
+
+class FullLog:
+    """A tlog whose last bytes cannot be written."""
+
+    def __exit__(self, *_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("known", [False, True])
+async def test_a_log_whose_end_cannot_be_written_is_reported_once(
+    monkeypatch: pytest.MonkeyPatch, *, known: bool
+) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    process: Any = GuardProcess(end=theirs, lifeline=-1)
+    before = GuardEvent(1.0, "record", "real" if known else "twin", "the recording ended early")
+    process._shell = SimpleNamespace(events=[before])
+    reported: list[GuardEvent] = []
+    monkeypatch.setattr(process, "_event", reported.append)
+    process._close_tlog("real", FullLog())
+    assert [(one.kind, one.vehicle) for one in reported] == ([] if known else [("record", "real")])
+    ours.close()
+    theirs.close()
 
 
 async def test_a_guard_whose_start_is_cancelled_ends_at_once(folder: Path) -> None:

@@ -1,0 +1,24 @@
+"""What the guard's events decide, and which of them come with a landing."""
+
+import pytest
+
+from safety.guard.core.events import EventKind, GuardEvent, brings_down, decisive
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdict", "lands"),
+    [
+        ("fence", "FAIL", True),
+        ("lost", "ERROR", True),
+        ("abort", "ABORTED", True),
+        ("record", "ERROR", False),
+        ("bring_down", None, True),
+        ("hold", None, False),
+        ("alone", None, False),
+    ],
+)
+def test_what_an_event_decides(kind: EventKind, verdict: str | None, *, lands: bool) -> None:
+    event = GuardEvent(1.0, kind, "real", "why")
+    decided = decisive(event)
+    assert (None if decided is None else decided.kind) == verdict
+    assert brings_down(event) is lands
