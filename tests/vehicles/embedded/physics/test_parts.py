@@ -271,7 +271,10 @@ def test_the_battery_drains_sags_and_fades() -> None:
     assert battery.charge.remaining == pytest.approx(1.0 - (6.5 + 0.3) * 600 / 3.6 / 2700)
     assert battery.charge.voltage_v < full.voltage_v - 0.5
     assert 0.8 < battery.thrust_factor < 1.0
+    set_remaining(battery, 0.01)
+    assert battery.thrust_factor > 0.75
     set_remaining(battery, 0.0)
     assert battery.charge.remaining == 0.0
+    assert battery.thrust_factor == 0.0
     battery.drain(4.9, 10.0)
     assert battery.charge.remaining == 0.0
