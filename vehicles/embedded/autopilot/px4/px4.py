@@ -241,6 +241,7 @@ class Px4(Px4Core):
         return View(
             t_s=self.t_s,
             offboard=self.mode is Px4Mode.OFFBOARD,
+            landing=self.mode is Px4Mode.LAND and not self.failsafe,
             setpoint_age_s=self.t_s - self.setpoint_at_s,
             gcs_age_s=self.t_s - self.gcs_last_received_s,
             battery=self.state.charge.remaining,

@@ -23,10 +23,14 @@ class Action(Enum):
 
 
 class View(NamedTuple):
-    """The inputs of PX4's failsafes; ages in s, battery 0 to 1."""
+    """The inputs of PX4's failsafes; ages in s, battery 0 to 1.
+
+    landing: LAND is flown because the user chose it.
+    """
 
     t_s: float
     offboard: bool
+    landing: bool
     setpoint_age_s: float
     gcs_age_s: float
     battery: float
@@ -111,7 +115,8 @@ class Failsafes:
 
     def _causes(self, view: View) -> tuple[tuple[str, Action], ...]:
         p, link, fence = self._p, Action.NONE, Action.NONE
-        if view.gcs_age_s > p["COM_DL_LOSS_T"] and view.gcs_age_s < math.inf:
+        # A landing that the user commanded goes on without the link (dll_loss_ignored_land).
+        if not view.landing and p["COM_DL_LOSS_T"] < view.gcs_age_s < math.inf:
             link = _LINK_LOST.get(int(p["NAV_DLL_ACT"]), Action.NONE)
         if view.outside_fence:
             fence = _FENCE.get(int(p["GF_ACTION"]), Action.NONE)
