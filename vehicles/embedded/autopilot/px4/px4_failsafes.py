@@ -25,12 +25,13 @@ class Action(Enum):
 class View(NamedTuple):
     """The inputs of PX4's failsafes; ages in s, battery 0 to 1.
 
-    landing: LAND is flown because the user chose it.
+    landing: LAND is flown because the user chose it. landed: on the ground.
     """
 
     t_s: float
     offboard: bool
     landing: bool
+    landed: bool
     setpoint_age_s: float
     gcs_age_s: float
     battery: float
@@ -69,6 +70,10 @@ _FENCE = {
 }
 """GF_ACTION."""
 _DELAYED = {Action.RETURN, Action.LAND}
+_FLOWN = {Action.HOLD, Action.RETURN, Action.LAND}
+_AFTER_LIFTOFF = {"link", "fence"}
+"""Causes whose flown action waits for the liftoff. A battery as low as at arming does not act
+(`_battery_warning_at_arming`)."""
 
 
 class Failsafes:
@@ -100,6 +105,8 @@ class Failsafes:
         for cause, action in self._causes(view):
             if action is Action.NONE:
                 self._active.pop(cause, None)
+            elif view.landed and action in _FLOWN and cause in _AFTER_LIFTOFF:
+                continue
             elif self._active.get(cause) is not action:
                 self._active[cause] = action
                 return self._begin(Decision(cause, action), view.t_s)
