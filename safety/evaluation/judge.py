@@ -67,7 +67,9 @@ def build_oracles(
         judged = any(_judges_every_contact(use, vehicle) for use in uses)
         subject = vehicle == context.subject and context.probe is not None
         if collision_always and subject and not judged:
-            always = replace(COLLISION_ALWAYS, parameters=ContactParameters(ground=_ground(uses)))
+            always = replace(
+                COLLISION_ALWAYS, parameters=ContactParameters(ground=ground_objects(uses))
+            )
             oracles += _of_use(always, {vehicle: context})
     _require_unique(oracles)
     return tuple(oracles)
@@ -108,10 +110,10 @@ def unjudged(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str,
     """Return the contacts that a campaign excludes from being judged always, as texts."""
     if not collision_always:
         return (COLLISION_ALWAYS.name,)
-    return tuple(f"contact with {name} at takeoff and landing" for name in _ground(uses))
+    return tuple(f"contact with {name} at takeoff and landing" for name in ground_objects(uses))
 
 
-def _ground(uses: Iterable[OracleUse]) -> tuple[str, ...]:
+def ground_objects(uses: Iterable[OracleUse]) -> tuple[str, ...]:
     """Return the objects that any oracle use names as ground for takeoff and landing."""
     given = (use.parameters for use in uses)
     names = (name for one in given if isinstance(one, ContactParameters) for name in one.ground)

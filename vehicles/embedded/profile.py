@@ -41,7 +41,10 @@ class Motors(Part):
 
 
 class Battery(Part):
-    """A profile's battery; `thrust_loss`: part of the thrust that is lost when empty."""
+    """A profile's battery; `thrust_loss`: part of the thrust that is lost just before it is empty.
+
+    An empty one gives no thrust.
+    """
 
     full_v: Positive
     empty_v: Positive

@@ -10,10 +10,11 @@ from typing import Literal, Protocol
 from campaigns.setup.vehicle_setups import FlownSetup
 from orchestrator.run.vehicles.simulator_launch import start_simulators
 from orchestrator.state.run_setup import RunSetup
+from safety.evaluation.judge import ground_objects
 from safety.guard.process.remote_guard import RemoteGuard
 from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
 from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.physics.contact_world import BODY, SceneContactWorld, as_argument
+from vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
 from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.embedded_launch import FeedClient
 from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings, Start
@@ -85,8 +86,6 @@ class InProcessBackend:
     async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> EmbeddedVehicle:
         """Start the vehicle in this loop."""
         setup, frame = self._setup, self._setup.campaign.world.frame
-        scene = setup.real_scene
-        real = vehicle.name == "real"
         embedded = EmbeddedVehicle(
             config=EmbeddedConfig(
                 autopilot=vehicle.autopilot,
@@ -101,12 +100,20 @@ class InProcessBackend:
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
-            contact_world=SceneContactWorld(scene=scene, body=BODY, tracks=self._tracks)
-            if real
-            else None,
+            contact_world=self._contact_world() if vehicle.name == "real" else None,
         )
         await stack.enter_async_context(embedded)
         return embedded
+
+    def _contact_world(self) -> SceneContactWorld:
+        """Return the contact world of the real vehicle."""
+        setup = self._setup
+        return SceneContactWorld(
+            scene=setup.real_scene,
+            body=setup.vehicle("real").body,
+            tracks=self._tracks,
+            without=ground_objects(setup.campaign.oracles),
+        )
 
     def all_started(self) -> None:
         """Do nothing: virtual time has no pace."""
@@ -197,14 +204,20 @@ class SubprocessBackend:
 
     def _contact_settings(self) -> ContactWorldSettings | None:
         """Return the settings of the real vehicle's contact world; None without a world file."""
-        world = self._setup.order.plan.files.world
+        setup = self._setup
+        world = setup.order.plan.files.world
         if world is None:
             return None
+        # That process does not know the actors' poses; the oracles judge contacts with them.
+        actors = [one.name for one in setup.actors]
         return ContactWorldSettings(
             use="vehicles.embedded.physics.contact_world:from_argument",
-            # That process does not know the actors' poses; the oracles judge contacts with them.
             argument=as_argument(
-                world, self._setup.mode, "W", without=[one.name for one in self._setup.actors]
+                world,
+                setup.mode,
+                "W",
+                body=setup.vehicle("real").body,
+                without=[*actors, *ground_objects(setup.campaign.oracles)],
             ),
         )
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.charge import set_remaining
 from vehicles.embedded.physics.plant import PlantError
 from vehicles.embedded.profile import load_profile
 from worlds.frames import Pose, angle_between
@@ -203,6 +204,17 @@ def test_a_failed_motor_brings_it_down(rig: Any, virtually: Scenario, autopilot:
             assert r.height_m == pytest.approx(0.0, abs=0.2)
             assert math.hypot(*truth.pose.position_ned_m[:2]) < 3.0
             assert any("ground" in text for text in r.texts())
+
+    virtually(scenario())
+
+
+@BOTH
+def test_with_an_empty_battery_it_falls(rig: Any, virtually: Scenario, autopilot: str) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await r.hover()
+            set_remaining(r.vehicle.body.battery, 0.0)
+            await r.until(lambda: r.vehicle.truth().on_ground, limit_s=3.0)
 
     virtually(scenario())
 

@@ -19,7 +19,7 @@ class Charge(NamedTuple):
 
 
 class Battery:
-    """The physics of a battery that is drained in proportion to thrust."""
+    """The physics of a battery that is drained in proportion to thrust; empty, it gives none."""
 
     def __init__(self, *, profile: BatteryProfile, hover_thrust_n: float) -> None:
         self._profile = profile
@@ -38,6 +38,8 @@ class Battery:
         self.thrust_factor = self._thrust_factor_now()
 
     def _thrust_factor_now(self) -> float:
+        if self.charge.remaining <= 0.0:
+            return 0.0
         return 1.0 - self._profile.thrust_loss * (1.0 - self.charge.remaining)
 
     def _battery_reading(self, current_a: float) -> Charge:

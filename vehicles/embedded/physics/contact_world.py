@@ -30,13 +30,20 @@ BODY: BoxShape = body_of(Airframe())
 class SceneContactWorld:
     """The contact world of a scene; touching the ground is not a contact.
 
-    tracks: of objects that are other vehicles; they grow as those fly.
+    body: of the vehicle, half extents forward, right, down in metres. tracks: of objects that are
+    other vehicles; they grow as those fly. without: names of objects that are no obstacles, as one
+    that the vehicle takes off from: the flat ground of its physics is at the height of its start.
     """
 
     def __init__(
-        self, *, scene: Scene, body: BoxShape, tracks: Mapping[str, Track] | None = None
+        self,
+        *,
+        scene: Scene,
+        body: BoxShape,
+        tracks: Mapping[str, Track] | None = None,
+        without: Collection[str] = (),
     ) -> None:
-        self._probe = ClearanceProbe(scene, body, floors=False, within_m=_NEAR_M)
+        self._probe = ClearanceProbe(scene, body, exclude=without, floors=False, within_m=_NEAR_M)
         self._events = RunHistory(tracks)
 
     def notify(self, event: str, t_s: float) -> None:
@@ -51,13 +58,21 @@ class SceneContactWorld:
         return None if first is None else f"{first.object_name}.{first.part_name}".rstrip(".")
 
 
-def as_argument(world: Document, mode: Mode, which: Which, *, without: Collection[str] = ()) -> str:
+def as_argument(
+    world: Document,
+    mode: Mode,
+    which: Which,
+    *,
+    body: BoxShape = BODY,
+    without: Collection[str] = (),
+) -> str:
     """Return the contact world as text for `from_argument` in another process.
 
-    without: names of objects whose positions that process does not know.
+    body: of the vehicle. without: names of objects that are no obstacles there, as those whose
+    positions that process does not know.
     """
     document = {"path": str(world.path), "mode": mode, "which": which, "world": world.data}
-    return json.dumps({**document, "without": sorted(without)})
+    return json.dumps({**document, "body": body.half_m, "without": sorted(without)})
 
 
 def from_argument(argument: str) -> SceneContactWorld:
@@ -67,7 +82,10 @@ def from_argument(argument: str) -> SceneContactWorld:
     document = parse(json.dumps(fields["world"]).encode(), name=path.name, path=path)
     mode: Mode = fields["mode"]  # type: ignore[assignment]  # written by as_argument
     which: Which = fields["which"]  # type: ignore[assignment]  # written by as_argument
+    half_m: list[float] = fields["body"]  # type: ignore[assignment]  # written by as_argument
     without: list[str] = fields["without"]  # type: ignore[assignment]  # written by as_argument
-    whole = World.parse(document).scene(mode, which)
-    scene = Scene(tuple(each for each in whole.objects if each.name not in without))
-    return SceneContactWorld(scene=scene, body=body_of(Airframe()))
+    return SceneContactWorld(
+        scene=World.parse(document).scene(mode, which),
+        body=BoxShape((half_m[0], half_m[1], half_m[2])),
+        without=without,
+    )

@@ -72,6 +72,7 @@ class Plant:
         fdm.set_debug_level(0)
         if not fdm.load_model("quadx"):
             raise PlantError(f"JSBSim cannot load the aircraft in {root}")
+        self._spread = motor_factors
         self._factors = list(motor_factors)
         self._dt_s = 1.0 / rate_hz
         self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
@@ -126,8 +127,8 @@ class Plant:
             set_speed(speed / _METRES_PER_FOOT)
 
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Multiply the thrust of one motor of the plant by this factor."""
-        self._factors[index] = factor
+        """Multiply the thrust that one motor of the plant has by itself by this factor; 1 mends."""
+        self._factors[index] = self._spread[index] * factor
 
     def _start(
         self, airframe: Airframe, latitude_deg: float, longitude_deg: float, altitude_m: float,

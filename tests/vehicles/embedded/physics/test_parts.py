@@ -135,6 +135,22 @@ def test_a_failed_motor_gives_nothing() -> None:
     assert max(map(abs, p.motion().rates_rad_s)) > 1.0
 
 
+def test_a_mended_motor_gives_what_it_gave_before() -> None:
+    p = plant(factors=(0.95, 1.0, 1.0, 1.0))
+
+    def thrust_n() -> float:
+        """Return the first motor's thrust at a command of 1 N."""
+        for _ in range(250):
+            p.step((1.0, 1.0, 1.0, 1.0))
+        return p.thrusts()[0]
+
+    assert thrust_n() == pytest.approx(0.95, abs=1e-3)
+    p.fail_motor(0, factor=0.5)
+    assert thrust_n() == pytest.approx(0.475, abs=1e-3)
+    p.fail_motor(0, factor=1.0)
+    assert thrust_n() == pytest.approx(0.95, abs=1e-3)
+
+
 def test_numbers_that_are_none_are_an_error() -> None:
     p = plant()
     for _ in range(10):
@@ -255,7 +271,10 @@ def test_the_battery_drains_sags_and_fades() -> None:
     assert battery.charge.remaining == pytest.approx(1.0 - (6.5 + 0.3) * 600 / 3.6 / 2700)
     assert battery.charge.voltage_v < full.voltage_v - 0.5
     assert 0.8 < battery.thrust_factor < 1.0
+    set_remaining(battery, 0.01)
+    assert battery.thrust_factor > 0.75
     set_remaining(battery, 0.0)
     assert battery.charge.remaining == 0.0
+    assert battery.thrust_factor == 0.0
     battery.drain(4.9, 10.0)
     assert battery.charge.remaining == 0.0

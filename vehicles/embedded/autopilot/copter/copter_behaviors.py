@@ -54,6 +54,11 @@ class CopterManoeuvres(Manoeuvres):
         """Return how long ArduCopter loiters above home."""
         return self._p["RTL_LOIT_TIME"] / 1e3
 
+    def return_end_m(self) -> float | None:
+        """Return the height at which ArduCopter stays above home (ModeRTL::build_path)."""
+        end_m = self._metres("RTL_ALT_FINAL")
+        return end_m if end_m > 0.0 else None
+
     def land_profile(self) -> LandProfile:
         """Return ArduCopter's descent: fast above LAND_ALT_LOW, slow below."""
         fast = self._metres("LAND_SPEED_HIGH") or self._metres("WPNAV_SPEED_DN")

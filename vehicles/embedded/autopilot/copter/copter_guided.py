@@ -5,6 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from vehicles.embedded.autopilot.copter import guided_setpoints
 from vehicles.embedded.autopilot.copter.copter_core import CopterCore
 from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
 from vehicles.embedded.autopilot.flight.guidance import Behaviour, TakeOff, Wanted
@@ -53,20 +54,38 @@ class CopterGuided(CopterCore):
     @on_message("SET_POSITION_TARGET_LOCAL_NED")
     def _on_local_setpoint(self, message: Any) -> None:
         if self.mode is CopterMode.GUIDED:
-            self._take_setpoint(local_setpoint(message, self.state.now))
+            flies = guided_setpoints.flies_local(message)
+            self._take_setpoint(local_setpoint(message, self.state.now) if flies else None)
+
+    @on_message("SET_POSITION_TARGET_GLOBAL_INT")
+    def _on_global_setpoint(self, message: Any) -> None:
+        if guided_setpoints.flies_global(message):
+            super()._on_global_setpoint(message)
+        elif self._takes_global_setpoints():
+            self._take_setpoint(None)
 
     def _takes_global_setpoints(self) -> bool:
         return self.mode is CopterMode.GUIDED
 
     def _take_setpoint(self, wanted: Wanted | None) -> None:
+        """Fly a setpoint in the air; None stops ArduCopter."""
         flight = self.flight
-        if wanted is None or not flight.armed or flight.landed or self.taking_off:
+        if not flight.armed or flight.landed or self.taking_off:
             return
         self._roi = None
+        if wanted is None:
+            self._stop()
+            return
         self.velocity_at_s = self.t_s if wanted.has_velocity else None
         self.follow.set(wanted, keep_yaw_rad=flight.law.yaw_setpoint_rad)
         if self.follow not in {flight.behaviour, self.paused}:
             self._fly_guided(self.follow)
+
+    def _stop(self) -> None:
+        """Stop ArduCopter and follow nothing; a pause ends (ModeGuided::init)."""
+        self.paused = self.velocity_at_s = None
+        self.follow.stand(self.state.now)
+        self.flight.fly(self.follow)
 
     # Places.
 

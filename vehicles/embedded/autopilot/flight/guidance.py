@@ -291,7 +291,10 @@ class Land(Behaviour):
 
 
 class ReturnHome(Behaviour):
-    """The guidance behaviour of a return: climb, fly home, wait, and land there."""
+    """The guidance behaviour of a return: climb, fly home, wait, and land there.
+
+    end_down_m: the height, down, at which it stays above home instead; None: it lands.
+    """
 
     def __init__(
         self,
@@ -301,8 +304,10 @@ class ReturnHome(Behaviour):
         speeds: Speeds,
         wait_s: float,
         land: Land,
+        end_down_m: float | None = None,
     ) -> None:
         super().__init__()
+        self._end_down_m = end_down_m
         self._home = home_ned_m
         self._down_m = return_down_m
         self._speeds = speeds
@@ -319,7 +324,7 @@ class ReturnHome(Behaviour):
         return self.landing
 
     def update(self, now: Motion, t_s: float) -> Target:
-        """Return the return's target in its stage: climb, cross, wait, land."""
+        """Return the return's target in its stage: climb, cross, wait, land or stay."""
         if self.landing:
             return self._land.update(now, t_s)
         north, east, down = now.position_ned_m
@@ -336,9 +341,16 @@ class ReturnHome(Behaviour):
             if self._over_home_s is None:
                 self._over_home_s = t_s
             if t_s - self._over_home_s >= self._wait_s:
-                self.landing = True
-                self._land.aim(home_north, home_east)
+                self._end(home_north, home_east)
         return Target((home_north, home_east, self._down_m), yaw_rad=yaw, speed_m_s=self._speeds)
+
+    def _end(self, north_m: float, east_m: float) -> None:
+        """Begin the landing at home, or fly to the height of the end."""
+        if self._end_down_m is not None:
+            self._down_m = self._end_down_m
+            return
+        self.landing = True
+        self._land.aim(north_m, east_m)
 
 
 def _speed(now: Motion) -> float:

@@ -70,6 +70,10 @@ class Manoeuvres(ABC):
     def return_wait_s(self) -> float:
         """Return how long the return manoeuvre waits above home before landing."""
 
+    def return_end_m(self) -> float | None:
+        """Return the height above home at which the return ends; None: it lands."""
+        return None
+
     @abstractmethod
     def land_profile(self) -> LandProfile:
         """Return the descent speeds of the landing manoeuvre."""
@@ -104,14 +108,16 @@ class Manoeuvres(ABC):
         )
 
     def go_home(self) -> Behaviour:
-        """Return the manoeuvre of the return: the flight home, the wait, the landing."""
+        """Return the manoeuvre of the return: the flight home, the wait, the landing or stay."""
         home = self._state.home_ned_m or (0.0, 0.0, 0.0)
+        end_m = self.return_end_m()
         return ReturnHome(
             home_ned_m=home,
             return_down_m=home[2] - self.return_height_m(),
             speeds=self.return_speeds(),
             wait_s=self.return_wait_s(),
             land=self.land(),
+            end_down_m=None if end_m is None else home[2] - end_m,
         )
 
     def from_home_m(self) -> tuple[float, float]:

@@ -115,6 +115,22 @@ class Px4(Px4Core):
             self._failsafes.on_user_mode()
         return result
 
+    def _can_arm(self) -> bool:
+        """Return whether PX4's checks pass, that of its geofence included."""
+        return super()._can_arm() and self._fence_fault() is None
+
+    def _arming_fault(self, *, force: bool) -> str | None:
+        fault, outside = super()._arming_fault(force=force), self._fence_fault()
+        if fault is not None and outside is not None:
+            self.outbox.send_text(CRITICAL, f"{outside}\t")
+        return fault
+
+    def _fence_fault(self) -> str | None:
+        """Return PX4's text for why it does not arm outside its geofence (geofenceCheck.cpp)."""
+        if not int(self.parameters["GF_ACTION"]):
+            return None
+        return self._breach(self.fence)
+
     def _begin_flight(self) -> None:
         super()._begin_flight()
         self._failsafes.reset()
@@ -241,10 +257,12 @@ class Px4(Px4Core):
         return View(
             t_s=self.t_s,
             offboard=self.mode is Px4Mode.OFFBOARD,
+            landing=self.mode is Px4Mode.LAND and not self.failsafe,
+            landed=self.flight.landed,
             setpoint_age_s=self.t_s - self.setpoint_at_s,
             gcs_age_s=self.t_s - self.gcs_last_received_s,
             battery=self.state.charge.remaining,
-            outside_fence=self._is_outside(self.fence),
+            outside_fence=self._breach(self.fence) is not None,
         )
 
     def _act(self, decision: Decision) -> None:
@@ -258,17 +276,22 @@ class Px4(Px4Core):
         elif not self.flight.landed or decision.cause == "offboard":
             self.fail(_FAILSAFE_MODES[action])
 
-    def _is_outside(self, fence: EmulatedFence) -> bool:
+    def _breach(self, fence: EmulatedFence) -> str | None:
+        """Return PX4's text for how the vehicle breaches a fence; None when it does not."""
         p, here = self.parameters, self.state.now.position_ned_m
         far_m, high_m = self.manoeuvres.from_home_m()
-        too_far = 0.0 < p["GF_MAX_HOR_DIST"] < far_m
-        too_high = 0.0 < p["GF_MAX_VER_DIST"] < high_m
-        return too_far or too_high or (bool(fence.areas) and fence.breached(here[0], here[1]))
+        if 0.0 < p["GF_MAX_HOR_DIST"] < far_m:
+            return "Geofence: exceeding maximum distance to Home"
+        if 0.0 < p["GF_MAX_VER_DIST"] < high_m:
+            return "Geofence: exceeding maximum altitude above Home"
+        if fence.areas and fence.breached(here[0], here[1]):
+            return "Geofence: approaching or outside geofence"
+        return None
 
     def _fence_result(self, fence: EmulatedFence) -> int:
         """Refuse a PX4 fence that would be breached at once, or that excludes home."""
         home = self.state.home_ned_m
-        breached = self._is_outside(fence) or (
+        breached = self._breach(fence) is not None or (
             home is not None and fence.breached(home[0], home[1])
         )
         if fence.areas and int(self.parameters["GF_ACTION"]) > 1 and breached:

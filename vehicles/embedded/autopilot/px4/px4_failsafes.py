@@ -23,10 +23,15 @@ class Action(Enum):
 
 
 class View(NamedTuple):
-    """The inputs of PX4's failsafes; ages in s, battery 0 to 1."""
+    """The inputs of PX4's failsafes; ages in s, battery 0 to 1.
+
+    landing: LAND is flown because the user chose it. landed: on the ground.
+    """
 
     t_s: float
     offboard: bool
+    landing: bool
+    landed: bool
     setpoint_age_s: float
     gcs_age_s: float
     battery: float
@@ -65,6 +70,10 @@ _FENCE = {
 }
 """GF_ACTION."""
 _DELAYED = {Action.RETURN, Action.LAND}
+_FLOWN = {Action.HOLD, Action.RETURN, Action.LAND}
+_AFTER_LIFTOFF = {"link", "fence"}
+"""Causes whose flown action waits for the liftoff. A battery as low as at arming does not act
+(`_battery_warning_at_arming`)."""
 
 
 class Failsafes:
@@ -96,6 +105,8 @@ class Failsafes:
         for cause, action in self._causes(view):
             if action is Action.NONE:
                 self._active.pop(cause, None)
+            elif view.landed and action in _FLOWN and cause in _AFTER_LIFTOFF:
+                continue
             elif self._active.get(cause) is not action:
                 self._active[cause] = action
                 return self._begin(Decision(cause, action), view.t_s)
@@ -111,7 +122,8 @@ class Failsafes:
 
     def _causes(self, view: View) -> tuple[tuple[str, Action], ...]:
         p, link, fence = self._p, Action.NONE, Action.NONE
-        if view.gcs_age_s > p["COM_DL_LOSS_T"] and view.gcs_age_s < math.inf:
+        # A landing that the user commanded goes on without the link (dll_loss_ignored_land).
+        if not view.landing and p["COM_DL_LOSS_T"] < view.gcs_age_s < math.inf:
             link = _LINK_LOST.get(int(p["NAV_DLL_ACT"]), Action.NONE)
         if view.outside_fence:
             fence = _FENCE.get(int(p["GF_ACTION"]), Action.NONE)

@@ -24,16 +24,17 @@ FENCE_COMMANDS = frozenset({*POLYGONS, *CIRCLES, RETURN_POINT})
 
 
 class EmulatedFence(NamedTuple):
-    """The emulated fence: outside all exclusions, and inside any of the inclusions."""
+    """The emulated fence: outside all exclusions, and inside all inclusions.
+
+    As both firmwares have it: AC_PolyFence_loader::breached, by default without INCLUSION_UNION,
+    and Geofence::isInsidePolygonOrCircle of PX4's main in 2026 (its issue 27099).
+    """
 
     areas: tuple[LocalArea, ...] = ()
 
     def breached(self, north_m: float, east_m: float) -> bool:
         """Return whether a position breaches the emulated fence."""
-        inclusions = [area for area in self.areas if area.inside]
-        if inclusions and not any(_within(area, north_m, east_m) for area in inclusions):
-            return True
-        return any(_within(area, north_m, east_m) for area in self.areas if not area.inside)
+        return any(_within(area, north_m, east_m) is not area.inside for area in self.areas)
 
 
 def emulated_fence(items: Sequence[FenceItem], frame: LocalFrame) -> EmulatedFence:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.charge import set_remaining
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
@@ -191,6 +192,26 @@ def test_returns_at_the_height_of_its_cone(rig: Any, virtually: Scenario) -> Non
             assert r.vehicle.truth().pose.position_ned_m[0] == pytest.approx(0.0, abs=0.3)
 
     virtually(scenario())
+
+
+@pytest.mark.parametrize(("final_cm", "end_m"), [(0, None), (150, 1.5)])
+def test_a_return_lands_or_stays_at_its_final_height(final_cm: int, end_m: float | None) -> None:
+    """ModeRTL::build_path: it lands only where RTL_ALT_FINAL is 0 or below."""
+    parameters = {"RTL_ALT_FINAL": final_cm, "RTL_LOIT_TIME": 1000}
+    bare = BareAutopilot("ardupilot", parameters=parameters)
+    bare.hover()
+    assert bare.command(20) == 0
+    bare.run(1.0)
+    flight = bare.autopilot.flight
+    assert flight.target is not None
+    up_m = -(flight.target.position_ned_m[2] or 0.0)
+    assert up_m > 5.0
+    bare.height_m = up_m
+    bare.run(2.0)
+    assert flight.behaviour is not None
+    assert flight.behaviour.descends is (end_m is None)
+    assert flight.target.position_ned_m == (0.0, 0.0, None if end_m is None else -end_m)
+    assert flight.armed
 
 
 @pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE)])

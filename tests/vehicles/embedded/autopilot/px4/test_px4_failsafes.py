@@ -1,0 +1,93 @@
+"""PX4's failsafes and the check of its geofence, without a body."""
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
+from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from vehicles.embedded.autopilot.px4.px4 import Px4
+from vehicles.embedded.autopilot.px4.px4_failsafes import Action, Decision, Failsafes, View
+from vehicles.embedded.autopilot.services.fence_items import EmulatedFence
+from vehicles.mavlink.fence_areas import FenceCircle
+
+ARM, FORCE = 400, 21196
+SOUND = View(
+    t_s=100.0,
+    offboard=False,
+    landing=False,
+    landed=False,
+    setpoint_age_s=0.0,
+    gcs_age_s=0.2,
+    battery=1.0,
+    outside_fence=False,
+)
+
+
+def failsafes(**parameters: float) -> Failsafes:
+    overrides = {"COM_FAIL_ACT_T": 0.0, **parameters}
+    return Failsafes(load_parameters(Px4.parameter_file, bytewise=True, overrides=overrides))
+
+
+def test_a_lost_link_does_not_end_a_landing_that_the_user_commanded() -> None:
+    """dll_loss_ignored_land of Failsafe::checkStateAndMode."""
+    lost = SOUND._replace(gcs_age_s=60.0)
+    found = failsafes(NAV_DLL_ACT=2)
+    assert found.check(lost._replace(landing=True)) is None
+    assert found.check(lost) == Decision("link", Action.RETURN)
+    assert found.check(lost._replace(landing=True)) is None
+    assert found.check(lost) == Decision("link", Action.RETURN)
+
+
+@pytest.mark.parametrize(
+    ("cause", "change"), [("link", {"gcs_age_s": 60.0}), ("fence", {"outside_fence": True})]
+)
+def test_what_is_there_on_the_ground_acts_after_the_liftoff(
+    cause: str, change: dict[str, Any]
+) -> None:
+    found, view = failsafes(NAV_DLL_ACT=3, GF_ACTION=5), SOUND._replace(**change)
+    assert found.check(view._replace(landed=True)) is None
+    assert found.check(view) == Decision(cause, Action.LAND)
+    assert found.check(view) is None
+
+
+def test_a_battery_as_low_as_at_arming_does_not_act() -> None:
+    """_battery_warning_at_arming of Failsafe::checkStateAndMode."""
+    found, low = failsafes(COM_LOW_BAT_ACT=2), SOUND._replace(battery=0.01)
+    assert found.check(low._replace(landed=True)) is not None
+    assert found.check(low) is None
+
+
+def outside_fence(action: int, **parameters: float) -> BareAutopilot:
+    """Return a PX4 that is ready but for a fence that excludes it; GF_ACTION: action."""
+    bare = BareAutopilot("px4", parameters={"GF_ACTION": action, **parameters})
+    if not parameters:
+        bare.autopilot.fence = EmulatedFence((FenceCircle((0.0, 0.0), 5.0, inside=False),))
+    bare.run(7.0)
+    bare.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    return bare
+
+
+@pytest.mark.parametrize("action", [1, 2, 5])
+def test_it_does_not_arm_outside_its_fence(action: int) -> None:
+    """GeofenceChecks::checkAndReport refuses in every mode, whatever the action but none."""
+    bare = outside_fence(action)
+    assert bare.command(ARM, 1) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    texts = [each.text for each in bare.run(0.5) if each.get_type() == "STATUSTEXT"]
+    assert "".join(texts) == (
+        "Geofence: approaching or outside geofence\t"
+        "Arming denied: Resolve system health failures first\t"
+    )
+    assert bare.command(ARM, 1, FORCE) == mavlink.MAV_RESULT_ACCEPTED
+
+
+def test_a_fence_without_an_action_is_no_matter_of_arming() -> None:
+    assert outside_fence(0).command(ARM, 1) == mavlink.MAV_RESULT_ACCEPTED
+
+
+def test_it_does_not_arm_above_its_ceiling() -> None:
+    bare = outside_fence(2, GF_MAX_VER_DIST=10.0)
+    bare.height_m = 20.0
+    bare.run(0.1)
+    assert bare.command(ARM, 1) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
