@@ -18,7 +18,11 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Generic
 
 from orchestrator.campaign.workers.left_processes import adopt_descendants, end_descendants
-from orchestrator.campaign.workers.run_server import run_context
+from orchestrator.campaign.workers.run_server import (
+    run_context,
+    run_environment,
+    start_run_server,
+)
 from orchestrator.campaign.workers.run_workers import Fly, Order, OrderDone, Outcome, WorkerLost
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import News, ProgressLimiter
@@ -210,10 +214,11 @@ class LocalWorkers(Generic[Order, Outcome]):
         """Do nothing: the run server ends with its campaign."""
 
     def _start(self) -> LocalWorker[Order, Outcome]:
+        start_run_server()  # it may have been killed
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
             target=_work,
-            args=(theirs, self._fly, dict(os.environ), _Stderr()),
+            args=(theirs, self._fly, run_environment(), _Stderr()),
             name="wil-campaign run",
             daemon=False,
         )

@@ -343,8 +343,9 @@ def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
     """Stand in for a run that fails while its guard still lands; order: where that program is."""
     del report, inbox
     folder = Path(order)
-    ours = [sys.executable, "-m", "safety.lands", str(folder / "grandchild")]
-    guard = subprocess.Popen(ours, cwd=folder)  # noqa: S603 - our own
+    ours = [sys.executable, "-P", "-m", "safety.lands", str(folder / "grandchild")]
+    found = {**os.environ, "PYTHONPATH": order}
+    guard = subprocess.Popen(ours, env=found)  # noqa: S603 - our own
     while not (folder / "grandchild").exists() and guard.poll() is None:
         time.sleep(0.01)
     grandchild = (folder / "grandchild").read_text()
