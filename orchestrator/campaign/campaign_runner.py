@@ -229,7 +229,7 @@ class _Flight:
         loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
             fault=self._faults.take,
-            expected=(OutputError, OperatingError, EngineError, OSError),
+            expected=(OutputError, OperatingError, EngineError, OSError, EOFError),
         )
         try:
             with account.of(loop):

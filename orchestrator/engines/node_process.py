@@ -19,7 +19,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from orchestrator.campaign.workers.local_workers import LocalWorker, LocalWorkers, await_message
-from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_order import completed_run, fly_order
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.engines.node_facts import node_facts
@@ -67,7 +67,7 @@ class NodeRuns:
         self._commands = commands
         self._reports = reports
         self._home = home
-        self._workers = LocalWorkers[RunOrder, RunResult](fly_order)
+        self._workers = LocalWorkers[RunOrder, RunResult](fly_order, completed_run)
         self._results: NodeResults | None = None
 
     async def serve(self) -> None:

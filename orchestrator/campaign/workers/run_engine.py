@@ -7,7 +7,7 @@ from typing import Protocol
 
 from campaigns.expansion.expansion import Campaign
 from orchestrator.campaign.workers.local_workers import LocalWorkers
-from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_order import completed_run, fly_order
 from orchestrator.campaign.workers.run_workers import Workers
 from orchestrator.model.results import RunResult
 from orchestrator.state.run_setup import RunOrder
@@ -44,4 +44,4 @@ class LocalRunEngine:
         say: Callable[[str], None],  # noqa: ARG002
     ) -> LocalWorkers[RunOrder, RunResult]:
         """Return worker processes, forked from the run server."""
-        return LocalWorkers(fly_order)
+        return LocalWorkers(fly_order, completed_run)

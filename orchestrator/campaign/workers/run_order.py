@@ -14,15 +14,18 @@ from orchestrator.model.document_writer import sync_files, to_json, write_whole
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.run.stages.return_flight import return_setup
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from worlds.files.references import forget_loaded
+
+_RESULT = "result.json"
 
 
 @contextmanager
 def _require_unflown(folder: Path) -> Iterator[None]:
     """Raise OutputError where a locked folder has a result: the campaign gave the run up."""
-    if (folder / "result.json").exists():
+    if (folder / _RESULT).exists():
         raise OutputError(f"{folder} has a result already: the campaign gave this run up")
     yield
 
@@ -47,5 +50,16 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
         result = after_attempts(fly(setup, report, inbox), order.attempts)
         order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
         sync_files(order.folder)
-        write_whole(order.folder / "result.json", to_json(result))
+        write_whole(order.folder / _RESULT, to_json(result))
     return result
+
+
+def completed_run(order: RunOrder) -> RunResult | None:
+    """Return the result that the run of an order wrote before its process was lost, or None."""
+    try:
+        result = read_result(order.folder / _RESULT)
+    except ResultError:
+        return None
+    plan = order.plan
+    flown = (result.case, result.mode, result.rep, result.seed)
+    return result if flown == (plan.case, plan.mode, plan.repetition, plan.seed) else None
