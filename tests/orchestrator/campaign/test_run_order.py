@@ -63,3 +63,20 @@ def test_an_order_whose_folder_has_a_result_is_not_flown(
         run_order.fly_order(order, lambda _: None, NoCommands())
     assert not flown
     assert (folder / "result.json").read_text() == "given up"
+
+
+def test_a_result_that_another_wrote_meanwhile_is_not_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after a program on a machine whose locks this one does not see took the run over."""
+    plan = load_campaign(write_hover(tmp_path), Options(repetitions=1)).runs[0]
+    order = RunOrder(plan=plan, folder=tmp_path / "out" / plan.name, clock="virtual")
+
+    def fly(*_: object) -> RunResult:
+        (order.folder / "result.json").write_text("given up")
+        return lost_result(plan, WorkerLost("as it is"))
+
+    monkeypatch.setattr("orchestrator.run.flight.run.fly", fly)
+    with pytest.raises(OutputError, match="the campaign gave this run up"):
+        run_order.fly_order(order, lambda _: None, NoCommands())
+    assert (order.folder / "result.json").read_text() == "given up"

@@ -19,7 +19,13 @@ import pytest
 import orchestrator.cli
 from campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
 from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
-from orchestrator.campaign.folder.campaign_folder import OutputError, held, newest_folder, set_aside
+from orchestrator.campaign.folder.campaign_folder import (
+    OutputError,
+    held,
+    held_run,
+    newest_folder,
+    set_aside,
+)
 from orchestrator.campaign.resuming import resumed_campaign
 from orchestrator.campaign.resuming.resumed_campaign import ResumeRules, resume_campaign
 from orchestrator.campaign.resuming.resumption import ResumeError, resumed_folder
@@ -247,7 +253,7 @@ def test_a_run_that_still_lands_is_waited_for(
     home = tmp_path / loaded.runs[0].name
     home.mkdir(parents=True)
     waited: list[float] = []
-    with held(home):
+    with held_run(home):
         monkeypatch.setattr(time, "sleep", waited.append)
         with pytest.raises(OutputError, match="is still in flight after 120 s"):
             resume(tmp_path, loaded)
