@@ -61,6 +61,11 @@ class RayEngine:
     places: int = 1
     reported: set[str] = field(default_factory=set)
 
+    @property
+    def reads_files_here(self) -> bool:
+        """Return False: the nodes have copies of the files as they were at the beginning."""
+        return False
+
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
         """Return the workers of a campaign; its files are copied to their nodes."""
         home, session = folder.absolute(), uuid.uuid4().hex

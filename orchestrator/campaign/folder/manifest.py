@@ -63,7 +63,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
 def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
     """Return the SHA-256 of files, by their paths relative to the campaign file."""
     home = campaign.document.path.resolve().parent
-    return {os.path.relpath(path, home): f"sha256:{_digest(path)}" for path in sorted(files)}
+    return {os.path.relpath(path, home): file_digest(path) for path in sorted(files)}
 
 
 def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,11 +190,11 @@ def world_digest(files: CaseFiles) -> str:
     return f"sha256:{digest.hexdigest()}"
 
 
-def _digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal digits."""
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file as a manifest has it. Raises OSError."""
     digest = hashlib.sha256()
     _add_file(digest, path)
-    return digest.hexdigest()
+    return f"sha256:{digest.hexdigest()}"
 
 
 def _add_file(digest: "hashlib._Hash", path: Path) -> None:

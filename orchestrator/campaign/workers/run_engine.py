@@ -24,6 +24,10 @@ class EngineError(Exception):
 class RunEngine(Protocol):
     """Flies the runs of campaigns somewhere (protocol)."""
 
+    @property
+    def reads_files_here(self) -> bool:
+        """Return whether each run reads the campaign's files on this machine anew."""
+
     def workers(
         self, campaign: Campaign, folder: Path, say: Callable[[str], None]
     ) -> Workers[RunOrder, RunResult]:
@@ -36,6 +40,11 @@ class RunEngine(Protocol):
 @dataclass(frozen=True, slots=True)
 class LocalRunEngine:
     """Flies runs in processes of this machine."""
+
+    @property
+    def reads_files_here(self) -> bool:
+        """Return True."""
+        return True
 
     def workers(
         self,

@@ -331,6 +331,31 @@ def test_a_campaign_that_has_changed_is_not_resumed(
     assert run(campaign, "--resume") == 0
 
 
+def fly_while_edited(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """Stand in for a flight during which a person changes the autonomy."""
+    with (order.plan.files.folder / "still.py").open("a") as autonomy:
+        autonomy.write("# changed\n")
+    return quick_fly(order, report, inbox)
+
+
+def test_no_run_flies_an_autonomy_that_was_changed_in_flight(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each run loads its files anew: two runs of one campaign would have flown two autonomies."""
+    original = (campaign.parent / "still.py").read_text()
+    monkeypatch.setattr(run_engine, "fly_order", fly_while_edited)
+    assert run(campaign) == 3
+    assert f"{campaign.parent / 'still.py'} changed while the campaign flew" in (
+        capsys.readouterr().err
+    )
+    folder = folder_of(campaign)
+    assert sorted(path.name for path in (folder / "default/sim").glob("[0-9]")) == ["1"]
+    (campaign.parent / "still.py").write_text(original)
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    assert run(campaign, "--resume") == 0
+    assert [one["attempts"] for one in summary_of(folder)["runs"]] == [[], []]
+
+
 @pytest.mark.usefixtures("quick")
 def test_other_versions_and_spoilt_manifests_are_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
