@@ -41,6 +41,7 @@ from orchestrator.engines.node_messages import (
 from orchestrator.engines.node_results import NodeResults, node_results
 from orchestrator.engines.travelling_files import (
     DamagedFileError,
+    different_in_place,
     place_beneath,
     relocate_order,
     unpack_files,
@@ -94,8 +95,9 @@ class NodeRuns:
         results = node_results(campaign)
         if isinstance(results, str):
             return results
-        if problem := await in_thread(results.problem):
-            return problem
+        for problem_of in (results.problem, partial(different_in_place, campaign.files)):
+            if problem := await in_thread(problem_of):
+                return problem
         try:
             unpack_files(campaign.files, self._home)
         except (DamagedFileError, OSError) as error:

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign
-from orchestrator.campaign.folder.manifest import read_files
+from orchestrator.campaign.folder.manifest import naming_documents, read_files
+from orchestrator.campaign.folder.named_files import files_in_place, named_files
 from orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger, first_session
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.cluster_places import places_by_node, shortage_text, waiting_text
@@ -72,7 +73,9 @@ class RayEngine:
         try:
             place = self._place(campaign, home, session)
             ledger = RunLedger(home, session, place)
-            files = pack_files(read_files(campaign), _search_path())
+            files = pack_files(
+                read_files(campaign), _search_path(), files_named_absolutely(campaign)
+            )
         except OSError as error:
             raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
         except StoreError as error:
@@ -340,6 +343,19 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+def files_named_absolutely(campaign: Campaign) -> Iterator[tuple[Path, Path]]:
+    """Yield the files that a campaign names absolutely, as named and as here.
+
+    Except those of its benches: their names mean files of the bench's machine, whatever is here.
+    """
+    documents = [bench.document for bench in campaign.benches]
+    of_benches = {path for one in documents for path in named_files(one.data, one.path)}
+    for document in naming_documents(campaign):
+        for name, path in files_in_place(document.data, document.path):
+            if path not in of_benches:
+                yield name, path
 
 
 def _search_path() -> list[str]:
