@@ -18,11 +18,12 @@ import os
 from orchestrator.campaign.workers.run_server import (
     run_context, run_environment, start_run_server
 )
-start_run_server()
-print(run_environment() == dict(os.environ), "PYTHONSAFEPATH" in os.environ, flush=True)
-run = run_context().Process(target=os.mkdir, args=("flown",))
-run.start()
-run.join()
+if __name__ == "__main__":
+    start_run_server()
+    print(run_environment() == dict(os.environ), "PYTHONSAFEPATH" in os.environ, flush=True)
+    run = run_context().Process(target=os.mkdir, args=("flown",))
+    run.start()
+    run.join()
 """
 _ROOT = Path(__file__).parents[4]
 _WITHIN_S = 120.0
@@ -45,17 +46,21 @@ def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(tmp_path: P
 
 def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path) -> None:
     """As when a person changes into a folder with an autonomy `random.py`, and flies there."""
+    here, program = tmp_path / "here", tmp_path / "bin" / "program"
+    for folder in (here, program.parent):
+        folder.mkdir()
+    program.write_text(_RUN)  # as the console script: its folder is not the current one
     for name in ("random", "tempfile", "numpy"):
-        (tmp_path / f"{name}.py").write_text(f"open('imported {name}', 'w')\n")
+        (here / f"{name}.py").write_text(f"open('imported {name}', 'w')\n")
     ended = subprocess.run(  # noqa: S603 - our own program
-        [sys.executable, "-P", "-c", _RUN],
+        [sys.executable, program],
         env={**os.environ, "PYTHONPATH": str(_ROOT)},
-        cwd=tmp_path,
+        cwd=here,
         capture_output=True,
         text=True,
         timeout=_WITHIN_S,
         check=False,
     )
     assert ended.stdout == "True False\n", ended.stderr
-    assert (tmp_path / "flown").is_dir(), ended.stderr
-    assert list(tmp_path.glob("imported *")) == []
+    assert (here / "flown").is_dir(), ended.stderr
+    assert list(here.glob("imported *")) == []
