@@ -108,6 +108,24 @@ def sources() -> Iterator[Path]:
         yield from sorted((ROOT / name).rglob("*.py"))
 
 
+def interpreter_flags() -> Iterator[tuple[Path, str]]:
+    """Yield the first flag of each command that starts this interpreter with a flag."""
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if not isinstance(node, ast.List | ast.Tuple) or len(node.elts) < 2:
+                continue
+            first, second = node.elts[:2]
+            if ast.unparse(first) == "sys.executable" and isinstance(second, ast.Constant):
+                yield path, str(second.value)
+
+
+def test_no_process_of_ours_imports_from_the_current_folder() -> None:
+    """A user flies there, whose autonomy may be called random.py."""
+    flags = list(interpreter_flags())
+    assert len(flags) >= 9
+    assert [(path, flag) for path, flag in flags if flag not in {"-P", "-I"}] == []
+
+
 def words_of(name: str) -> list[str]:
     """The words of a name, of either form: `SimClock` and `sim_clock` are sim, clock."""
     one_word = name.replace("ArduPilot", "Ardupilot")

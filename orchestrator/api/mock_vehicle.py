@@ -184,7 +184,7 @@ class MockVehicle:
             settings = self._settings.model_copy(update={"feed_port": feed.getsockname()[1]})
             # It ends when its stdin does, however this process ends.
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter
-                [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()],
+                [sys.executable, "-P", "-m", "vehicles.embedded", settings.model_dump_json()],
                 stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=subprocess.STDOUT,

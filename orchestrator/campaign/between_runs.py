@@ -1,5 +1,6 @@
 """Between runs: an attached vehicle flies back to its start, or a person moves it."""
 
+import itertools
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -23,7 +24,10 @@ from orchestrator.state.run_setup import RunOrder
 from worlds.clearance.clearance import ClearanceProbe
 
 _BACK = "back"
-"""The folder beneath a campaign's with the return flights, each under its run's name."""
+"""The folder beneath a campaign's with the return flights, each under its run's name.
+
+A run that was flown again (`--again`) has a further one in `<rep>-2`, and so on.
+"""
 
 
 class AskPerson(Protocol):
@@ -119,8 +123,14 @@ class BetweenRuns:
         fence = setup.fences.get("real")
         if why := why_path_blocked(way, fence=fence, keep_m=setup.guarding.keep_m, probe=probe):
             return why
-        folder = self._folder / _BACK / order.plan.name
+        folder = _unused_folder(self._folder / _BACK / order.plan.name)
         return replace(order, back=way, folder=folder, attempts=())
+
+
+def _unused_folder(folder: Path) -> Path:
+    """Return a folder, or the first `<folder>-2`, `<folder>-3` ... that does not exist."""
+    names = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
+    return next(one for one in itertools.chain([folder], names) if not one.exists())
 
 
 def _log_lines(path: Path) -> Iterator[dict[str, Any]]:

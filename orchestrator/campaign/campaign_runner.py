@@ -20,6 +20,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     set_aside,
     write_document,
 )
+from orchestrator.campaign.folder.flown_files import FlownFiles
 from orchestrator.campaign.folder.manifest import manifest
 from orchestrator.campaign.folder.repetitions import planned, runs_due
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
@@ -116,8 +117,8 @@ def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher)
     ResumeError, EngineError.
     """
     with ExitStack() as stack:
-        folder, before = _begin(campaign, settings, watcher, stack)
-        flight = _Flight(campaign, settings, watcher, folder, before)
+        folder, before, files = _begin(campaign, settings, watcher, stack)
+        flight = _Flight(campaign, settings, watcher, folder, before, files=files)
         # From the beginning there is a summary of the runs so far, also in place of an old one.
         flight.write_summary()
         asyncio.run(flight.fly())
@@ -126,9 +127,10 @@ def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher)
 
 def _begin(
     campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
-) -> tuple[Path, ResumedCampaign]:
-    """Return the campaign's folder, locked until the stack ends, and its finished runs."""
-    document: Mapping[str, object] = manifest(campaign, settings.clock, arm=settings.arm)
+) -> tuple[Path, ResumedCampaign, FlownFiles]:
+    """Return the campaign's folder, locked until the stack ends, its finished runs, its files."""
+    document: Mapping[str, Any] = manifest(campaign, settings.clock, arm=settings.arm)
+    files = FlownFiles.of(campaign.document.path, document["files"], campaign.paths)
     if settings.resume:
         folder = resumed_folder(settings.out, campaign.name)
         document = resumed_manifest(folder, document)
@@ -140,7 +142,7 @@ def _begin(
         _require_space(campaign, folder)
         write_document(folder / "campaign.json", to_json(document))
         if not settings.resume:
-            return folder, ResumedCampaign(results={}, attempts={})
+            return folder, ResumedCampaign(results={}, attempts={}), files
         rules = ResumeRules(
             is_real=real_runs(campaign, settings.hardware),
             again=settings.again,
@@ -152,7 +154,7 @@ def _begin(
     watcher.say(
         f"resumed: {len(before.results)} of {len(campaign.plans)} are finished, in {folder}"
     )
-    return folder, before
+    return folder, before, files
 
 
 def _require_space(campaign: Campaign, folder: Path) -> None:
@@ -173,11 +175,14 @@ class _Flight:
         watcher: Watcher,
         folder: Path,
         before: ResumedCampaign,
+        *,
+        files: FlownFiles,
     ) -> None:
         self._campaign = campaign
         self._settings = settings
         self._watcher = watcher
         self._folder = folder
+        self._files = files
         self._plans = planned(campaign, arm=settings.arm)
         self._results = dict(before.results)
         self._attempts = before.attempts
@@ -229,7 +234,7 @@ class _Flight:
         loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
             fault=self._faults.take,
-            expected=(OutputError, OperatingError, EngineError, OSError),
+            expected=(OutputError, OperatingError, EngineError, OSError, EOFError),
         )
         try:
             with account.of(loop):
@@ -297,7 +302,8 @@ class _Flight:
         """Return an order with the liftoff delays known by now; None if it is no longer needed.
 
         Raises EngineError after a run was lost with a real vehicle: its guard may still be landing
-        it, and a person has to inspect it.
+        it, and a person has to inspect it. Raises OutputError where a file that the run would read
+        has changed.
         """
         if self._lost_with_vehicle:
             raise EngineError(
@@ -306,6 +312,8 @@ class _Flight:
             )
         if order.back is None and not self._is_due(order.plan):
             return None
+        if self._settings.engine.reads_files_here:
+            self._files.require_unchanged()
         return self._learning.ready(order)
 
     def _due(self) -> list[RunPlan]:

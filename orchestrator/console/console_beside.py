@@ -20,7 +20,7 @@ def console_beside(address: str, say: Callable[[str], None]) -> Iterator[None]:
     If this program dies, the console runs until the guards have landed. Raises ConsoleError.
     """
     beside = ("--address", address, "--beside", str(os.getpid()))
-    arguments = ("-m", "orchestrator.cli", "console", *beside)
+    arguments = ("-P", "-m", "orchestrator.cli", "console", *beside)
     with process_beside(arguments, lines=LINKS, end_s=_END_S) as lines:
         if len(lines) < LINKS:
             raise ConsoleError("the console did not start; nothing flies")

@@ -83,7 +83,7 @@ def granted_scheduling() -> str:
     """Return the scheduling that the system grants to a guard, tried in a short process."""
     program = "from vehicles.processes.linux import rise_above_load; print(rise_above_load())"
     result = subprocess.run(  # noqa: S603 - this interpreter
-        [sys.executable, "-c", program], capture_output=True, check=False, text=True
+        [sys.executable, "-P", "-c", program], capture_output=True, check=False, text=True
     )
     return result.stdout.strip() or "normal"
 

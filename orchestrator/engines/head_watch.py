@@ -7,12 +7,16 @@ import os
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 _POLL_S = 3.0
 _SILENT_S = 30.0
 _CONNECT_S = 5.0
+"""A head whose machine is gone refuses nothing: each try takes so long."""
+_LEAST_TRIES = 3
+"""This program may have stood still (Ctrl-Z) while one try lasted."""
 
 
 @contextmanager
@@ -23,16 +27,21 @@ def watched_head(
     silent_s: float = _SILENT_S,
     end: Callable[[int], object] = os._exit,
 ) -> Iterator[None]:
-    """End this program with exit code 3 once the head has refused connections for `silent_s`.
+    """End this program with exit code 3 once the head has accepted no connection for `silent_s`.
 
     As after a SIGKILL, vehicles land, and finished runs are on the disk. address: HOST:PORT.
     """
     over = threading.Event()
 
     def watch() -> None:
-        silent = 0.0
-        while not over.wait(poll_s) and silent < silent_s:
-            silent = 0.0 if _accepts_connection(address) else silent + poll_s
+        accepted_s, tries = time.monotonic(), 0
+        while not over.wait(poll_s):
+            if _accepts_connection(address):
+                accepted_s, tries = time.monotonic(), 0
+                continue
+            tries += 1
+            if tries >= _LEAST_TRIES and time.monotonic() - accepted_s >= silent_s:
+                break
         if not over.is_set():
             # Without a terminal it has to end as well.
             with suppress(OSError, ValueError, AttributeError):

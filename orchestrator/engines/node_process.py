@@ -19,7 +19,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from orchestrator.campaign.workers.local_workers import LocalWorker, LocalWorkers, await_message
-from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_order import completed_run, fly_order
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.engines.node_facts import node_facts
@@ -41,6 +41,7 @@ from orchestrator.engines.node_messages import (
 from orchestrator.engines.node_results import NodeResults, node_results
 from orchestrator.engines.travelling_files import (
     DamagedFileError,
+    different_in_place,
     place_beneath,
     relocate_order,
     unpack_files,
@@ -67,7 +68,7 @@ class NodeRuns:
         self._commands = commands
         self._reports = reports
         self._home = home
-        self._workers = LocalWorkers[RunOrder, RunResult](fly_order)
+        self._workers = LocalWorkers[RunOrder, RunResult](fly_order, completed_run)
         self._results: NodeResults | None = None
 
     async def serve(self) -> None:
@@ -94,8 +95,9 @@ class NodeRuns:
         results = node_results(campaign)
         if isinstance(results, str):
             return results
-        if problem := await in_thread(results.problem):
-            return problem
+        for problem_of in (results.problem, partial(different_in_place, campaign.files)):
+            if problem := await in_thread(problem_of):
+                return problem
         try:
             unpack_files(campaign.files, self._home)
         except (DamagedFileError, OSError) as error:

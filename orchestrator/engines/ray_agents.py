@@ -30,6 +30,10 @@ _CLOSED_S = 30.0
 """How long the process of a node may take to end once nothing flies."""
 
 
+class NodeRefusedError(EngineError):
+    """A node is lost, or cannot fly for this campaign; others may. Says which, and the remedy."""
+
+
 @dataclass(slots=True)
 class HiredAgent:
     """An agent that is up on a node. actor: Ray's handle. has_campaign: its files are unpacked.
@@ -123,7 +127,10 @@ class Hire:
             self._ray.kill(self._actor, no_restart=True)
 
     def agent(self) -> HiredAgent:
-        """Return the agent if it is up with the programs of this machine. Raises EngineError."""
+        """Return the agent if it is up with the programs of this machine.
+
+        Raises NodeRefusedError.
+        """
         try:
             facts = fit_facts(self._first_messages(), "a node of the cluster")
         except EngineError:
@@ -132,11 +139,11 @@ class Hire:
         return HiredAgent(ray=self._ray, actor=self._actor, node=facts["node"])
 
     def _first_messages(self) -> list[bytes]:
-        """Return the first messages of the agent's node. Raises EngineError."""
+        """Return the first messages of the agent's node. Raises NodeRefusedError."""
         try:
             messages: list[bytes] = self.future.result()
         except self._ray.exceptions.RayError as error:
-            raise EngineError(
+            raise NodeRefusedError(
                 f"a node of the cluster cannot fly: {_last_line(error)}; install the same wheel of "
                 "wil-campaign[cluster] with the same constraints on every node",
                 2,
@@ -147,19 +154,20 @@ class Hire:
 def fit_facts(messages: Sequence[bytes], sender: str, *, silent_code: int = 3) -> dict[str, str]:
     """Return a node's facts, from its first messages. sender: in words.
 
-    Raises EngineError where there are none (with silent_code), and for a node with other programs.
+    Raises NodeRefusedError where there are none (with silent_code), and for a node with other
+    programs.
     """
     if not messages:
-        raise EngineError(f"{sender} sent no message in time", silent_code)
+        raise NodeRefusedError(f"{sender} sent no message in time", silent_code)
     try:
         facts = decode_facts(messages[0])
     except DamagedMessageError as error:
-        raise EngineError(
+        raise NodeRefusedError(
             f"the facts of {sender} cannot be read: {error}; install the same wheel of "
             "wil-campaign[cluster] with the same constraints there"
         ) from error
     if why := unfit_text(node_facts(), facts):
-        raise EngineError(why, 2)
+        raise NodeRefusedError(why, 2)
     return facts
 
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign
-from orchestrator.campaign.folder.manifest import read_files
+from orchestrator.campaign.folder.manifest import naming_documents, read_files
+from orchestrator.campaign.folder.named_files import files_in_place, named_files
 from orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger, first_session
 from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.engines.cluster_places import places_by_node, shortage_text, waiting_text
@@ -27,6 +28,7 @@ from orchestrator.engines.ray_agents import (
     REPORT_S,
     Hire,
     HiredAgent,
+    NodeRefusedError,
     hire_agents,
     no_place_text,
 )
@@ -40,6 +42,11 @@ _LOOPBACK = "127.0.0.2"
 """Not 127.0.0.1: Ray replaces that by another address of the machine."""
 _STORE_BYTES = 80_000_000
 """The least that Ray accepts for its object store; results come by files."""
+_UNFIT = 2
+"""The exit code for a node that cannot fly for this campaign before it is mended."""
+_MOST_REFUSALS = 3
+_PAUSE_S, _LONGEST_PAUSE_S = 5.0, 60.0
+"""Between tries for another node, of which each starts a process there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +56,7 @@ class RayEngine:
     bench: the bench that has the one agent; "" where any node flies. keeps_agents: the same agents
     fly further campaigns. store: for results; None for a folder that all nodes share. places: how
     many runs are to fly at once, also while the cluster has fewer places. reported: the sentences
-    about that which the user has seen.
+    about nodes that the user has seen. flown: the nodes that have had a run.
     """
 
     ray: Any
@@ -60,6 +67,12 @@ class RayEngine:
     store: Store | None = None
     places: int = 1
     reported: set[str] = field(default_factory=set)
+    flown: set[str] = field(default_factory=set)
+
+    @property
+    def reads_files_here(self) -> bool:
+        """Return False: the nodes have copies of the files as they were at the beginning."""
+        return False
 
     def workers(self, campaign: Campaign, folder: Path, say: Callable[[str], None]) -> "RayWorkers":
         """Return the workers of a campaign; its files are copied to their nodes."""
@@ -67,7 +80,9 @@ class RayEngine:
         try:
             place = self._place(campaign, home, session)
             ledger = RunLedger(home, session, place)
-            files = pack_files(read_files(campaign), _search_path())
+            files = pack_files(
+                read_files(campaign), _search_path(), files_named_absolutely(campaign)
+            )
         except OSError as error:
             raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
         except StoreError as error:
@@ -112,21 +127,28 @@ class RayWorkers:
         self._say = say
         self._flying = 0
         """How many agents have an order, or are about to get one."""
+        self._bringing = 0
+        """How many agents are sent the campaign."""
+        self._refusals = 0
+        """How many nodes were refused one after the other."""
+        self._freed = asyncio.Event()
         self._brought = brought
         self._ledger = ledger
         self._results = results
 
     async def start(self) -> RayWorker:
-        """Return a worker whose node has the campaign. Raises EngineError."""
-        idle = self._engine.idle
-        agent = idle.pop() if idle else await self._hire_another()
-        try:
-            if not agent.has_campaign:
-                await self._bring_campaign(agent)
-        except (EOFError, OSError) as error:
-            agent.kill()
-            raise EngineError(f"node {agent.node} is lost: {error}") from error
+        """Return a worker whose node has the campaign. Raises EngineError.
+
+        A node that is lost or refused is reported, and another one takes its place.
+        """
+        while True:
+            try:
+                agent = await self._prepare_agent()
+                break
+            except NodeRefusedError as error:
+                await self._replace_refused(error)
         self._flying += 1
+        self._engine.flown.add(agent.node)
         return RayWorker(
             agent=agent,
             ledger=self._ledger,
@@ -148,13 +170,50 @@ class RayWorkers:
     def _receive_agent(self, agent: HiredAgent) -> None:
         """Take back an agent for the next order, unless it is lost."""
         self._flying -= 1
+        self._freed.set()
         if not agent.is_dead:
             self._engine.idle.append(agent)
 
-    async def _hire_another(self) -> HiredAgent:
-        """Return a further agent, once there is a place for it. Raises EngineError.
+    async def _prepare_agent(self) -> HiredAgent:
+        """Return an agent whose node has the campaign. Raises NodeRefusedError, EngineError."""
+        idle = self._engine.idle
+        agent = idle.pop() if idle else await self._hire_another()
+        if agent.has_campaign:
+            return agent
+        self._bringing += 1
+        try:
+            await self._bring_campaign(agent)
+        except (EOFError, OSError) as error:
+            agent.kill()
+            raise NodeRefusedError(f"node {agent.node} is lost: {error}") from error
+        finally:
+            self._bringing -= 1
+        self._refusals = 0
+        return agent
 
-        The wait lasts as long as other runs fly, and HIRED_S after the last of them.
+    async def _replace_refused(self, error: NodeRefusedError) -> None:
+        """Return once another agent may be there. Raises EngineError when none is to be expected.
+
+        The cluster may give the same node again and again: after a few times only what still flies
+        is waited for, with a try now and then.
+        """
+        engine = self._engine
+        self._refusals += 1
+        flies = bool(self._flying or self._bringing or engine.idle)
+        # A node that is refused before anything flies has to be mended; one that is lost, not.
+        may_try = self._refusals < _MOST_REFUSALS and bool(engine.flown or error.code != _UNFIT)
+        if engine.bench or not (flies or may_try):
+            raise EngineError(str(error), 3 if engine.flown else error.code) from error
+        self._say_once(str(error))
+        if not engine.idle and self._refusals > 1:
+            self._freed.clear()
+            await _is_set(self._freed, min(self._refusals * _PAUSE_S, _LONGEST_PAUSE_S))
+
+    async def _hire_another(self) -> HiredAgent:
+        """Return a further agent, once there is a place for it.
+
+        The wait lasts as long as other runs fly, and HIRED_S after the last of them. Raises
+        NodeRefusedError, EngineError.
         """
         engine = self._engine
         if engine.bench:
@@ -194,12 +253,12 @@ class RayWorkers:
             self._say(text)
 
     async def _bring_campaign(self, agent: HiredAgent) -> None:
-        """Send the campaign's files to a node. Raises EngineError, EOFError, OSError."""
+        """Send the campaign's files to a node. Raises NodeRefusedError, EOFError, OSError."""
         await agent.send(self._brought)
         for message in await agent.receive():
             if isinstance(message, CampaignAnswer) and message.problem:
                 agent.kill()
-                raise EngineError(f"node {agent.node}: {message.problem}", 2)
+                raise NodeRefusedError(f"node {agent.node}: {message.problem}", _UNFIT)
         agent.has_campaign = True
 
 
@@ -335,6 +394,19 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+def files_named_absolutely(campaign: Campaign) -> Iterator[tuple[Path, Path]]:
+    """Yield the files that a campaign names absolutely, as named and as here.
+
+    Except those of its benches: their names mean files of the bench's machine, whatever is here.
+    """
+    documents = [bench.document for bench in campaign.benches]
+    of_benches = {path for one in documents for path in named_files(one.data, one.path)}
+    for document in naming_documents(campaign):
+        for name, path in files_in_place(document.data, document.path):
+            if path not in of_benches:
+                yield name, path
 
 
 def _search_path() -> list[str]:

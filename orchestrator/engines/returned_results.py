@@ -10,7 +10,7 @@ from typing import Protocol
 from orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     TakenError,
-    held,
+    held_run,
     make_run_folder,
 )
 from orchestrator.campaign.resuming.lost_runs import lost_result
@@ -76,7 +76,7 @@ class SharedResults:
         try:
             make_run_folder(order.folder, order.plan.name)
             for _ in range(round(LANDED_S / _POLL_S)):
-                with suppress(TakenError), held(order.folder):
+                with suppress(TakenError), held_run(order.folder):
                     return _result_or_giving_up(order, had_begun=had_begun)
                 time.sleep(_POLL_S)
         except (OutputError, OSError) as error:

@@ -1,7 +1,8 @@
 """The files of a campaign that are copied to a node: packed, unpacked, and checked by SHA-256.
 
 Beneath the folder where they are unpacked they have the layout of the machine that sent them, so
-that every relative name in them stays valid.
+that every relative name in them stays valid. An absolute name means a file of the node, which has
+to have the same content.
 """
 
 import hashlib
@@ -11,8 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.setup.case_files import CaseFiles
-from orchestrator.campaign.folder.named_files import with_companions
+from orchestrator.campaign.folder.named_files import as_used, with_companions
 from orchestrator.state.run_setup import RunOrder
+from orchestrator.storage.stored_runs import digest_of
 from worlds.files.documents import Document
 
 
@@ -31,22 +33,58 @@ class TravellingFile:
 
 
 @dataclass(frozen=True, slots=True)
+class FileInPlace:
+    """A file that is named absolutely. name: as documents have it, perhaps beginning with `~`."""
+
+    name: Path
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class TravellingFiles:
-    """Every file that a campaign's runs read. search_path: folders from which Python imports."""
+    """Every file that a campaign's runs read. search_path: folders from which Python imports.
+
+    in_place: the files among them that are read on each node at their own place.
+    """
 
     files: tuple[TravellingFile, ...]
     search_path: tuple[Path, ...] = ()
+    in_place: tuple[FileInPlace, ...] = ()
 
 
-def pack_files(paths: Iterable[Path], search_path: Iterable[str]) -> TravellingFiles:
+def pack_files(
+    paths: Iterable[Path],
+    search_path: Iterable[str],
+    in_place: Iterable[tuple[Path, Path]] = (),
+) -> TravellingFiles:
     """Return files with their content, by their absolute paths. Raises OSError.
 
-    search_path: `sys.path` of this process; only folders above one of the files are kept.
+    search_path: `sys.path` of this process; only folders above one of the files are kept. in_place:
+    files that are named absolutely, as named and as they are here.
     """
-    packed = tuple(_pack_file(path) for path in with_companions(paths))
-    folders = dict.fromkeys(Path(entry).resolve() for entry in search_path)
+    packed = tuple(_pack_file(path) for path in with_companions(map(as_used, paths)))
+    folders = dict.fromkeys(as_used(Path(entry)) for entry in search_path)
     needed = [one for one in folders if any(file.path.is_relative_to(one) for file in packed)]
-    return TravellingFiles(packed, tuple(needed))
+    digests = {file.path: file.sha256 for file in packed}
+    named = (FileInPlace(name, digests[path]) for name, path in in_place if path in digests)
+    return TravellingFiles(packed, tuple(needed), tuple(dict.fromkeys(named)))
+
+
+def different_in_place(sent: TravellingFiles) -> str:
+    """Return which file that is named absolutely is another one on this machine; "" for none."""
+    for file in sent.in_place:
+        try:
+            same = digest_of(file.name.expanduser()) == file.sha256
+        except (OSError, RuntimeError):
+            same = False
+        if not same:
+            return (
+                f"{file.name} is not the file that it is on the campaign's machine (its SHA-256 "
+                "differs, or it is missing), and an absolute name means the node's own file: put "
+                "the file beside the campaign and name it relative to that, so that it travels, or "
+                "copy it to the same place on every node"
+            )
+    return ""
 
 
 def unpack_files(sent: TravellingFiles, folder: Path) -> None:
@@ -72,7 +110,7 @@ def relocate_order(order: RunOrder, folder: Path) -> RunOrder:
 
 def resolve_order(order: RunOrder) -> RunOrder:
     """Return an order in which every path is absolute, and so means the same on a node."""
-    resolved = map_documents(order, lambda one: replace(one, path=one.path.resolve()))
+    resolved = map_documents(order, lambda one: replace(one, path=as_used(one.path)))
     return replace(resolved, folder=order.folder.absolute())
 
 

@@ -26,7 +26,7 @@ def foxglove_beside(
     BridgeError before the context is entered.
     """
     bridge_address(address)
-    arguments = ("-m", "orchestrator.foxglove_bridge.bridge_process", address)
+    arguments = ("-P", "-m", "orchestrator.foxglove_bridge.bridge_process", address)
     only = (str(folder.absolute()) if folder else "", str(program) if program else "")
     with process_beside((*arguments, *only), lines=1, end_s=_END_S) as lines:
         line = lines[0].strip() if lines else ""

@@ -20,6 +20,10 @@ class StoreError(Exception):
     """A call of a store failed; says where and why."""
 
 
+class MissingFileError(StoreError):
+    """A file is not in a store, which has answered; says where."""
+
+
 class StoreRefusedError(StoreError):
     """A URL names no store that this machine can use; says why, and the remedy."""
 
@@ -45,7 +49,7 @@ class StoreLimits:
 class Store:
     """Files by their names beneath a URL. files: the file system of fsspec. root: the URL's path.
 
-    Every method raises StoreError.
+    Every method raises StoreError, `download` MissingFileError for a file that does not exist.
     """
 
     url: str
@@ -95,6 +99,7 @@ class Store:
     def _retry_call(self, failure: str, call: Callable[[], T], size: int = 0) -> T:
         """Return the result of a call that is tried several times."""
         limits, reason = self.limits, ""
+        kind: type[StoreError] = StoreError
         for number in range(limits.tries):
             if number:
                 time.sleep(limits.pauses_s[min(number, len(limits.pauses_s)) - 1])
@@ -102,7 +107,8 @@ class Store:
                 return _call_within(limits.limit_s(size), call)
             except Exception as error:  # noqa: BLE001  # file systems of fsspec raise anything
                 reason = str(error) or type(error).__name__
-        raise StoreError(f"{failure}: {reason} (the last of {limits.tries} tries)")
+                kind = MissingFileError if isinstance(error, FileNotFoundError) else StoreError
+        raise kind(f"{failure}: {reason} (the last of {limits.tries} tries)")
 
 
 def open_store(url: str, limits: StoreLimits | None = None) -> Store:

@@ -14,13 +14,17 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from orchestrator.model.document_writer import sync_files
-from orchestrator.storage.store import Store, StoreError
+from orchestrator.storage.store import MissingFileError, Store, StoreError
 
 RESULT_FILE = "result.json"
 _BEGUN, _SENT, _GIVEN_UP = "begun", "sent.json", "given-up"
 _NEWEST = "newest"
 _CHUNK_BYTES = 1 << 20
 _POLL_S = 1.0
+
+
+class DamagedRunError(StoreError):
+    """The files of a run in a store are not what its node has sent; says which."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +77,8 @@ def send_run(store: Store, place: str, folder: Path, sent: Callable[[int], None]
 def fetch_run(store: Store, place: str, folder: Path, fetched: Callable[[int], None]) -> bool:
     """Write a run's files into a folder, the result last; return whether the run was sent.
 
-    fetched: called after each file with how many are fetched. Raises StoreError, also for a file
-    that differs from what was sent, and OSError.
+    fetched: called after each file with how many are fetched. Raises DamagedRunError for a file
+    that is missing or differs from what was sent, StoreError, and OSError.
     """
     files = _sent_files(store, place)
     if files is None:
@@ -94,7 +98,7 @@ def await_run(store: Store, place: str, folder: Path, *, landed_s: float, begun_
     """Fetch a run whose node is lost; return in words why it is missing, "" once it is here.
 
     landed_s: how long it may take to land and to be sent. begun_s: how long it may take to begin.
-    Raises StoreError, OSError.
+    Raises DamagedRunError, StoreError, OSError.
     """
     start_s = time.monotonic()
     has_begun = False
@@ -122,7 +126,10 @@ def digest_of(path: Path) -> str:
 
 
 def _sent_files(store: Store, place: str) -> Mapping[str, _SentFile] | None:
-    """Return the sent files of a run, by name; None until all are sent. Raises StoreError."""
+    """Return the sent files of a run, by name; None until all are sent.
+
+    Raises DamagedRunError, StoreError.
+    """
     content = store.read(f"{place}/{_SENT}")
     if content is None:
         return None
@@ -137,14 +144,17 @@ def _sent_files(store: Store, place: str) -> Mapping[str, _SentFile] | None:
     for name in sent:
         parts = PurePosixPath(name).parts
         if not parts or name.startswith("/") or ".." in parts or "\\" in name:
-            raise StoreError(
+            raise DamagedRunError(
                 f"{store.url}/{place}/{_SENT} names a file outside of the run's folder: {name}"
             )
     return sent
 
 
 def _fetch_file(store: Store, name: str, path: Path, wanted: _SentFile) -> None:
-    """Write a file of the store, whole or not at all. Raises StoreError, OSError."""
+    """Write a file of the store, whole or not at all.
+
+    Raises DamagedRunError, StoreError, OSError.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
     try:
@@ -154,9 +164,11 @@ def _fetch_file(store: Store, name: str, path: Path, wanted: _SentFile) -> None:
                 _sync(part)
                 part.replace(path)
                 return
+    except MissingFileError as error:
+        raise DamagedRunError(str(error)) from error
     finally:
         part.unlink(missing_ok=True)
-    raise StoreError(f"{store.url}/{name} is not what its node has sent: its SHA-256 differs")
+    raise DamagedRunError(f"{store.url}/{name} is not what its node has sent: its SHA-256 differs")
 
 
 def _sync(path: Path) -> None:

@@ -103,7 +103,7 @@ class MavsdkClient:
         ours, theirs = socket.socketpair()
         self._ready = asyncio.get_running_loop().create_future()
         self._child = ChildProcess(
-            argv=(sys.executable, "-m", "vehicles.mavsdk", url), stdin=theirs.fileno()
+            argv=(sys.executable, "-P", "-m", "vehicles.mavsdk", url), stdin=theirs.fileno()
         )
         self._last_received_s = time.monotonic() + _START_S - _SILENT_S
         try:

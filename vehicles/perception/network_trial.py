@@ -51,7 +51,7 @@ def _refusal(path: Path, input_px: tuple[int, int], size_bytes: int, changed_ns:
     words = (str(path), *map(str, input_px), str(memory_mb))
     try:
         tried = subprocess.run(  # noqa: S603 - our own program
-            [sys.executable, "-m", "vehicles.perception.network_trial", *words],
+            [sys.executable, "-P", "-m", "vehicles.perception.network_trial", *words],
             check=False,
             capture_output=True,
             text=True,

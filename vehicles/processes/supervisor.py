@@ -31,7 +31,7 @@ def supervised(
     of its stdin instead. grace_s: how long the program may take to end after SIGTERM. folder: its
     working directory, with its output in `output.txt`; empty to inherit both.
     """
-    supervisor = (sys.executable, "-m", "vehicles.processes.supervisor")
+    supervisor = (sys.executable, "-P", "-m", "vehicles.processes.supervisor")
     return (*supervisor, str(parent), f"{grace_s:g}", folder, *argv)
 
 

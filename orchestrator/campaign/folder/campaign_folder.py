@@ -1,7 +1,8 @@
 """A campaign's folder on the disk: created, locked while it is flown, with runs set aside in it.
 
 Beneath it each run has `<case>/<mode>/<rep>`. Earlier attempts, which do not count, are kept in
-`earlier/<case>/<mode>/<rep>-<n>`, n from 1.
+`earlier/<case>/<mode>/<rep>-<n>`, n from 1. What is locked are files, `.lock` in the campaign's
+folder and `.<rep>.lock` beside a run's: over NFS, Linux keeps locks of folders to one machine.
 """
 
 import contextlib
@@ -10,13 +11,14 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from orchestrator.model.document_writer import sync_folder, write_whole
 from orchestrator.recording.timestamps import folder_stamp
 
 _EARLIER = "earlier"
+_LOCK = ".lock"
 
 
 class OutputError(Exception):
@@ -101,13 +103,26 @@ def write_document(path: Path, content: str | bytes) -> None:
         raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Lock a campaign folder until the context or the process ends. Raises TakenError.
+def held(folder: Path) -> AbstractContextManager[None]:
+    """Lock a campaign's folder until the context or the process ends.
 
-    The kernel releases the lock when the process dies for any reason.
+    Raises TakenError, and OSError where its file cannot be written.
     """
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    return _locked(folder / _LOCK, folder)
+
+
+def held_run(folder: Path) -> AbstractContextManager[None]:
+    """Lock a run's folder, whatever is in it, until the context or the process ends.
+
+    Raises TakenError, and OSError where the file beside it cannot be written.
+    """
+    return _locked(folder.with_name(f".{folder.name}{_LOCK}"), folder)
+
+
+@contextmanager
+def _locked(file: Path, folder: Path) -> Iterator[None]:
+    """Lock a file, which stays. The kernel releases it when the process dies for any reason."""
+    handle = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -11,6 +11,8 @@ from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
 
+from orchestrator.campaign.folder.named_files import as_used
+
 _MAX_FILES = 2000
 _OURS = frozenset({"campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds"})
 """The packages of wil-campaign, which its version identifies."""
@@ -38,7 +40,7 @@ def imported_by(files: set[Path]) -> Imported:
             origin = None if top in _OURS else _origin(module)
             if origin is None:
                 continue
-            if any(origin.is_relative_to(folder) for folder in installed):
+            if any(origin.resolve().is_relative_to(folder) for folder in installed):
                 packages.update(_distributions_of(top))
             elif origin not in known:
                 known.add(origin)
@@ -94,4 +96,4 @@ def _origin(module: str) -> Path | None:
         search_path = list(spec.submodule_search_locations or [])
     if spec is None or spec.origin is None or not spec.origin.endswith((".py", ".so")):
         return None
-    return Path(spec.origin).resolve()
+    return as_used(Path(spec.origin))

@@ -6,7 +6,7 @@ import os
 import platform
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,10 +15,10 @@ from typing import Any
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_files import CaseFiles
 from orchestrator.campaign.folder.imported_files import imported_by
-from orchestrator.campaign.folder.named_files import named_files
+from orchestrator.campaign.folder.named_files import as_used, named_files
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
-from worlds.files.documents import Data
+from worlds.files.documents import Data, Document
 
 _CHUNK_BYTES = 1 << 20
 _VERSIONED = (
@@ -63,7 +63,8 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
 def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
     """Return the SHA-256 of files, by their paths relative to the campaign file."""
     home = campaign.document.path.resolve().parent
-    return {os.path.relpath(path, home): f"sha256:{_digest(path)}" for path in sorted(files)}
+    paths = sorted({path.resolve() for path in files})
+    return {os.path.relpath(path, home): file_digest(path) for path in paths}
 
 
 def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,7 +115,10 @@ def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
 
 
 def read_files(campaign: Campaign) -> set[Path]:
-    """Return every file that the campaign's runs read, with imported Python modules."""
+    """Return every file that the campaign's runs read, with imported Python modules.
+
+    By the names by which the runs read them: symlinks are not followed.
+    """
     files = _files(campaign)
     return files | imported_by({path for path in files if path.suffix == ".py"}).files
 
@@ -130,12 +134,18 @@ def _files(campaign: Campaign) -> set[Path]:
     These are the campaign, its worlds and recipes, and the files that they name: the autonomy,
     profiles, meshes with their textures, steps, models, programs, firmware, images.
     """
-    files = {path.resolve() for path in campaign.paths}
+    files = {as_used(path) for path in campaign.paths}
+    for document in naming_documents(campaign):
+        files.update(named_files(document.data, document.path))
+    return files
+
+
+def naming_documents(campaign: Campaign) -> Iterator[Document]:
+    """Yield the documents of a campaign's cases that may name further files."""
     for case in _files_by_case(campaign).values():
         for document in (case.campaign, case.world, case.recipe):
             if document is not None:
-                files.update(named_files(document.data, document.path))
-    return files
+                yield document
 
 
 def _runs(campaign: Campaign) -> list[dict[str, object]]:
@@ -190,11 +200,11 @@ def world_digest(files: CaseFiles) -> str:
     return f"sha256:{digest.hexdigest()}"
 
 
-def _digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal digits."""
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file as a manifest has it. Raises OSError."""
     digest = hashlib.sha256()
     _add_file(digest, path)
-    return digest.hexdigest()
+    return f"sha256:{digest.hexdigest()}"
 
 
 def _add_file(digest: "hashlib._Hash", path: Path) -> None:

@@ -1,5 +1,6 @@
 """The files that a campaign's documents name, and the files that those name in turn."""
 
+import os
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -7,7 +8,7 @@ from pathlib import Path
 
 from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
 from worlds.files.documents import Data
-from worlds.files.paths import is_file, is_folder
+from worlds.files.paths import exists, is_file, is_folder
 
 _MESH_SUFFIXES = frozenset({".obj", ".mtl", ".dae", ".gltf"})
 _COMPANION = re.compile(r"[^\"'<>\t\r\n]+\.(?:mtl|png|jpg|jpeg|bmp|tga|bin)\b", re.IGNORECASE)
@@ -24,21 +25,54 @@ def named_files(value: Data, beside: Path) -> Iterator[Path]:
     A text that names no existing file yields nothing, nor does a signing key. beside: the
     document's path.
     """
+    for name in _names(value):
+        yield from _files_of(name, beside)
+
+
+def files_in_place(value: Data, beside: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield the files that a value names absolutely, or from the home by `~`, as named and as here.
+
+    Wherever the value is read, it means the file of that machine. beside: the document's path.
+    """
+    for name in _names(value):
+        if name.startswith(("/", "~")):
+            for path in _files_of(name, beside):
+                inner = os.path.relpath(path, _expanded(Path(name), beside))
+                yield Path(os.path.normpath(Path(name) / inner)), path
+
+
+def as_used(path: Path) -> Path:
+    """Return a path absolute and without `..`, with the symlinks by which its file is used."""
+    plain = Path(os.path.abspath(path))  # noqa: PTH100 - Path.absolute() keeps `..`
+    return plain if exists(plain) and plain.samefile(path) else path.resolve()
+
+
+def _names(value: Data) -> Iterator[str]:
+    """Yield the texts in a value that may name files, `file.py:Name` as the file alone."""
     if isinstance(value, dict):
         for key, inner in value.items():
             if key != _SIGNING:
-                yield from named_files(inner, beside)
+                yield from _names(inner)
     elif isinstance(value, list):
         for inner in value:
-            yield from named_files(inner, beside)
+            yield from _names(inner)
     elif isinstance(value, str) and value:
-        name = value.rpartition(":")[0] if ".py:" in value else value
-        with suppress(OSError, ValueError, RuntimeError):  # a text that is no path at all
-            path = (beside.parent / Path(name).expanduser()).resolve()
-            if is_file(path):
-                yield from with_companions([path])
-            elif is_folder(path) and not beside.resolve().is_relative_to(path):
-                yield from _files_of_folder(path)
+        yield value.rpartition(":")[0] if ".py:" in value else value
+
+
+def _files_of(name: str, beside: Path) -> Iterator[Path]:
+    """Yield the existing files that a text names."""
+    with suppress(OSError, ValueError, RuntimeError):  # a text that is no path at all
+        path = _expanded(Path(name), beside)
+        if is_file(path):
+            yield from with_companions([path])
+        elif is_folder(path) and not beside.resolve().is_relative_to(path.resolve()):
+            yield from _files_of_folder(path)
+
+
+def _expanded(name: Path, beside: Path) -> Path:
+    """Return the absolute path that a name beside a document means. Raises RuntimeError."""
+    return as_used(beside.parent / name.expanduser())
 
 
 def with_companions(paths: Iterable[Path]) -> list[Path]:
@@ -69,5 +103,5 @@ def _companions_of(path: Path) -> list[Path]:
         words = name.split(" ")
         # A keyword and options come before a name, which may contain blanks.
         candidates = (path.parent / " ".join(words[k:]) for k in range(len(words)))
-        companions.extend(one.resolve() for one in candidates if one.name and is_file(one))
+        companions.extend(as_used(one) for one in candidates if one.name and is_file(one))
     return companions

@@ -10,7 +10,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     TakenError,
     earlier_folders,
-    held,
+    held_run,
     make_run_folder,
     set_aside,
 )
@@ -234,7 +234,7 @@ def _await_landing(home: Path, say: Say) -> None:
     is_reported = False
     for _ in range(round(_LANDED_S / _POLL_S)):
         try:
-            with held(home):
+            with held_run(home):
                 return
         except TakenError:
             if not is_reported:

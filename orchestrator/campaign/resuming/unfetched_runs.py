@@ -7,10 +7,15 @@ from pathlib import Path
 
 from orchestrator.campaign.folder.campaign_folder import OutputError
 from orchestrator.campaign.resuming.resumption import ResumeError
-from orchestrator.campaign.resuming.run_ledger import campaign_places, open_orders
+from orchestrator.campaign.resuming.run_ledger import OpenOrder, campaign_places, open_orders
 from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.storage.store import Store, StoreError, StoreRefusedError, open_store
-from orchestrator.storage.stored_runs import RESULT_FILE, await_run, write_session
+from orchestrator.storage.stored_runs import (
+    RESULT_FILE,
+    DamagedRunError,
+    await_run,
+    write_session,
+)
 
 _LANDED_S = 120.0
 """How long a run of a killed program may take to land and to be sent."""
@@ -36,14 +41,8 @@ def fetch_stored_runs(folder: Path, *, say: Callable[[str], None]) -> None:
             if not order.place or place is None or _has_result(home):
                 continue
             say(f"{order.run}: looking for its files in {place.store}/{order.place}")
-            why = await_run(
-                stores[place.store],
-                order.place,
-                home,
-                landed_s=max(0.0, due_s - time.monotonic()),
-                begun_s=_BEGUN_S,
-            )
-            if why:
+            left_s = max(0.0, due_s - time.monotonic())
+            if why := _fetch(stores[place.store], order, home, left_s):
                 say(f"{order.run}: {why}")
     except StoreRefusedError as error:
         raise ResumeError(f"{folder} has runs in a store: {error}") from error
@@ -52,6 +51,17 @@ def fetch_stored_runs(folder: Path, *, say: Callable[[str], None]) -> None:
             f"finished runs may be in the store and cannot be fetched: {error}; resume again when "
             "the store is reachable"
         ) from error
+
+
+def _fetch(store: Store, order: OpenOrder, home: Path, landed_s: float) -> str:
+    """Fetch an ordered run; return in words why it has no result here, "" where it has.
+
+    Raises StoreError, OSError.
+    """
+    try:
+        return await_run(store, order.place, home, landed_s=landed_s, begun_s=_BEGUN_S)
+    except DamagedRunError as error:
+        return f"it is lost: {error}"
 
 
 def _has_result(home: Path) -> bool:

@@ -52,8 +52,8 @@ def _descendants(parent: psutil.Process) -> Iterator[psutil.Process]:
 
 
 def _is_ours(words: list[str]) -> bool:
-    """Return whether a command line is that of one of our programs, `python -m MODULE ...`."""
-    return len(words) > 2 and words[1] == "-m" and words[2].startswith(_OURS)
+    """Return whether a command line is that of one of our programs, `python -P -m MODULE ...`."""
+    return words[1:3] == ["-P", "-m"] and words[3:] != [] and words[3].startswith(_OURS)
 
 
 def _await_end(processes: list[psutil.Process]) -> list[psutil.Process]:

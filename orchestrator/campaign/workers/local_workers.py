@@ -18,7 +18,11 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Generic
 
 from orchestrator.campaign.workers.left_processes import adopt_descendants, end_descendants
-from orchestrator.campaign.workers.run_server import run_context
+from orchestrator.campaign.workers.run_server import (
+    run_context,
+    run_environment,
+    start_run_server,
+)
 from orchestrator.campaign.workers.run_workers import Fly, Order, OrderDone, Outcome, WorkerLost
 from orchestrator.model.flight_place import FlightPlace
 from orchestrator.model.progress import News, ProgressLimiter
@@ -132,11 +136,18 @@ def _lost_by_exception(error: BaseException) -> WorkerLost:
 
 
 class LocalWorker(Generic[Order, Outcome]):
-    """A worker process of this machine, and the pipe to it."""
+    """A worker process of this machine, and the pipe to it. completed: see LocalWorkers."""
 
-    def __init__(self, process: BaseProcess, connection: Connection) -> None:
+    def __init__(
+        self,
+        process: BaseProcess,
+        connection: Connection,
+        completed: Callable[[Order], Outcome | None],
+    ) -> None:
         self._process = process
         self._connection = connection
+        self._completed = completed
+        self._order: Order | None = None
 
     @property
     def place(self) -> FlightPlace:
@@ -145,6 +156,7 @@ class LocalWorker(Generic[Order, Outcome]):
 
     async def begin(self, order: Order) -> None:
         """Send the order to the process. Raises OSError."""
+        self._order = order
         self._connection.send(order)
 
     async def receive(self) -> object:
@@ -164,13 +176,14 @@ class LocalWorker(Generic[Order, Outcome]):
         """Kill the process."""
         self._process.kill()
 
-    async def outcome_of_lost(self, reason: str) -> WorkerLost:
-        """Return how the process ended."""
-        if reason:
-            return WorkerLost(reason)
+    async def outcome_of_lost(self, reason: str) -> Outcome | WorkerLost:
+        """Return the outcome that the process had completed, or else how it ended."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(None, self._process.join, 5.0)
-        return WorkerLost(_exit_text(self._process.exitcode))
+        outcome = None if self._order is None else self._completed(self._order)
+        if outcome is not None:
+            return outcome
+        return WorkerLost(reason or _exit_text(self._process.exitcode))
 
     async def end(self) -> str:
         """End the process; return in words what was wrong with its end."""
@@ -190,10 +203,18 @@ class LocalWorker(Generic[Order, Outcome]):
 
 
 class LocalWorkers(Generic[Order, Outcome]):
-    """Starts worker processes on this machine. fly: flies an order, in the process."""
+    """Starts worker processes on this machine. fly: flies an order, in the process.
 
-    def __init__(self, fly: "Fly[Order, Outcome]") -> None:
+    completed: returns the outcome that an order's process completed before it was lost, or None.
+    """
+
+    def __init__(
+        self,
+        fly: "Fly[Order, Outcome]",
+        completed: Callable[[Order], Outcome | None] = lambda _: None,
+    ) -> None:
         self._fly = fly
+        self._completed = completed
         self._context = run_context()
 
     async def start(self) -> LocalWorker[Order, Outcome]:
@@ -210,16 +231,17 @@ class LocalWorkers(Generic[Order, Outcome]):
         """Do nothing: the run server ends with its campaign."""
 
     def _start(self) -> LocalWorker[Order, Outcome]:
+        start_run_server()  # it may have been killed
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
             target=_work,
-            args=(theirs, self._fly, dict(os.environ), _Stderr()),
+            args=(theirs, self._fly, run_environment(), _Stderr()),
             name="wil-campaign run",
             daemon=False,
         )
         process.start()
         theirs.close()
-        return LocalWorker(process, ours)
+        return LocalWorker(process, ours, self._completed)
 
 
 async def await_message(connection: Connection) -> None:

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from campaigns.expansion.expansion import Campaign
 from orchestrator.campaign.workers.local_workers import LocalWorkers
-from orchestrator.campaign.workers.run_order import fly_order
+from orchestrator.campaign.workers.run_order import completed_run, fly_order
 from orchestrator.campaign.workers.run_workers import Workers
 from orchestrator.model.results import RunResult
 from orchestrator.state.run_setup import RunOrder
@@ -24,6 +24,10 @@ class EngineError(Exception):
 class RunEngine(Protocol):
     """Flies the runs of campaigns somewhere (protocol)."""
 
+    @property
+    def reads_files_here(self) -> bool:
+        """Return whether each run reads the campaign's files on this machine anew."""
+
     def workers(
         self, campaign: Campaign, folder: Path, say: Callable[[str], None]
     ) -> Workers[RunOrder, RunResult]:
@@ -37,6 +41,11 @@ class RunEngine(Protocol):
 class LocalRunEngine:
     """Flies runs in processes of this machine."""
 
+    @property
+    def reads_files_here(self) -> bool:
+        """Return True."""
+        return True
+
     def workers(
         self,
         campaign: Campaign,  # noqa: ARG002  # an order has all that its run needs
@@ -44,4 +53,4 @@ class LocalRunEngine:
         say: Callable[[str], None],  # noqa: ARG002
     ) -> LocalWorkers[RunOrder, RunResult]:
         """Return worker processes, forked from the run server."""
-        return LocalWorkers(fly_order)
+        return LocalWorkers(fly_order, completed_run)

@@ -1,12 +1,10 @@
 """Flies one order in a worker process: loads its files, flies, writes the result."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 
-from orchestrator.campaign.folder.campaign_folder import OutputError, held, make_run_folder
+from orchestrator.campaign.folder.campaign_folder import OutputError, held_run, make_run_folder
 from orchestrator.campaign.workers.limited_loading import limited_loading
 from orchestrator.campaign.workers.run_output import kept_output
 from orchestrator.model.attempts import after_attempts
@@ -14,17 +12,18 @@ from orchestrator.model.document_writer import sync_files, to_json, write_whole
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
+from orchestrator.model.results_reader import ResultError, read_result
 from orchestrator.run.stages.return_flight import return_setup
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from worlds.files.references import forget_loaded
 
+_RESULT = "result.json"
 
-@contextmanager
-def _require_unflown(folder: Path) -> Iterator[None]:
-    """Raise OutputError where a locked folder has a result: the campaign gave the run up."""
-    if (folder / "result.json").exists():
+
+def _require_unflown(folder: Path) -> None:
+    """Raise OutputError where a run's folder has a result: the campaign gave the run up."""
+    if (folder / _RESULT).exists():
         raise OutputError(f"{folder} has a result already: the campaign gave this run up")
-    yield
 
 
 def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
@@ -39,13 +38,27 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # an earlier run of this process must not affect this one
     make_run_folder(order.folder, order.plan.name)
-    with held(order.folder), _require_unflown(order.folder), kept_output(order.folder):
-        with limited_loading():
-            setup = RunSetup.of(order)
-        if order.back is not None:
-            setup = return_setup(setup, order.back)
-        result = after_attempts(fly(setup, report, inbox), order.attempts)
-        order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
-        sync_files(order.folder)
-        write_whole(order.folder / "result.json", to_json(result))
+    with held_run(order.folder):
+        _require_unflown(order.folder)
+        with kept_output(order.folder):
+            with limited_loading():
+                setup = RunSetup.of(order)
+            if order.back is not None:
+                setup = return_setup(setup, order.back)
+            result = after_attempts(fly(setup, report, inbox), order.attempts)
+            order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
+            sync_files(order.folder)
+            _require_unflown(order.folder)  # a file system may have no locks
+            write_whole(order.folder / _RESULT, to_json(result))
     return result
+
+
+def completed_run(order: RunOrder) -> RunResult | None:
+    """Return the result that the run of an order wrote before its process was lost, or None."""
+    try:
+        result = read_result(order.folder / _RESULT)
+    except ResultError:
+        return None
+    plan = order.plan
+    flown = (result.case, result.mode, result.rep, result.seed)
+    return result if flown == (plan.case, plan.mode, plan.repetition, plan.seed) else None

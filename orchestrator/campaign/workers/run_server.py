@@ -9,12 +9,16 @@ import multiprocessing as mp
 import os
 import socket
 import stat
+import threading
 from collections.abc import Iterator
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
 _PRELOADED = "orchestrator.campaign.workers.run_server_imports"
+_SAFE_PATH = "PYTHONSAFEPATH"
+_STARTING = threading.Lock()
+"""Held while the environment of this process is that of the run server."""
 
 
 def run_context() -> ForkServerContext:
@@ -25,9 +29,26 @@ def run_context() -> ForkServerContext:
 
 
 def start_run_server() -> None:
-    """Start the run server unless it runs; it imports while the caller continues."""
+    """Start the run server unless it runs; it imports while the caller continues.
+
+    It is a `python -c`, which would import a user's random.py in the current folder as ours.
+    """
     run_context()
-    forkserver.ensure_running()
+    with _STARTING:
+        before = os.environ.get(_SAFE_PATH)
+        os.environ[_SAFE_PATH] = "1"
+        try:
+            forkserver.ensure_running()
+        finally:
+            del os.environ[_SAFE_PATH]
+            if before is not None:
+                os.environ[_SAFE_PATH] = before
+
+
+def run_environment() -> dict[str, str]:
+    """Return the environment of this process, for a run: not while the run server starts."""
+    with _STARTING:
+        return dict(os.environ)
 
 
 def remove_listeners_at_exit() -> None:

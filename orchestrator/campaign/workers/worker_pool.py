@@ -7,6 +7,7 @@ order.
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Generic
 
@@ -27,20 +28,46 @@ _FIRST_MESSAGE_S = 600.0
 """The limit for a worker's first message: until then it loads the campaign's files and compiles."""
 _ABORTED_S = 5.0
 """The rest of that limit after an abort: nothing flies yet that would have to land."""
+_TURN_S = 1.0
+_LEAST_TURNS = 12
+"""A limit is counted in turns of our loop: a loop that stood still must not kill what flies."""
 
 
 @dataclass(slots=True)
 class _BusyWorker(Generic[Order, Outcome]):
+    """A worker with an order. left_s: for how long it may still send nothing.
+
+    is_preparing: it has sent no message about its order yet.
+    """
+
     worker: Worker[Order, Outcome]
     run: str
-    preparing: asyncio.Timeout | None = None
-    """Runs until the worker's first message about its order."""
+    left_s: float = _FIRST_MESSAGE_S
+    is_preparing: bool = True
 
     def shorten_limit(self) -> None:
         """Shorten the limit of a worker that has sent no message yet."""
-        if self.preparing is not None:
-            due_s = asyncio.get_running_loop().time() + _ABORTED_S
-            self.preparing.reschedule(min(due_s, self.preparing.when() or due_s))
+        if self.is_preparing:
+            self.left_s = min(self.left_s, _ABORTED_S)
+
+    async def receive(self) -> object:
+        """Return the worker's next message. Raises TimeoutError, EOFError, OSError.
+
+        A turn of the loop counts once, however long the loop stood still (Ctrl-S, Ctrl-Z, a slow
+        disk): what the worker has sent meanwhile is read first.
+        """
+        turn_s = min(_TURN_S, self.left_s / _LEAST_TURNS)
+        receiving = start(self.worker.receive(), name=f"message of {self.run}")
+        try:
+            while self.left_s > 0.0:
+                done, _ = await asyncio.wait([receiving], timeout=turn_s)
+                if done:
+                    return receiving.result()
+                self.left_s -= turn_s
+            raise TimeoutError
+        finally:
+            with suppress(EOFError, OSError):
+                await stop(receiving)
 
 
 class Pool(Generic[Order, Outcome]):
@@ -191,18 +218,16 @@ class Pool(Generic[Order, Outcome]):
     async def _fly_one(self, worker: Worker[Order, Outcome], order: Order) -> Outcome | WorkerLost:
         busy = _BusyWorker(worker, self._run_of(order))
         self._busy.append(busy)
-        patience_s = _FIRST_MESSAGE_S
         self._begun(order, worker.place)
+        patience_s = busy.left_s
         try:
             await worker.begin(order)
+            if self._stopped is not None:
+                busy.shorten_limit()
             while True:
-                async with asyncio.timeout(patience_s) as preparing:
-                    busy.preparing = preparing if patience_s == _FIRST_MESSAGE_S else None
-                    if busy.preparing is not None and self._stopped is not None:
-                        busy.shorten_limit()
-                    message = await worker.receive()
-                busy.preparing = None
-                patience_s = self._stall_s
+                message = await busy.receive()
+                busy.is_preparing = False
+                busy.left_s = patience_s = self._stall_s
                 if isinstance(message, OrderDone):
                     outcome: Outcome | WorkerLost = message.outcome
                     return outcome
@@ -211,13 +236,12 @@ class Pool(Generic[Order, Outcome]):
         except TimeoutError:
             worker.kill()
             reason = f"its process did not respond for {patience_s:g} s; it was killed"
-            if busy.preparing is not None and self._stopped is not None:
+            if busy.is_preparing and self._stopped is not None:
                 reason = "aborted before its process had prepared the run; it was killed"
             return await worker.outcome_of_lost(reason)
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
         finally:
-            busy.preparing = None
             self._busy.remove(busy)
 
 

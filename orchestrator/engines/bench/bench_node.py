@@ -43,6 +43,7 @@ def bench_node(
             [
                 *(
                     sys.executable,
+                    "-P",
                     "-m",
                     "orchestrator.engines.bench.bench_node",
                     "start",

@@ -149,7 +149,7 @@ class SubprocessBackend:
             return
         feed = await stack.enter_async_context(FeedClient(source=_source_of(vehicle)))
         settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
-        program = [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()]
+        program = [sys.executable, "-P", "-m", "vehicles.embedded", settings.model_dump_json()]
         await self._guard.start(vehicle.name, program)
         self._begun[vehicle.name] = feed
 

@@ -37,7 +37,7 @@ def spawn_guard(folder: str, *, scaled: bool) -> LaunchedGuard:
         descriptors = (theirs.fileno(), lifeline, hold)
         words = [*map(str, descriptors), *([SCALED] if scaled else [])]
         process = ChildProcess(
-            argv=(sys.executable, "-m", "safety.guard.process", *words),
+            argv=(sys.executable, "-P", "-m", "safety.guard.process", *words),
             output=stderr.fileno(),
             inherited=descriptors,
         )

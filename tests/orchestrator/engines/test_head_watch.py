@@ -5,9 +5,11 @@ import socket
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
+from orchestrator.engines import head_watch
 from orchestrator.engines.head_watch import watched_head
 
 
@@ -30,6 +32,26 @@ def test_a_head_that_is_gone_ends_the_program_and_one_that_answers_does_not(
             assert ended.wait(20)
     assert codes == [3]
     assert f"the head of the Ray cluster at {address} has not answered" in capfd.readouterr().err
+
+
+def test_a_head_that_is_silent_ends_the_program_as_soon_as_one_that_refuses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As a machine without power: each try lasts for its limit. Ray ends us after a minute."""
+    now_s = [0.0]
+    tries: list[float] = []
+
+    def try_in_vain(_: str) -> bool:
+        now_s[0] += 5.0
+        tries.append(now_s[0])
+        return False
+
+    ended = threading.Event()
+    monkeypatch.setattr(head_watch, "_accepts_connection", try_in_vain)
+    monkeypatch.setattr(head_watch, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    with watched_head("127.0.0.1:9", poll_s=0.001, silent_s=30.0, end=lambda _: ended.set()):
+        assert ended.wait(20)
+    assert tries[-1] == 30.0
 
 
 def test_a_program_that_is_over_is_not_ended() -> None:

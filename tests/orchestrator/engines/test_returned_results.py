@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.folder.campaign_folder import OutputError, held
+from orchestrator.campaign.folder.campaign_folder import OutputError, held_run
 from orchestrator.campaign.resuming.lost_runs import lost_result
 from orchestrator.campaign.workers import run_order
 from orchestrator.campaign.workers.run_workers import WorkerLost
@@ -52,7 +52,7 @@ def test_a_run_in_flight_is_waited_for_and_not_given_up(
 ) -> None:
     monkeypatch.setattr(returned_results, "LANDED_S", 0.4)
     order.folder.mkdir(parents=True)
-    with held(order.folder):
+    with held_run(order.folder):
         assert "still in flight" in str(SharedResults().of_lost(order, ""))
         assert not (order.folder / "result.json").exists()
 

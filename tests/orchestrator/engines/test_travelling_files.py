@@ -1,16 +1,19 @@
 """Files that travel: whole, with what they name, and found beneath another folder."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign.folder.manifest import read_files
+from orchestrator.campaign.folder.manifest import manifest, read_files
 from orchestrator.campaign.resuming.run_ledger import RunLedger, newest_session
+from orchestrator.engines import ray_engine
 from orchestrator.engines.travelling_files import (
     DamagedFileError,
     TravellingFiles,
+    different_in_place,
     pack_files,
     place_beneath,
     relocate_order,
@@ -39,6 +42,66 @@ def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Pat
         moved.plan.setup()
     assert sent.search_path == (here.resolve(),)
     assert {one.path.name for one in sent.files} == {"hover.yaml", "still.py", "world.yaml"}
+
+
+def unpacked(campaign: Path, there: Path, search_path: Iterable[str] = ()) -> RunOrder:
+    """Send a campaign's files there and return its first order as a node flies it."""
+    loaded = load_campaign(campaign)
+    unpack_files(pack_files(read_files(loaded), search_path), there)
+    order = RunOrder(plan=loaded.runs[0], folder=there / "out", clock="virtual")
+    return relocate_order(resolve_order(order), there)
+
+
+def test_a_file_travels_under_the_name_of_the_symlink_by_which_it_is_used(tmp_path: Path) -> None:
+    """As links to a shared folder of models; also where the campaign is in a linked folder."""
+    shared, here, there = (tmp_path / name for name in ("shared", "here", "there"))
+    for folder in (shared, here / "own"):
+        folder.mkdir(parents=True)
+    campaign = write_hover(here)
+    campaign.write_text(campaign.read_text().replace("still.py:", "own/../own/autonomy.py:"))
+    (here / "still.py").rename(shared / "still-2.py")
+    (here / "world.yaml").rename(shared / "world-2.yaml")
+    (here / "own" / "autonomy.py").symlink_to(shared / "still-2.py")
+    (here / "world.yaml").symlink_to(shared / "world-2.yaml")
+    (tmp_path / "linked").symlink_to(here)
+    for number, folder in enumerate((here, tmp_path / "linked")):
+        order = unpacked(folder / "hover.yaml", there / str(number))
+        assert place_beneath(there / str(number), folder / "own" / "autonomy.py").is_file()
+        assert order.plan.setup()
+
+
+def test_the_manifest_has_the_files_behind_symlinks(tmp_path: Path) -> None:
+    campaign = write_hover(tmp_path)
+    (tmp_path / "still.py").rename(tmp_path / "other.py")
+    (tmp_path / "still.py").symlink_to("other.py")
+    files = manifest(load_campaign(campaign), "virtual")["files"]
+    assert isinstance(files, dict)
+    assert set(files) == {"hover.yaml", "other.py", "world.yaml"}
+
+
+def test_a_file_that_is_named_absolutely_has_to_be_the_same_on_the_node(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run reads it at its own place there, and not what has travelled."""
+    campaign = write_hover(tmp_path)
+    (tmp_path / "home").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    paths = {"elsewhere.py": tmp_path / "elsewhere.py", "net.onnx": tmp_path / "home" / "net.onnx"}
+    (tmp_path / "still.py").rename(paths["elsewhere.py"])
+    paths["net.onnx"].write_text("weights")
+    named = f"{{use: '{paths['elsewhere.py']}:Still', with: {{model: ~/net.onnx}}}}"
+    campaign.write_text(campaign.read_text().replace("still.py:Still", named))
+    loaded = load_campaign(campaign)
+    sent = pack_files(read_files(loaded), [], ray_engine.files_named_absolutely(loaded))
+    assert [one.name for one in sent.in_place] == [paths["elsewhere.py"], Path("~/net.onnx")]
+    assert different_in_place(sent) == ""
+    for path, name in ((paths["net.onnx"], "~/net.onnx"), (paths["elsewhere.py"], "elsewhere.py")):
+        content = path.read_text()
+        path.write_text("another")
+        assert f"{name} is not the file that it is" in different_in_place(sent)
+        path.write_text(content)
+    paths["elsewhere.py"].unlink()
+    assert "or it is missing" in different_in_place(sent)
 
 
 def test_a_damaged_file_is_refused_by_name(tmp_path: Path) -> None:

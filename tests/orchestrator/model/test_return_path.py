@@ -265,6 +265,24 @@ def test_a_flight_back_is_ordered_and_looked_at(
     assert said == ["real is back at its start, 0.10 m and 0 degrees off"]
 
 
+def test_the_flight_back_after_a_run_that_was_flown_again_is_flown_as_well(
+    hop: Callable[..., Campaign], tmp_path: Path
+) -> None:
+    """In the folder of the first, its result would be taken for that of the second."""
+    campaign = hop()
+    made, _, _ = between(campaign, tmp_path / "o")
+    order = RunOrder(plan=campaign.runs[0], folder=tmp_path / "o" / "run", clock="wall")
+    landed_at(order.folder, STOOD)
+    folders = []
+    for _ in range(3):
+        back = made.after(order, result())
+        assert back is not None
+        assert not back.folder.exists()
+        landed_at(back.folder, START)
+        folders.append(back.folder.relative_to(tmp_path / "o" / "back" / "default" / "real"))
+    assert folders == [Path("1"), Path("1-2"), Path("1-3")]
+
+
 @pytest.mark.parametrize(
     ("outcome", "stands", "why"),
     [

@@ -7,6 +7,7 @@ import pytest
 
 from orchestrator.storage.store import Store, StoreError, StoreLimits, open_store
 from orchestrator.storage.stored_runs import (
+    DamagedRunError,
     await_run,
     begin_run,
     fetch_run,
@@ -86,7 +87,7 @@ def test_a_file_that_is_not_what_was_sent_is_refused_and_leaves_no_result(
 ) -> None:
     send_run(store, "c/1", flown, ignore)
     (tmp_path / "store/c/1/real.tlog").write_bytes(damage)
-    with pytest.raises(StoreError, match=r"real\.tlog is not what its node has sent"):
+    with pytest.raises(DamagedRunError, match=r"real\.tlog is not what its node has sent"):
         fetch_run(store, "c/1", tmp_path / "here", ignore)
     assert "result.json" not in contents(tmp_path / "here")
     assert not list((tmp_path / "here").rglob("*.part"))
@@ -95,15 +96,29 @@ def test_a_file_that_is_not_what_was_sent_is_refused_and_leaves_no_result(
 def test_a_file_that_is_gone_is_an_error(store: Store, flown: Path, tmp_path: Path) -> None:
     send_run(store, "c/1", flown, ignore)
     (tmp_path / "store/c/1/zz.csv").unlink()
-    with pytest.raises(StoreError, match=r"zz\.csv cannot be read"):
+    with pytest.raises(DamagedRunError, match=r"zz\.csv cannot be read"):
         fetch_run(store, "c/1", tmp_path / "here", ignore)
+
+
+def test_a_store_that_fails_says_nothing_about_the_run(
+    store: Store, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    send_run(store, "c/1", flown, ignore)
+
+    def refuse(*_: object) -> None:
+        raise PermissionError("access denied")
+
+    monkeypatch.setattr(store.files, "get_file", refuse)
+    with pytest.raises(StoreError, match="access denied") as raised:
+        fetch_run(store, "c/1", tmp_path / "here", ignore)
+    assert not isinstance(raised.value, DamagedRunError)
 
 
 @pytest.mark.parametrize("name", ["../outside", "/etc/passwd", "a/../../b", ""])
 def test_no_name_leads_out_of_the_folder_of_a_run(store: Store, tmp_path: Path, name: str) -> None:
     one = {"sha256": "0" * 64, "size": 0}
     store.write("c/1/sent.json", json.dumps({"files": {name: one}}).encode())
-    with pytest.raises(StoreError, match="outside of the run's folder"):
+    with pytest.raises(DamagedRunError, match="outside of the run's folder"):
         fetch_run(store, "c/1", tmp_path / "here", ignore)
     assert not (tmp_path / "outside").exists()
 

@@ -10,7 +10,7 @@ import pytest
 from orchestrator.analysis.reading import trajectory_file
 from orchestrator.analysis.reading.results_folder import UnreadableError, read_campaign, read_data
 from orchestrator.analysis.reading.trajectory_file import read_trajectory
-from orchestrator.campaign.folder.manifest import _digest
+from orchestrator.campaign.folder.manifest import file_digest
 from orchestrator.model.results_reader import ResultError, read_result, read_summary
 from orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
 from tests.orchestrator.report.recorded_campaign import write_campaign
@@ -86,7 +86,7 @@ def test_a_file_is_digested_in_pieces(tmp_path: Path) -> None:
     with path.open("wb") as stream:
         stream.truncate(100_000_000)
     tracemalloc.start()
-    assert len(_digest(path)) == 64
+    assert len(file_digest(path)) == len("sha256:") + 64
     _, most_bytes = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most_bytes < 10_000_000

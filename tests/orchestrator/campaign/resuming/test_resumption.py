@@ -19,7 +19,13 @@ import pytest
 import orchestrator.cli
 from campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
 from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
-from orchestrator.campaign.folder.campaign_folder import OutputError, held, newest_folder, set_aside
+from orchestrator.campaign.folder.campaign_folder import (
+    OutputError,
+    held,
+    held_run,
+    newest_folder,
+    set_aside,
+)
 from orchestrator.campaign.resuming import resumed_campaign
 from orchestrator.campaign.resuming.resumed_campaign import ResumeRules, resume_campaign
 from orchestrator.campaign.resuming.resumption import ResumeError, resumed_folder
@@ -247,7 +253,7 @@ def test_a_run_that_still_lands_is_waited_for(
     home = tmp_path / loaded.runs[0].name
     home.mkdir(parents=True)
     waited: list[float] = []
-    with held(home):
+    with held_run(home):
         monkeypatch.setattr(time, "sleep", waited.append)
         with pytest.raises(OutputError, match="is still in flight after 120 s"):
             resume(tmp_path, loaded)
@@ -323,6 +329,31 @@ def test_a_campaign_that_has_changed_is_not_resumed(
         assert "start anew without --resume" in told
         assert sorted(folder.rglob("*")) == before
     assert run(campaign, "--resume") == 0
+
+
+def fly_while_edited(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """Stand in for a flight during which a person changes the autonomy."""
+    with (order.plan.files.folder / "still.py").open("a") as autonomy:
+        autonomy.write("# changed\n")
+    return quick_fly(order, report, inbox)
+
+
+def test_no_run_flies_an_autonomy_that_was_changed_in_flight(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each run loads its files anew: two runs of one campaign would have flown two autonomies."""
+    original = (campaign.parent / "still.py").read_text()
+    monkeypatch.setattr(run_engine, "fly_order", fly_while_edited)
+    assert run(campaign) == 3
+    assert f"{campaign.parent / 'still.py'} changed while the campaign flew" in (
+        capsys.readouterr().err
+    )
+    folder = folder_of(campaign)
+    assert sorted(path.name for path in (folder / "default/sim").glob("[0-9]")) == ["1"]
+    (campaign.parent / "still.py").write_text(original)
+    monkeypatch.setattr(run_engine, "fly_order", quick_fly)
+    assert run(campaign, "--resume") == 0
+    assert [one["attempts"] for one in summary_of(folder)["runs"]] == [[], []]
 
 
 @pytest.mark.usefixtures("quick")

@@ -1,4 +1,4 @@
-"""The run server: what it leaves when its program is killed."""
+"""The run server: what it imports, and what it leaves when its program is killed."""
 
 import os
 import subprocess
@@ -12,6 +12,18 @@ from orchestrator.campaign.workers.run_server import start_run_server
 start_run_server()
 print("started", flush=True)
 time.sleep(600)
+"""
+_RUN = """
+import os
+from orchestrator.campaign.workers.run_server import (
+    run_context, run_environment, start_run_server
+)
+if __name__ == "__main__":
+    start_run_server()
+    print(run_environment() == dict(os.environ), "PYTHONSAFEPATH" in os.environ, flush=True)
+    run = run_context().Process(target=os.mkdir, args=("flown",))
+    run.start()
+    run.join()
 """
 _ROOT = Path(__file__).parents[4]
 _WITHIN_S = 120.0
@@ -30,3 +42,25 @@ def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(tmp_path: P
     while any(tmp_path.glob("pymp-*")) and time.monotonic() < end_s:
         time.sleep(0.05)
     assert list(tmp_path.glob("pymp-*")) == []
+
+
+def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path) -> None:
+    """As when a person changes into a folder with an autonomy `random.py`, and flies there."""
+    here, program = tmp_path / "here", tmp_path / "bin" / "program"
+    for folder in (here, program.parent):
+        folder.mkdir()
+    program.write_text(_RUN)  # as the console script: its folder is not the current one
+    for name in ("random", "tempfile", "numpy"):
+        (here / f"{name}.py").write_text(f"open('imported {name}', 'w')\n")
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, program],
+        env={**os.environ, "PYTHONPATH": str(_ROOT)},
+        cwd=here,
+        capture_output=True,
+        text=True,
+        timeout=_WITHIN_S,
+        check=False,
+    )
+    assert ended.stdout == "True False\n", ended.stderr
+    assert (here / "flown").is_dir(), ended.stderr
+    assert list(here.glob("imported *")) == []

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from orchestrator.campaign.workers.limited_loading import LoadingTimeoutError, limited_loading
-from orchestrator.campaign.workers.local_workers import LocalWorkers, PipeInbox
+from orchestrator.campaign.workers.local_workers import LocalWorkers, PipeInbox, await_message
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.campaign.workers.worker_pool import Pool
 from orchestrator.model.flight_place import FlightPlace
@@ -254,6 +254,85 @@ def test_the_death_of_the_parent_is_an_abort_that_says_so() -> None:
     assert inbox.poll() is None
 
 
+def fly_and_die(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for a run whose process dies once its result is on the disk."""
+    del report, inbox
+    Path(order).write_text("PASS")
+    os.kill(os.getpid(), signal.SIGKILL)
+    return ""
+
+
+def test_a_result_that_a_lost_worker_had_completed_counts_and_its_end_is_reported(
+    tmp_path: Path,
+) -> None:
+    outcomes: Outcomes = {}
+    ends: list[str] = []
+
+    def completed(order: str) -> str | None:
+        return Path(order).read_text() if Path(order).exists() else None
+
+    pool = Pool[str, str](
+        jobs=1,
+        workers=LocalWorkers(fly_and_die, completed),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+        ended_badly=ends.append,
+    )
+    order = str(tmp_path / "result")
+    asyncio.run(pool.fly([order]))
+    assert outcomes == {order: "PASS"}
+    assert ends == ["its process was ended by SIGKILL"]
+
+
+class PipedWorker(QuickWorker):
+    """Reads its messages from a pipe, as those of this machine and of a cluster do."""
+
+    def __init__(self, workers: "PipedWorkers") -> None:
+        super().__init__(workers)
+        self.ours, self.theirs = multiprocessing.Pipe()
+        self.killed = False
+
+    async def receive(self) -> object:
+        await await_message(self.ours)
+        message: object = self.ours.recv()
+        return message
+
+    def kill(self) -> None:
+        self.killed = True
+
+
+class PipedWorkers(ScarceWorkers):
+    """Has one place."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.worker = PipedWorker(self)
+
+    async def start(self) -> PipedWorker:
+        return self.worker
+
+
+def test_a_loop_that_stood_still_reads_what_its_workers_sent_meanwhile() -> None:
+    """As after Ctrl-S or Ctrl-Z, or while a slow disk syncs: the healthy runs count."""
+    outcomes: Outcomes = {}
+    workers = PipedWorkers()
+    worker = workers.worker
+
+    def stand_still() -> None:
+        worker.theirs.send(OrderDone("flown"))
+        time.sleep(0.3)
+
+    def report(news: News) -> None:
+        asyncio.get_running_loop().call_later(0.01, stand_still)
+
+    worker.theirs.send(Progress("a/sim/1", "sim", 1, "takeoff", 0.0))
+    pool = Pool[str, str](
+        jobs=1, workers=workers, report=report, done=outcomes.__setitem__, stall_s=0.2
+    )
+    asyncio.run(pool.fly(["a"]))
+    assert (outcomes, worker.killed) == ({"a": "flown"}, False)
+
+
 def fly_mute(order: str, report: Report, inbox: Inbox) -> str:
     """Stand in for files that hang before the run has a word to say."""
     del order, report, inbox
@@ -343,8 +422,9 @@ def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
     """Stand in for a run that fails while its guard still lands; order: where that program is."""
     del report, inbox
     folder = Path(order)
-    ours = [sys.executable, "-m", "safety.lands", str(folder / "grandchild")]
-    guard = subprocess.Popen(ours, cwd=folder)  # noqa: S603 - our own
+    ours = [sys.executable, "-P", "-m", "safety.lands", str(folder / "grandchild")]
+    found = {**os.environ, "PYTHONPATH": order}
+    guard = subprocess.Popen(ours, env=found)  # noqa: S603 - our own
     while not (folder / "grandchild").exists() and guard.poll() is None:
         time.sleep(0.01)
     grandchild = (folder / "grandchild").read_text()

@@ -1,0 +1,65 @@
+"""The files that the runs of a campaign read anew: they may not change while it flies."""
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from orchestrator.campaign.folder.campaign_folder import OutputError
+from orchestrator.campaign.folder.manifest import file_digest
+
+_State = tuple[int, int, int]
+"""Size, time of the last change and inode: where they are the same, the content is."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlownFiles:
+    """The files of a campaign, as its manifest has them. digests, states: by absolute path."""
+
+    digests: Mapping[Path, str]
+    states: dict[Path, _State | None]
+
+    @classmethod
+    def of(cls, campaign_file: Path, digests: Mapping[str, str], parsed: Iterable[Path]) -> Self:
+        """Return the files in a manifest that was just made.
+
+        digests: by path relative to the campaign file. parsed: documents, of which runs have what
+        was read when the campaign began; a later change of them concerns no run.
+        """
+        home = campaign_file.resolve().parent
+        skipped = {path.resolve() for path in parsed}
+        by_path = {Path(os.path.normpath(home / name)): text for name, text in digests.items()}
+        read = {path: text for path, text in by_path.items() if path not in skipped}
+        return cls(read, {path: _state_of(path) for path in read})
+
+    def require_unchanged(self) -> None:
+        """Raise OutputError for a file whose content is no longer that of the manifest."""
+        for path, digest in self.digests.items():
+            state = _state_of(path)
+            if state == self.states[path]:
+                continue
+            if _digest_of(path) != digest:
+                raise OutputError(
+                    f"{path} changed while the campaign flew, and no further run is flown: results "
+                    "of two different campaigns must not be mixed. Runs flown so far are kept: "
+                    "undo the change and use --resume, or start anew without --resume"
+                )
+            self.states[path] = state
+
+
+def _state_of(path: Path) -> _State | None:
+    """Return the state of a file; None where there is none."""
+    try:
+        facts = path.stat()
+    except OSError:
+        return None
+    return facts.st_size, facts.st_mtime_ns, facts.st_ino
+
+
+def _digest_of(path: Path) -> str:
+    """Return the digest of a file; "" where it cannot be read."""
+    try:
+        return file_digest(path)
+    except OSError:
+        return ""
