@@ -21,7 +21,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     write_document,
 )
 from orchestrator.campaign.folder.flown_files import FlownFiles
-from orchestrator.campaign.folder.manifest import manifest
+from orchestrator.campaign.folder.manifest import manifest, maybe_written_files
 from orchestrator.campaign.folder.repetitions import planned, runs_due
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
 from orchestrator.campaign.repositioning import Repositioning
@@ -130,7 +130,8 @@ def _begin(
 ) -> tuple[Path, ResumedCampaign, FlownFiles]:
     """Return the campaign's folder, locked until the stack ends, its finished runs, its files."""
     document: Mapping[str, Any] = manifest(campaign, settings.clock, arm=settings.arm)
-    files = FlownFiles.of(campaign.document.path, document["files"], campaign.paths)
+    skipped = {*campaign.paths, *maybe_written_files(campaign)}
+    files = FlownFiles.of(campaign.document.path, document["files"], skipped)
     if settings.resume:
         folder = resumed_folder(settings.out, campaign.name)
         document = resumed_manifest(folder, document)

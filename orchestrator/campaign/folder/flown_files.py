@@ -21,16 +21,17 @@ class FlownFiles:
     states: dict[Path, _State | None]
 
     @classmethod
-    def of(cls, campaign_file: Path, digests: Mapping[str, str], parsed: Iterable[Path]) -> Self:
+    def of(cls, campaign_file: Path, digests: Mapping[str, str], skipped: Iterable[Path]) -> Self:
         """Return the files in a manifest that was just made.
 
-        digests: by path relative to the campaign file. parsed: documents, of which runs have what
-        was read when the campaign began; a later change of them concerns no run.
+        digests: by path relative to the campaign file. skipped: documents, of which runs have what
+        was read when the campaign began, so that a later change of them concerns no run; and files
+        that a flight may write.
         """
         home = campaign_file.resolve().parent
-        skipped = {path.resolve() for path in parsed}
+        left_out = {path.resolve() for path in skipped}
         by_path = {Path(os.path.normpath(home / name)): text for name, text in digests.items()}
-        read = {path: text for path, text in by_path.items() if path not in skipped}
+        read = {path: text for path, text in by_path.items() if path not in left_out}
         return cls(read, {path: _state_of(path) for path in read})
 
     def require_unchanged(self) -> None:

@@ -21,6 +21,7 @@ from orchestrator.recording.timestamps import utc_text
 from worlds.files.documents import Data, Document
 
 _CHUNK_BYTES = 1 << 20
+_LOADED = frozenset({".py", ".onnx"})
 _VERSIONED = (
     "wil-campaign",
     "av",
@@ -138,6 +139,19 @@ def _files(campaign: Campaign) -> set[Path]:
     for document in naming_documents(campaign):
         files.update(named_files(document.data, document.path))
     return files
+
+
+def maybe_written_files(campaign: Campaign) -> set[Path]:
+    """Return the files that `autonomy.with` names and that are no code or network.
+
+    The autonomy may read them, or write them in flight.
+    """
+    files: set[Path] = set()
+    for document in naming_documents(campaign):
+        autonomy = document.data.get("autonomy") if isinstance(document.data, dict) else None
+        if isinstance(autonomy, dict):
+            files.update(named_files(autonomy.get("with"), document.path))
+    return {path for path in files if path.suffix not in _LOADED}
 
 
 def naming_documents(campaign: Campaign) -> Iterator[Document]:

@@ -356,6 +356,25 @@ def test_no_run_flies_an_autonomy_that_was_changed_in_flight(
     assert [one["attempts"] for one in summary_of(folder)["runs"]] == [[], []]
 
 
+def fly_and_write(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """Stand in for a flight in which the autonomy writes a file."""
+    with (order.plan.files.folder / "flights.txt").open("a") as file:
+        file.write("2")
+    return quick_fly(order, report, inbox)
+
+
+def test_a_file_that_the_autonomy_may_write_does_not_end_its_campaign(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is named by `autonomy.with`, as what the autonomy reads is."""
+    (campaign.parent / "flights.txt").write_text("1")
+    named = "autonomy: {use: still.py:Still, with: {log: flights.txt}}"
+    campaign.write_text(campaign.read_text().replace("autonomy: still.py:Still", named))
+    monkeypatch.setattr(run_engine, "fly_order", fly_and_write)
+    assert run(campaign) == 0
+    assert (campaign.parent / "flights.txt").read_text() == "122"
+
+
 @pytest.mark.usefixtures("quick")
 def test_other_versions_and_spoilt_manifests_are_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
