@@ -13,6 +13,7 @@ from vehicles.mavlink.names import enum_name
 
 _OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
 """PX4 1.14 and ArduCopter 4.3 support what the strategies use; tested are 1.18 and 4.7."""
+_AUTOPILOT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _PX4_SITL_UID = 0x4954414C44494E4F
 _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE, the lowest byte of flight_sw_version."""
@@ -79,8 +80,13 @@ class Wanted:
 def matching_vehicle(
     heartbeats: Mapping[Target, ReceivedHeartbeat], wanted: Wanted
 ) -> tuple[Target, Autopilot] | None:
-    """Return the first received vehicle of the wanted identity that we can fly."""
+    """Return the first received vehicle of the wanted identity that we can fly.
+
+    Its component id is 1, by which guard and links know the autopilot's frames.
+    """
     for target, each in heartbeats.items():
+        if target.component != _AUTOPILOT:
+            continue
         strategy = autopilot_of(each.autopilot)
         if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
             continue
@@ -125,13 +131,26 @@ def _describe_mismatch(target: Target, received: ReceivedHeartbeat, wanted: Want
     if strategy is None:
         autopilot = enum_name("MAV_AUTOPILOT", received.autopilot)
         return f"{sender} is a {kind} with {autopilot}, which is neither PX4 nor ArduPilot"
+    return f"{sender} {_describe_own_kind(target, received, strategy.name, wanted)}"
+
+
+def _describe_own_kind(
+    target: Target, received: ReceivedHeartbeat, name: AutopilotName, wanted: Wanted
+) -> str:
+    """Return in words why a received PX4 or ArduPilot is not the wanted one."""
+    kind = _type_name(received.vehicle_type)
     if received.vehicle_type not in MULTICOPTERS:
-        return f"{sender} is a {kind} of {strategy.name}, and only multicopters are supported"
+        return f"is a {kind} of {name}, and only multicopters are supported"
+    if target.component != _AUTOPILOT:
+        return (
+            f"is {name}, and only autopilots with component id {_AUTOPILOT} are supported; set its "
+            f"component id to {_AUTOPILOT} (PX4: MAV_COMP_ID)"
+        )
     if received.mavlink_version < 2:
-        return f"{sender} sends MAVLink 1 only; set its port to MAVLink 2"
-    if wanted.autopilot not in {None, strategy.name}:
-        return f"{sender} is {strategy.name}, and {wanted.autopilot} was requested"
-    return f"{sender} is a {kind} of {strategy.name}"
+        return "sends MAVLink 1 only; set its port to MAVLink 2"
+    if wanted.autopilot not in {None, name}:
+        return f"is {name}, and {wanted.autopilot} was requested"
+    return f"is a {kind} of {name}"
 
 
 def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:

@@ -7,7 +7,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import Target
 from vehicles.autopilots.px4 import Px4
-from vehicles.driver.session.identity import Identity, identity_of, same_vehicle
+from vehicles.driver.session.identity import (
+    Identity,
+    Wanted,
+    describe_mismatches,
+    identity_of,
+    matching_vehicle,
+    same_vehicle,
+)
 from vehicles.driver.session.session import ReceivedHeartbeat
 from vehicles.embedded.autopilot.flight.autopilot_state import Identity as Embedded
 from vehicles.embedded.autopilot.px4 import px4_telemetry
@@ -40,3 +47,17 @@ def test_a_board_is_none() -> None:
     one, other = (known(system, version(0x3132, b"\x01" * 18)) for system in (1, 2))
     assert not one.simulation
     assert same_vehicle(one, other)
+
+
+def test_an_autopilot_with_another_component_id_is_refused() -> None:
+    """Guard and redundant links read the frames of component 1 only."""
+    heartbeat = ReceivedHeartbeat(mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3), 0.0, 2)
+    other, one = {Target(1, 2): heartbeat}, {Target(1, 1): heartbeat}
+    assert matching_vehicle(other, Wanted()) is None
+    assert describe_mismatches(other, Wanted()) == (
+        "system 1 component 2 is px4, and only autopilots with component id 1 are supported; set "
+        "its component id to 1 (PX4: MAV_COMP_ID)"
+    )
+    found = matching_vehicle({**other, **one}, Wanted())
+    assert found is not None
+    assert found[0] == Target(1, 1)
