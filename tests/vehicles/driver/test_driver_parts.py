@@ -271,6 +271,13 @@ def test_whole_numbers_survive_as_bytes(value: int) -> None:
     )
 
 
+@pytest.mark.parametrize("value", [-8_388_607, 2_139_095_041])
+def test_a_whole_number_whose_bytes_a_float_would_change_is_refused(value: int) -> None:
+    with pytest.raises(ParameterError, match="its bytes are those of a signalling NaN"):
+        encode_parameter(value, INT32, bytewise=True)
+    assert encode_parameter(value, INT32, bytewise=False) == value
+
+
 @pytest.mark.parametrize(
     ("kind", "value", "words"),
     [(INT8, 300, "does not fit"), (INT32, 1.5, "not a whole number"), (UINT16, -1, "does not fit")],
