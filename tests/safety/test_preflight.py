@@ -124,9 +124,11 @@ def test_what_is_set_is_sound(autopilot: str) -> None:
     ("autopilot", "name", "value", "said"),
     [
         ("ardupilot", "FS_GCS_ENABLE", 0, "FS_GCS_ENABLE is 0: on link loss it would hover until"),
+        ("ardupilot", "FS_GCS_ENABLE", 7, "FS_GCS_ENABLE is 7: on link loss it would hover until"),
         ("ardupilot", "FS_GCS_TIMEOUT", 60, "FS_GCS_TIMEOUT is 60: it would take too long"),
         ("ardupilot", "MAV_GCS_SYSID", 255, "MAV_GCS_SYSID is 255: it expects another ground"),
         ("px4", "NAV_DLL_ACT", 0, "NAV_DLL_ACT is 0: on link loss it would not"),
+        ("px4", "NAV_DLL_ACT", 1, "NAV_DLL_ACT is 1: on link loss it would not"),
         ("px4", "NAV_DLL_ACT", 5, "NAV_DLL_ACT is 5: on link loss it would not"),
         ("px4", "COM_OBL_RC_ACT", 7, "COM_OBL_RC_ACT is 7: it would fall"),
         ("px4", "COM_OF_LOSS_T", 20, "COM_OF_LOSS_T is 20: it would fly on for too long"),

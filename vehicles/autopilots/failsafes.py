@@ -59,7 +59,7 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
         FailsafeRule(
             names=("FS_GCS_ENABLE",),
             wanted=_ARDUPILOT_LAND,
-            sound=frozenset({1, 2, 3, 4, 5, 6, 7}),
+            sound=frozenset({1, 2, 3, 4, 5, 6}),
             wrong="on link loss it would hover until its battery is empty",
         ),
         FailsafeRule(
@@ -78,7 +78,7 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
         FailsafeRule(
             names=("NAV_DLL_ACT",),
             wanted=_PX4_LAND,
-            sound=frozenset({1, 2, 3}),
+            sound=frozenset({2, 3}),
             wrong="on link loss it would not land, or it would fall",
         ),
         FailsafeRule(

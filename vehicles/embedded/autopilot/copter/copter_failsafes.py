@@ -12,8 +12,8 @@ from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.physics.battery import Charge
 
 _R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL
-_GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 7: _B}
-"""FS_GCS_ENABLE."""
+_GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 6: _R, 7: _B}
+"""FS_GCS_ENABLE; 6 is RTL for a mission without a landing sequence, as ours are."""
 _BATTERY_ACTIONS = {1: _L, 2: _R, 3: _S, 4: _S, 6: _R, 7: _B}
 """BATT_FS_LOW_ACT, BATT_FS_CRT_ACT."""
 _FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}

@@ -175,7 +175,9 @@ def test_returns_at_the_height_of_its_cone(rig: Any, virtually: Scenario) -> Non
     virtually(scenario())
 
 
-@pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE)])
+@pytest.mark.parametrize(
+    ("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE), (6, RTL_MODE)]
+)
 def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: int) -> None:
     async def scenario() -> None:
         async with copter(rig, parameters={"FS_GCS_ENABLE": action}) as r:
