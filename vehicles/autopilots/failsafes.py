@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from vehicles.autopilots.autopilot import AutopilotName
 
 OWN_SYSTEM_ID = 245
-"""Our system id as a ground station; its heartbeats prevent the vehicle's GCS failsafe."""
+"""Our system id as a ground station, of driver and guard; its heartbeats prevent the vehicle's GCS
+failsafe."""
 _ARDUPILOT_LAND, _PX4_LAND = 5, 3
 _SILENT_S = 5.0
 """Longer than the guard's time-out for a lost vehicle, so that the guard acts first."""

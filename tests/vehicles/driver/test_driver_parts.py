@@ -207,10 +207,15 @@ def test_a_temporary_rejection_is_tried_again(fake_pair: Callable[..., Any]) -> 
     assert len(_run(fake_pair, script, prepare)[1].commands(TAKEOFF)) == 2
 
 
-def test_acks_for_others_do_not_count(fake_pair: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("other", [(255, 190), (245, 191)])
+def test_acks_for_others_do_not_count(
+    fake_pair: Callable[..., Any], other: tuple[int, int]
+) -> None:
+    """A ground station's, and the guard's, which has our system id."""
+
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: peer.say(
-            mavlink.MAVLink_command_ack_message(TAKEOFF, 0, 0, 0, 255, 190)
+            mavlink.MAVLink_command_ack_message(TAKEOFF, 0, 0, 0, *other)
         )
 
     async def script(peer: Any, session: Session) -> None:
