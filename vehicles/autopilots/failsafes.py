@@ -18,7 +18,11 @@ _SILENT_S = 5.0
 """Longer than the guard's time-out for a lost vehicle, so that the guard acts first."""
 
 SILENCE_PARAMETERS: Mapping[AutopilotName, Mapping[str, float]] = {
-    "ardupilot": {"FS_GCS_ENABLE": float(_ARDUPILOT_LAND), "FS_GCS_TIMEOUT": _SILENT_S},
+    "ardupilot": {
+        "FS_GCS_ENABLE": float(_ARDUPILOT_LAND),
+        "FS_GCS_TIMEOUT": _SILENT_S,
+        "MAV_GCS_SYSID": float(OWN_SYSTEM_ID),
+    },
     "px4": {"NAV_DLL_ACT": float(_PX4_LAND), "COM_DL_LOSS_T": _SILENT_S},
 }
 """Parameters of embedded autopilots, so that they land on link loss: by default ArduCopter hovers

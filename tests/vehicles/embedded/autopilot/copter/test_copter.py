@@ -6,9 +6,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.charge import set_remaining
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 VELOCITY_MASK = 0b0000_1101_1100_0111
 POSITION_MASK = 0b0000_1101_1111_1000
 FAILED = mavlink.MAV_RESULT_FAILED
@@ -192,6 +194,31 @@ def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: i
             assert critical == (action != 0)
 
     virtually(scenario())
+
+
+def lost_ground_station(*, sent_by: int, heeded: int = 255, mode: int | None = None) -> Any:
+    """Return a bare ArduCopter 6 s after the heartbeats of a ground station ended."""
+    bare = BareAutopilot(
+        "ardupilot", parameters={"FS_GCS_ENABLE": 5, "FS_OPTIONS": 0, "MAV_GCS_SYSID": heeded}
+    )
+    bare.hover()
+    bare.send(HEARTBEAT, system=sent_by)
+    if mode is not None:
+        assert bare.command(176, 1, mode) == 0
+    bare.run(6.0)
+    return bare
+
+
+@pytest.mark.parametrize(
+    ("sent_by", "heeded", "mode"),
+    [(255, 255, "LAND"), (245, 245, "LAND"), (245, 255, "GUIDED"), (255, 245, "GUIDED")],
+)
+def test_only_the_loss_of_its_own_ground_station_is_a_failsafe(
+    sent_by: int, heeded: int, mode: str
+) -> None:
+    """One that was never received is not lost."""
+    bare = lost_ground_station(sent_by=sent_by, heeded=heeded)
+    assert bare.autopilot.mode.name == mode
 
 
 def test_low_battery(rig: Any, virtually: Scenario) -> None:
