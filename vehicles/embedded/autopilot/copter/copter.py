@@ -198,6 +198,7 @@ class ArduCopter(CopterGuided):
     def _check_failsafes(self) -> None:
         view = View(
             gcs_age_s=self.t_s - self.gcs_last_received_s,
+            automatic=self.mode.is_autopilot or self.flight.landed,
             charge=self.state.charge,
             broken_fences=self._broken_fences(),
         )

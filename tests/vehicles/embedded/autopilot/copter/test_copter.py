@@ -196,11 +196,12 @@ def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: i
     virtually(scenario())
 
 
-def lost_ground_station(*, sent_by: int, heeded: int = 255, mode: int | None = None) -> Any:
+def lost_ground_station(
+    *, sent_by: int = 255, heeded: int = 255, options: int = 0, mode: int | None = None
+) -> Any:
     """Return a bare ArduCopter 6 s after the heartbeats of a ground station ended."""
-    bare = BareAutopilot(
-        "ardupilot", parameters={"FS_GCS_ENABLE": 5, "FS_OPTIONS": 0, "MAV_GCS_SYSID": heeded}
-    )
+    parameters = {"FS_GCS_ENABLE": 5, "FS_OPTIONS": options, "MAV_GCS_SYSID": heeded}
+    bare = BareAutopilot("ardupilot", parameters=parameters)
     bare.hover()
     bare.send(HEARTBEAT, system=sent_by)
     if mode is not None:
@@ -219,6 +220,24 @@ def test_only_the_loss_of_its_own_ground_station_is_a_failsafe(
     """One that was never received is not lost."""
     bare = lost_ground_station(sent_by=sent_by, heeded=heeded)
     assert bare.autopilot.mode.name == mode
+
+
+@pytest.mark.parametrize(
+    ("options", "mode", "ends_in"),
+    [
+        (16, BRAKE, "BRAKE"),
+        (16, LOITER, "LOITER"),
+        (16, GUIDED, "LAND"),
+        (16, RTL_MODE, "LAND"),
+        (15, BRAKE, "LAND"),
+        (15, LOITER, "LAND"),
+    ],
+)
+def test_a_lost_ground_station_in_modes_of_a_pilot_is_the_options_s_to_say(
+    options: int, mode: int, ends_in: str
+) -> None:
+    """By default BRAKE, in which the guard holds, counts as one of them (ArduCopter/mode.h)."""
+    assert lost_ground_station(options=options, mode=mode).autopilot.mode.name == ends_in
 
 
 def test_low_battery(rig: Any, virtually: Scenario) -> None:
