@@ -371,6 +371,19 @@ def test_a_repeater_keeps_its_grid() -> None:
     assert run_virtual(tick()) == pytest.approx([0.35, 0.45, 0.55, 0.65, 0.75, 0.85])
 
 
+def test_a_repeater_may_begin_after_a_period() -> None:
+    async def tick() -> list[float]:
+        loop = asyncio.get_running_loop()
+        times: list[float] = []
+        repeater = Repeater(period_s=0.1, action=lambda: times.append(loop.time()))
+        repeater.start(at_once=False)
+        await asyncio.sleep(0.35)
+        repeater.stop()
+        return times
+
+    assert run_virtual(tick()) == pytest.approx([0.1, 0.2, 0.3])
+
+
 def test_changes_wake_who_waits_and_time_out() -> None:
     async def wait() -> tuple[bool, bool, float]:
         changes, box = ConditionWaiter(), [0]
