@@ -24,9 +24,9 @@ class Identity:
     """The identity of a vehicle: autopilot, version, board, system id.
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
-    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
-    board; then its uid is not unique (PX4's is a constant plus the system id, ArduPilot's that of
-    the machine).
+    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it shows
+    that it is one; then its uid is not unique (PX4's is a constant plus the system id, ArduPilot's
+    that of the machine).
     """
 
     autopilot: AutopilotName
@@ -42,9 +42,17 @@ class Identity:
 
 
 def identity_of(
-    autopilot: Autopilot, target: Target, received: ReceivedHeartbeat, version: Any
+    autopilot: Autopilot,
+    target: Target,
+    received: ReceivedHeartbeat,
+    version: Any,
+    *,
+    is_simulated: bool,
 ) -> Identity:
-    """Return the identity in a heartbeat and an AUTOPILOT_VERSION."""
+    """Return the identity in a heartbeat and an AUTOPILOT_VERSION.
+
+    is_simulated: whether it has sent its `simulation_message_id`.
+    """
     packed = version.flight_sw_version
     numbers = (packed >> 24 & 0xFF, packed >> 16 & 0xFF, packed >> 8 & 0xFF)
     release = _RELEASES.get(packed & 0xFF, str(packed & 0xFF))
@@ -60,7 +68,7 @@ def identity_of(
         git_hash=_git_hash(bytes(version.flight_custom_version)),
         uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
         capabilities=version.capabilities,
-        simulation=_is_simulation(autopilot.name, version, target.system),
+        simulation=_is_simulation(autopilot.name, version, target.system, is_simulated),
     )
 
 
@@ -153,11 +161,20 @@ def _describe_own_kind(
     return f"is a {kind} of {name}"
 
 
-def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:
-    """Return whether a vehicle's identity is that of a simulation."""
-    # ArduPilot's boards report their ids; its simulation reports none.
+def names_board(version: Any) -> bool:
+    """Return whether an AUTOPILOT_VERSION has a board's ids, which no simulation has.
+
+    ArduPilot for boards with Linux (Navio2) has none either.
+    """
+    return bool(version.board_version or version.vendor_id)
+
+
+def _is_simulation(
+    autopilot: AutopilotName, version: Any, system_id: int, is_simulated: bool
+) -> bool:
+    """Return whether a vehicle's identity is that of a simulation; unknown counts as hardware."""
     if autopilot == "ardupilot":
-        return bool(version.board_version == 0 and version.vendor_id == 0)
+        return is_simulated and not names_board(version)
     # PX4 adds the system id minus one (mavlink_main.cpp).
     return bool(version.uid in {_PX4_SITL_UID, _PX4_SITL_UID + system_id - 1})
 
