@@ -272,6 +272,24 @@ def test_rates_that_a_ground_station_cuts_are_restored(
     assert set(asked) == ({float(POSITION)} if is_cut else set())
 
 
+def test_arming_asks_at_once_for_positions_that_a_ground_station_cut() -> None:
+    async def script(driver: Driver, vehicle: EmbeddedVehicle) -> float:
+        loop = asyncio.get_running_loop()
+        await driver.identify(5.0)
+        await driver.ready(90.0)
+        driver.send_message(
+            mavlink.MAVLink_request_data_stream_message(
+                1, 1, mavlink.MAV_DATA_STREAM_POSITION, 1, 1
+            )
+        )
+        await asyncio.sleep(1.2)
+        began_s = loop.time()
+        await driver.arm()
+        return loop.time() - began_s
+
+    assert _fly("ardupilot", script) < 2.0
+
+
 def test_takeoff_disarmed_is_refused() -> None:
     # PX4 takes it, and takes off once it is armed (the reference flight).
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
