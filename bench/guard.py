@@ -29,6 +29,7 @@ from campaigns.values.broker_address import BrokerAddress
 from orchestrator.operator.campaign_records import Place, places
 from orchestrator.operator.message_signing import signed_command
 from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
+from safety.guard.core.events import GuardSettings
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.model.samples import PoseSample
 from tests.faults.environment import broker_process
@@ -51,7 +52,7 @@ from vehicles.tasks import start, stop
 from worlds.frames import Pose
 
 _STEP_S = 0.02
-_GUARD_SYSTEM = 255
+_GUARD_COMPONENT = GuardSettings().component_id
 _COMMAND_IDS = frozenset({11, 76, 84})
 """SET_MODE, COMMAND_LONG, SET_POSITION_TARGET_LOCAL_NED."""
 _TICKS_S = os.sysconf("SC_CLK_TCK")
@@ -71,7 +72,7 @@ class Wire:
     def _take(self, data: bytes, t_s: float) -> None:
         now_s = time.monotonic()
         for frame in self._frames.feed(data):
-            steers = frame.system == _GUARD_SYSTEM and frame.message_id in _COMMAND_IDS
+            steers = frame.component == _GUARD_COMPONENT and frame.message_id in _COMMAND_IDS
             if steers and not self.commanded.is_set():
                 self.at_s = now_s
                 self.commanded.set()

@@ -25,7 +25,12 @@ from vehicles.autopilots.failsafes import FAILSAFES, return_altitude_m, unsound
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 SOUND: dict[str, dict[str, float]] = {
-    "ardupilot": {"FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 5.0, "MAV_GCS_SYSID": 245},
+    "ardupilot": {
+        "FS_GCS_ENABLE": 5,
+        "FS_GCS_TIMEOUT": 5.0,
+        "FS_OPTIONS": 0,
+        "MAV_GCS_SYSID": 245,
+    },
     "px4": {"NAV_DLL_ACT": 3, "COM_DL_LOSS_T": 10, "COM_OBL_RC_ACT": 4, "COM_OF_LOSS_T": 1.0},
 }
 
@@ -124,9 +129,14 @@ def test_what_is_set_is_sound(autopilot: str) -> None:
     ("autopilot", "name", "value", "said"),
     [
         ("ardupilot", "FS_GCS_ENABLE", 0, "FS_GCS_ENABLE is 0: on link loss it would hover until"),
+        ("ardupilot", "FS_GCS_ENABLE", 7, "FS_GCS_ENABLE is 7: on link loss it would hover until"),
         ("ardupilot", "FS_GCS_TIMEOUT", 60, "FS_GCS_TIMEOUT is 60: it would take too long"),
+        ("ardupilot", "FS_OPTIONS", 16, "FS_OPTIONS is 16: it would ignore a link loss in BRAKE"),
+        ("ardupilot", "FS_OPTIONS", 27, "FS_OPTIONS is 27: it would ignore a link loss in BRAKE"),
+        ("ardupilot", "FS_OPTIONS", math.nan, "FS_OPTIONS is nan: it would ignore"),
         ("ardupilot", "MAV_GCS_SYSID", 255, "MAV_GCS_SYSID is 255: it expects another ground"),
         ("px4", "NAV_DLL_ACT", 0, "NAV_DLL_ACT is 0: on link loss it would not"),
+        ("px4", "NAV_DLL_ACT", 1, "NAV_DLL_ACT is 1: on link loss it would not"),
         ("px4", "NAV_DLL_ACT", 5, "NAV_DLL_ACT is 5: on link loss it would not"),
         ("px4", "COM_OBL_RC_ACT", 7, "COM_OBL_RC_ACT is 7: it would fall"),
         ("px4", "COM_OF_LOSS_T", 20, "COM_OF_LOSS_T is 20: it would fly on for too long"),
@@ -138,8 +148,26 @@ def test_what_is_unsound_is_named(autopilot: str, name: str, value: float, said:
     assert found.startswith(said)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "instead"),
+    [
+        ("FS_OPTIONS", 16, 0),
+        ("FS_OPTIONS", 27, 11),
+        ("FS_OPTIONS", 8, None),
+        ("FS_OPTIONS", math.nan, None),
+        ("FS_GCS_ENABLE", 1, 5),
+        ("FS_GCS_ENABLE", 5, None),
+        ("FS_GCS_TIMEOUT", 60, None),
+    ],
+)
+def test_what_is_set_in_place_of_a_value(name: str, value: float, instead: int | None) -> None:
+    (rule,) = (one for one in FAILSAFES["ardupilot"] if name in one.names)
+    assert rule.wanted_instead(value) == instead
+    assert instead is None or rule.holds(instead)
+
+
 def test_older_firmware_has_older_names_and_units() -> None:
-    older = {"FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 5.0, "SYSID_MYGCS": 245}
+    older = {"FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 5.0, "FS_OPTIONS": 0, "SYSID_MYGCS": 245}
     assert list(unsound("ardupilot", older)) == []
     assert return_altitude_m("ardupilot", {"RTL_ALT": 1500}) == 15.0
     assert return_altitude_m("ardupilot", {"RTL_ALT_M": 15}) == 15.0

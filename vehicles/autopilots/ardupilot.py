@@ -89,6 +89,10 @@ class ArduCopter(Autopilot):
     # The "variances" of EKF_STATUS_REPORT are test ratios without a unit.
     accuracy_message_id: ClassVar[int | None] = None
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_SIM_STATE
+    # Under AP_SIM_ENABLED in GCS_Common.cpp.
+    simulation_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_SIM_STATE
+    # FS_EKF_ACTION 2 (ekf_check.cpp); no failsafe of events.cpp enters another of them.
+    fallback_modes: ClassVar[frozenset[str]] = frozenset({"ALT_HOLD"})
     heeds_pace: ClassVar[bool] = True
 
     def mode_of(self, custom_mode: int) -> Mode:

@@ -138,6 +138,10 @@ class Autopilot(ABC):
     """Of the message with its estimator's covariance in metres; None when it sends none."""
     truth_message_id: ClassVar[int]
     """Of the message with its simulator's ground truth."""
+    simulation_message_id: ClassVar[int | None] = None
+    """Of a message that only its simulation sends; None where its AUTOPILOT_VERSION tells."""
+    fallback_modes: ClassVar[frozenset[str]]
+    """Its names of the pilot's modes that it enters by itself when it can no longer be guided."""
     heeds_pace: ClassVar[bool] = False
     """Whether its own simulator's pace can be set while it flies."""
 

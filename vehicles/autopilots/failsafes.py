@@ -5,19 +5,29 @@ die. Parameters: ArduCopter/Parameters.cpp and events.cpp; PX4's commander_param
 rtl_params.c.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from vehicles.autopilots.autopilot import AutopilotName
 
 OWN_SYSTEM_ID = 245
-"""Our system id as a ground station; its heartbeats prevent the vehicle's GCS failsafe."""
+"""Our system id as a ground station, of driver and guard; its heartbeats prevent the vehicle's GCS
+failsafe."""
 _ARDUPILOT_LAND, _PX4_LAND = 5, 3
+_CONTINUE_WITHOUT_GCS = 1 << 4
+"""GCS_CONTINUE_IF_PILOT_CONTROL of FS_OPTIONS, set by default: a lost ground station changes
+nothing in modes that are no autopilot's by mode.h, such as BRAKE, in which the guard holds."""
 _SILENT_S = 5.0
 """Longer than the guard's time-out for a lost vehicle, so that the guard acts first."""
 
 SILENCE_PARAMETERS: Mapping[AutopilotName, Mapping[str, float]] = {
-    "ardupilot": {"FS_GCS_ENABLE": float(_ARDUPILOT_LAND), "FS_GCS_TIMEOUT": _SILENT_S},
+    "ardupilot": {
+        "FS_GCS_ENABLE": float(_ARDUPILOT_LAND),
+        "FS_GCS_TIMEOUT": _SILENT_S,
+        "FS_OPTIONS": 0.0,
+        "MAV_GCS_SYSID": float(OWN_SYSTEM_ID),
+    },
     "px4": {"NAV_DLL_ACT": float(_PX4_LAND), "COM_DL_LOSS_T": _SILENT_S},
 }
 """Parameters of embedded autopilots, so that they land on link loss: by default ArduCopter hovers
@@ -29,21 +39,32 @@ class FailsafeRule:
     """A rule for the value of a failsafe parameter.
 
     names: the newest first; firmware knows one of them. wanted: the value to set where we may;
-    None leaves it as it is. sound: the accepted values; or longest_s, the longest accepted time.
-    wrong: the consequence of any other value, for messages.
+    None leaves it as it is. sound: the accepted values; or longest_s, the longest accepted time; or
+    forbidden, bits that must be 0, which are cleared where we may. wrong: the consequence of any
+    other value, for messages.
     """
 
     names: tuple[str, ...]
     wanted: int | None = None
     sound: frozenset[int] = frozenset()
     longest_s: float | None = None
+    forbidden: int = 0
     wrong: str
 
     def holds(self, value: float, pace: float = 1.0) -> bool:
         """Return whether a failsafe parameter's value is accepted; pace: times real time."""
         if self.longest_s is not None:
             return 0.0 < value <= self.longest_s * max(1.0, pace)
+        if self.forbidden:
+            return math.isfinite(value) and not int(value) & self.forbidden
         return value in self.sound
+
+    def wanted_instead(self, value: float) -> int | None:
+        """Return the value to set in place of a parameter's present one; None to leave it."""
+        if self.forbidden and math.isfinite(value):
+            cleared = int(value) & ~self.forbidden
+            return cleared if cleared != value else None
+        return None if value == self.wanted else self.wanted
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +80,19 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
         FailsafeRule(
             names=("FS_GCS_ENABLE",),
             wanted=_ARDUPILOT_LAND,
-            sound=frozenset({1, 2, 3, 4, 5, 6, 7}),
+            sound=frozenset({1, 2, 3, 4, 5, 6}),
             wrong="on link loss it would hover until its battery is empty",
         ),
         FailsafeRule(
             names=("FS_GCS_TIMEOUT",),
             longest_s=30.0,
             wrong="it would take too long to detect a link loss",
+        ),
+        FailsafeRule(
+            names=("FS_OPTIONS",),
+            forbidden=_CONTINUE_WITHOUT_GCS,
+            wrong="it would ignore a link loss in BRAKE, in which the guard holds; take "
+            f"{_CONTINUE_WITHOUT_GCS} (continue in pilot controlled modes) off it",
         ),
         FailsafeRule(
             names=("MAV_GCS_SYSID", "SYSID_MYGCS"),
@@ -78,7 +105,7 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
         FailsafeRule(
             names=("NAV_DLL_ACT",),
             wanted=_PX4_LAND,
-            sound=frozenset({1, 2, 3}),
+            sound=frozenset({2, 3}),
             wrong="on link loss it would not land, or it would fall",
         ),
         FailsafeRule(

@@ -98,6 +98,8 @@ class Px4(Autopilot):
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
     accuracy_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_ODOMETRY
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+    # COM_OBL_RC_ACT 0 to 2 (FallbackPosCtrl, AltCtrl and Stab of failsafe/framework.cpp).
+    fallback_modes: ClassVar[frozenset[str]] = frozenset({"POSCTL", "ALTCTL", "STABILIZED"})
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for a PX4 HEARTBEAT."""

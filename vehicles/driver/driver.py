@@ -125,6 +125,7 @@ class Driver:
         """Stop all sending and close the driver's link; it does not land the vehicle."""
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
+            self._vehicle.streams.stop()
         self._link_monitor.stop()
         self._timesync.stop()
         self._commander.close()
@@ -279,6 +280,7 @@ class Driver:
         vehicle = self._require_identified()
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
+        vehicle.streams.watch()
         while True:
             slice_s = max(0.0, min(_REQUEST_AGAIN_S, deadline_s - loop.time()))
             if await self._changes.until(lambda: not self._reasons(), slice_s):
@@ -286,9 +288,9 @@ class Driver:
             if loop.time() >= deadline_s:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
                 raise not_ready(vehicle, what, self._reasons(), self._circumstances())
-            vehicle.streams.request_missing(loop.time())
             for message in vehicle.messages_to_get_ready():
                 self._session.send(message)
+        vehicle.streams.watch()
         self._capture_anchor()
 
     async def arm(self) -> None:
@@ -298,6 +300,8 @@ class Driver:
         """
         vehicle = self._require_identified()
         status, autopilot = vehicle.status, vehicle.autopilot
+        if self._reasons():
+            vehicle.streams.request()
         # On a bad link the last second may hold too few positions to anchor it by.
         await self._changes.until(lambda: not self._reasons(), SEEN_WITHIN_S)
         self._capture_anchor()
@@ -427,7 +431,9 @@ class Driver:
         return "".join(f"; {text}" for text in (self._link_monitor.silence(), last_texts) if text)
 
     def _begin_listening(self) -> None:
-        self._require_identified().streams.request()
+        streams = self._require_identified().streams
+        streams.request()
+        streams.watch()
         self._timesync.start()
         self._link_monitor.watch()
 

@@ -1,8 +1,10 @@
 """Requests the telemetry of a plan from the autopilot, and finds missing streams."""
 
+import asyncio
 from functools import partial
 
 from vehicles.autopilots.autopilot import Autopilot, MessageRate, Target
+from vehicles.driver.session.repeater import Repeater
 from vehicles.driver.session.session import Session
 from vehicles.mavlink.names import message_name
 
@@ -12,6 +14,7 @@ _LEAST_RATE = 0.5
 """A message that comes at less than this part of its rate is requested again: the request was
 lost, and the autopilot sends it at its default rate."""
 _SHORTEST_COUNT_S = 1.0
+_CHECK_EVERY_S = 2.0
 
 
 class TelemetryStreams:
@@ -37,6 +40,7 @@ class TelemetryStreams:
         self._counts = dict.fromkeys((line.message_id for line in plan), 0)
         self._earlier_counts = dict(self._counts)
         self._counted_from_s: float | None = None
+        self._watch = Repeater(period_s=_CHECK_EVERY_S, action=self._request_missing_now)
         for line in plan:
             session.on_payload(line.message_id, partial(self._on_message, line.message_id))
 
@@ -48,6 +52,21 @@ class TelemetryStreams:
         """
         requests = [self._autopilot.request_interval(self._target, line) for line in self._plan]
         self._session.send_together(requests)
+
+    def watch(self) -> None:
+        """Request missing or slow streams again every 2 s from now on, until `stop`.
+
+        A ground station at the same autopilot may change them at any time: REQUEST_DATA_STREAM
+        overwrites the rates that were requested by SET_MESSAGE_INTERVAL. Rates are counted anew: a
+        stream that has just begun is not slow.
+        """
+        self._counted_from_s = None
+        self._watch.stop()
+        self._watch.start(at_once=False)
+
+    def stop(self) -> None:
+        """Stop requesting missing streams; may be called more than once."""
+        self._watch.stop()
 
     def request_missing(self, now_s: float) -> None:
         """Request again telemetry streams that are missing or too slow."""
@@ -70,6 +89,9 @@ class TelemetryStreams:
     def rate_hz(self, message_id: int) -> float:
         """Return the requested rate of a telemetry message; 0 when not requested."""
         return next((line.rate_hz for line in self._plan if line.message_id == message_id), 0.0)
+
+    def _request_missing_now(self) -> None:
+        self.request_missing(asyncio.get_running_loop().time())
 
     def _is_missing(self, line: MessageRate, now_s: float) -> bool:
         last_s = self._last_s.get(line.message_id)

@@ -66,13 +66,14 @@ def under_conditions(
     *,
     utc_s: float,
     spares: Sequence[Link] = (),
+    system_id: int | None = None,
     on_switch: Callable[[str], None] | None = None,
 ) -> ConditionedLink:
     """Return a link under conditions: signed first, then impaired, as on the air.
 
     utc_s: the present time (UTC, seconds since 1970). spares: standby links to the same vehicle,
-    unimpaired; on_switch: called with a message when another link becomes active. Raises
-    SigningKeyError.
+    unimpaired; system_id: of that vehicle, None where it is not known; on_switch: called with a
+    message when another link becomes active. Raises SigningKeyError.
     """
     impaired: ImpairedLink | None = None
     if conditions.impaired:
@@ -89,5 +90,7 @@ def under_conditions(
             SignedLink(link=one, key=key, utc_s=utc_s, link_id=number)
             for number, one in enumerate(links)
         ]
-    together = RedundantLink(links=links, on_switch=on_switch) if spares else links[0]
+    if not spares:
+        return ConditionedLink(links[0], impaired)
+    together = RedundantLink(links=links, system_id=system_id, on_switch=on_switch)
     return ConditionedLink(together, impaired)

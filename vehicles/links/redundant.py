@@ -56,16 +56,22 @@ class RedundantLink:
     Requested telemetry rates are requested again on a link that becomes active: it may have
     connected after the first request.
 
-    links: the preferred one first; all must open at the start. on_switch: called with a message
-    when another link becomes active.
+    links: the preferred one first; all must open at the start. system_id: the vehicle's, whose
+    autopilot is the sign that a link works; None where it is not known. on_switch: called with a
+    message when another link becomes active.
     """
 
     def __init__(
-        self, *, links: Sequence[Link], on_switch: Callable[[str], None] | None = None
+        self,
+        *,
+        links: Sequence[Link],
+        system_id: int | None,
+        on_switch: Callable[[str], None] | None = None,
     ) -> None:
         if len(links) < 2:
             raise ValueError("a redundant link needs two links at least")
         self._links = tuple(links)
+        self._system_id = system_id
         self._on_switch = on_switch
         self._receiver: Receiver | None = None
         self._last_received_s = [0.0] * len(links)
@@ -130,11 +136,15 @@ class RedundantLink:
         await self._stack.__aexit__(kind, error, trace)
 
     def _on_bytes(self, number: int, data: bytes, t_s: float) -> None:
-        if any(frame.component == _AUTOPILOT for frame in self._inward[number].feed(data)):
+        if any(self._is_vehicle(frame) for frame in self._inward[number].feed(data)):
             self._take_sign_of_life(number, t_s)
         # Other bytes are passed on as well: the driver reports what it received instead of MAVLink.
         if number == self.active and self._receiver is not None:
             self._receiver(data, t_s)
+
+    def _is_vehicle(self, frame: Frame) -> bool:
+        """Return whether a frame is of the vehicle's autopilot, not of another on its network."""
+        return frame.component == _AUTOPILOT and self._system_id in {None, frame.system}
 
     def _take_sign_of_life(self, number: int, t_s: float) -> None:
         if t_s - self._last_received_s[number] > SILENT_S:

@@ -1,8 +1,11 @@
 """The command backend that sends a driver's commands through mavsdk."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.autopilots.autopilot import Autopilot, Target
 from vehicles.driver.command_backend import FailureListener
@@ -12,6 +15,8 @@ from vehicles.driver.session.session import Session
 from vehicles.driver.vehicle_commands import VehicleCommands
 from vehicles.errors import IdentifyError
 from vehicles.links.link import Link
+from vehicles.mavlink.codec import Codec
+from vehicles.mavsdk.ids import OWN_COMPONENT, OWN_SYSTEM
 from vehicles.mavsdk.mavsdk_client import MavsdkClient, RefusedError
 from vehicles.mavsdk.mavsdk_commands import MavsdkCommands
 from vehicles.mavsdk.mavsdk_onboard import MavsdkLogs, MavsdkMissions
@@ -35,15 +40,22 @@ class MavsdkBackend:
     def __init__(self, *, name: str) -> None:
         self._name = name
         self.client = MavsdkClient(name=name)
+        self._codec = Codec(system_id=OWN_SYSTEM, component_id=OWN_COMPONENT)
+        self._link: Link | None = None
 
     @property
     def sender(self) -> Callable[[Any], None]:
-        """Return the sender of messages by mavsdk's MavlinkDirect."""
+        """Return the sender of messages by mavsdk's MavlinkDirect.
+
+        A parameter whose bytes are no finite number (-1 of PX4's integers) is sent as a frame of
+        ours: MavlinkDirect takes JSON, which keeps none of the bits of NaN.
+        """
         return self._send_message
 
     def join(self, link: Link) -> Link:
         """Return the link with mavsdk on it."""
-        return RelayedLink(link=link, client=self.client)
+        self._link = RelayedLink(link=link, client=self.client)
+        return self._link
 
     def on_failure(self, listener: FailureListener) -> None:
         """Call `listener` once when the mavsdk process has died or hangs."""
@@ -81,4 +93,13 @@ class MavsdkBackend:
         )
 
     def _send_message(self, message: Any) -> None:
+        if self._link is not None and _is_bits(message):
+            self._link.write(self._codec.pack(message))
+            return
         self.client.send_message(message.get_type(), fields_json(message))
+
+
+def _is_bits(message: Any) -> bool:
+    """Return whether a message is a PARAM_SET whose value holds an integer's bytes, no number."""
+    is_parameter = message.get_msgId() == mavlink.MAVLINK_MSG_ID_PARAM_SET
+    return is_parameter and not math.isfinite(message.param_value)

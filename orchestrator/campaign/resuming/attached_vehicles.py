@@ -146,7 +146,13 @@ async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
     conditions = LinkConditions(signing=vehicle.signing)
     signed = vehicle.signing is not None
     raw = [open_link(address, signed=signed) for address in vehicle.addresses]
-    link = under_conditions(raw[0], conditions, utc_s=time.time(), spares=raw[1:]).link
+    link = under_conditions(
+        raw[0],
+        conditions,
+        utc_s=time.time(),
+        spares=raw[1:],
+        system_id=vehicle.system_id,
+    ).link
     driver = Driver(
         name=vehicle.name,
         link=link,

@@ -204,10 +204,11 @@ async def wanted_failsafes(
     """
     wanted: dict[str, ParameterValue] = {}
     for rule in FAILSAFES[autopilot]:
-        if rule.wanted is not None:
+        if rule.longest_s is None:  # Times are checked only.
             for name, value in (await first_known(parameters, rule.names)).items():
-                if value != rule.wanted:
-                    wanted[name] = rule.wanted
+                instead = rule.wanted_instead(value)
+                if instead is not None:
+                    wanted[name] = instead
     if ceiling_m is not None:
         wanted |= await lower_return(autopilot, parameters, ceiling_m=ceiling_m)
     return wanted

@@ -8,6 +8,7 @@ from safety.guard.core.contingency import require_landing
 from safety.guard.core.setpoint_limits import SetpointLimits
 from safety.model.verdict import DecisiveEvent, DecisiveKind
 from vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from vehicles.autopilots.failsafes import OWN_SYSTEM_ID
 
 Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down", "clock"]
 """Why the guard took over. bring_down: the orchestrator requested it, for its own reason. clock:
@@ -130,8 +131,9 @@ class GuardSettings:
     are a bound, not a fit (docs/geofence.md, `python bench/stopping.py`); on hardware it may be
     more. keep_m: distance to be kept to the fence. orchestrator_silent_s: counts from its first
     sign of life. asked_s: how long a mode change counts as requested after a command was forwarded
-    (heartbeats come once a second). system_id, component_id: the sender of the guard's messages;
-    the GCS failsafe of ArduPilot watches SYSID_MYGCS (255).
+    (heartbeats come once a second). system_id, component_id: the sender of the guard's messages,
+    the driver's system, because ArduPilot's GCS failsafe heeds one system only (MAV_GCS_SYSID), and
+    a component of its own, by which acknowledgements are told apart.
     """
 
     latency_s: float = 0.7
@@ -141,7 +143,7 @@ class GuardSettings:
     orchestrator_silent_s: float = 0.4
     asked_s: float = 3.0
     heartbeat_s: float = 1.0
-    system_id: int = 255
+    system_id: int = OWN_SYSTEM_ID
     component_id: int = 191
 
 

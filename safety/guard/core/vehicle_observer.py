@@ -60,6 +60,7 @@ class ObservedVehicle:
         self.anchor: Anchor | None = None
         """Its local frame in the world; with it, its LOCAL_POSITION_NED is a position source."""
         self._mode_name = ""
+        self._critical = False
         self._requested_s: float | None = None
         self._arm_requested_s: float | None = None
         self._armed_s: float | None = None
@@ -189,6 +190,7 @@ class ObservedVehicle:
         self, heartbeat: Heartbeat, t_s: float, commanded: frozenset[Mode] | None
     ) -> ModeChange | None:
         old, was_armed, old_name = self.mode, self.armed, self._mode_name
+        was_critical, self._critical = self._critical, heartbeat.critical
         new = self._vehicle.autopilot.mode_of(heartbeat.custom_mode)
         self.mode, self.armed = new, heartbeat.armed
         self._mode_name = self._vehicle.autopilot.mode_name(heartbeat.custom_mode)
@@ -197,7 +199,7 @@ class ObservedVehicle:
         if not heartbeat.armed:
             self.failsafe = False
             return None
-        if new is Mode.PILOT and not (heartbeat.critical and self._lost_guidance(old)):
+        if new is Mode.PILOT and not self._fell_back(old, was_critical=was_critical):
             if self.taken_over:
                 return None
             self.taken_over = True
@@ -210,9 +212,17 @@ class ObservedVehicle:
         text = f"its autopilot changed from {old_name} to {self._mode_name} without a command"
         return ModeChange("failsafe", text)
 
-    def _lost_guidance(self, old: Mode | None) -> bool:
-        # PX4 without setpoints changes from OFFBOARD to POSCTL by itself (COM_OBL_RC_ACT 0).
-        return old is Mode.GUIDED or (old is Mode.PILOT and self.failsafe)
+    def _fell_back(self, old: Mode | None, *, was_critical: bool) -> bool:
+        """Return whether the autopilot itself has entered a pilot's mode, by its last heartbeat.
+
+        PX4 without setpoints changes from OFFBOARD to POSCTL by itself (COM_OBL_RC_ACT 0), and is
+        critical from the same heartbeat on. One that was critical before has another reason, such
+        as a battery warning (docs/decisions/0031-a-pilot-beside-a-warning.md).
+        """
+        if not self._critical or self._mode_name not in self._vehicle.autopilot.fallback_modes:
+            return False
+        lost_guidance = old is Mode.GUIDED and not was_critical
+        return lost_guidance or (old is Mode.PILOT and self.failsafe)
 
     def _is_unrequested(
         self, old: Mode, new: Mode, t_s: float, commanded: frozenset[Mode] | None

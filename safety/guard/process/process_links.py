@@ -36,7 +36,12 @@ def guard_links(
     near: the one to the vehicle. inner: the one to the orchestrator. report: gets link changes.
     """
     outer = under_conditions(
-        near, guarded.conditions, utc_s=time.time(), spares=_spare_links(guarded), on_switch=report
+        near,
+        guarded.conditions,
+        utc_s=time.time(),
+        spares=_spare_links(guarded),
+        system_id=guarded.vehicle.target.system,
+        on_switch=report,
     )
     gcs = open_link(parse_link(guarded.gcs)) if guarded.gcs else None
     return GuardLinks(vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired)

@@ -300,7 +300,7 @@ def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
             mark = len(flight.log)
             await asyncio.sleep(2.0)
             ours = [
-                t_s for name, t_s, frame in flight.log[mark:] if name == "real" and frame[5] == 255
+                t_s for name, t_s, frame in flight.log[mark:] if name == "real" and frame[6] == 191
             ]
             ticks = sorted(set(ours))
             assert len(ticks) == pytest.approx(40, abs=1)

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
@@ -25,10 +26,14 @@ from vehicles.errors import (
 from vehicles.links.link_factory import open_link
 from vehicles.links.link_strings import parse_link
 from vehicles.links.memory import memory_pair
+from vehicles.links.tapped import TappedLink
+from vehicles.mavlink.codec import Codec
 from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 from worlds.frames import Pose, norm, subtract
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+POSITION = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+SET_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 START = Pose.of(2.0, -1.0, 0.0, yaw_rad=0.7)
 Script = Callable[[Driver, EmbeddedVehicle], Awaitable[Any]]
 
@@ -215,6 +220,74 @@ def test_parameters(autopilot: AutopilotName) -> None:
             await driver.parameters.get("NO_SUCH")
 
     _fly(autopilot, script)
+
+
+@pytest.mark.parametrize("cut_hz", [None, 3])
+@BOTH
+def test_rates_that_a_ground_station_cuts_are_restored(
+    autopilot: AutopilotName, cut_hz: int | None
+) -> None:
+    """And nothing is asked for where all is in time. PX4 ignores REQUEST_DATA_STREAM."""
+    asked: list[float] = []
+
+    async def fly() -> tuple[int, int]:
+        ours, theirs = memory_pair(latency_s=0.002)
+        reader = Codec(system_id=1, component_id=1)
+
+        def note(data: bytes, _: float) -> None:
+            asked.extend(
+                message.param1
+                for message in reader.parse(data)
+                if message.get_type() == "COMMAND_LONG" and message.command == SET_INTERVAL
+            )
+
+        link = TappedLink(theirs)
+        link.tap(note)
+        config = EmbeddedConfig(autopilot=autopilot, start=START)
+        async with (
+            EmbeddedVehicle(config=config, link=link, seed=1),
+            Driver(name="real", link=ours, start=START) as driver,
+        ):
+            arrived: list[float] = []
+            await driver.identify(5.0)
+            await driver.ready(90.0)
+            driver.on_message(POSITION, lambda _, t_s: arrived.append(t_s))
+            asked.clear()
+            if cut_hz is not None:
+                driver.send_message(
+                    mavlink.MAVLink_request_data_stream_message(
+                        1, 1, mavlink.MAV_DATA_STREAM_POSITION, cut_hz, 1
+                    )
+                )
+            await asyncio.sleep(1.0)
+            first = len(arrived)
+            await asyncio.sleep(20.0)
+            now_s = asyncio.get_running_loop().time()
+            return first, sum(t_s > now_s - 1.0 for t_s in arrived)
+
+    before, after = run_virtual(fly())
+    is_cut = cut_hz is not None and autopilot == "ardupilot"
+    assert (before < 10) == is_cut
+    assert after == pytest.approx(50, abs=2)
+    assert set(asked) == ({float(POSITION)} if is_cut else set())
+
+
+def test_arming_asks_at_once_for_positions_that_a_ground_station_cut() -> None:
+    async def script(driver: Driver, vehicle: EmbeddedVehicle) -> float:
+        loop = asyncio.get_running_loop()
+        await driver.identify(5.0)
+        await driver.ready(90.0)
+        driver.send_message(
+            mavlink.MAVLink_request_data_stream_message(
+                1, 1, mavlink.MAV_DATA_STREAM_POSITION, 1, 1
+            )
+        )
+        await asyncio.sleep(1.2)
+        began_s = loop.time()
+        await driver.arm()
+        return loop.time() - began_s
+
+    assert _fly("ardupilot", script) < 2.0
 
 
 def test_takeoff_disarmed_is_refused() -> None:

@@ -207,10 +207,15 @@ def test_a_temporary_rejection_is_tried_again(fake_pair: Callable[..., Any]) -> 
     assert len(_run(fake_pair, script, prepare)[1].commands(TAKEOFF)) == 2
 
 
-def test_acks_for_others_do_not_count(fake_pair: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("other", [(255, 190), (245, 191)])
+def test_acks_for_others_do_not_count(
+    fake_pair: Callable[..., Any], other: tuple[int, int]
+) -> None:
+    """A ground station's, and the guard's, which has our system id."""
+
     def prepare(peer: Any) -> None:
         peer.replies[f"COMMAND_LONG:{TAKEOFF}"] = lambda peer, message: peer.say(
-            mavlink.MAVLink_command_ack_message(TAKEOFF, 0, 0, 0, 255, 190)
+            mavlink.MAVLink_command_ack_message(TAKEOFF, 0, 0, 0, *other)
         )
 
     async def script(peer: Any, session: Session) -> None:
@@ -269,6 +274,13 @@ def test_whole_numbers_survive_as_bytes(value: int) -> None:
         decode_parameter(struct.unpack("<f", struct.pack("<f", wire))[0], INT32, bytewise=True)
         == value
     )
+
+
+@pytest.mark.parametrize("value", [-8_388_607, 2_139_095_041])
+def test_a_whole_number_whose_bytes_a_float_would_change_is_refused(value: int) -> None:
+    with pytest.raises(ParameterError, match="its bytes are those of a signalling NaN"):
+        encode_parameter(value, INT32, bytewise=True)
+    assert encode_parameter(value, INT32, bytewise=False) == value
 
 
 @pytest.mark.parametrize(
@@ -357,6 +369,19 @@ def test_a_repeater_keeps_its_grid() -> None:
         return times
 
     assert run_virtual(tick()) == pytest.approx([0.35, 0.45, 0.55, 0.65, 0.75, 0.85])
+
+
+def test_a_repeater_may_begin_after_a_period() -> None:
+    async def tick() -> list[float]:
+        loop = asyncio.get_running_loop()
+        times: list[float] = []
+        repeater = Repeater(period_s=0.1, action=lambda: times.append(loop.time()))
+        repeater.start(at_once=False)
+        await asyncio.sleep(0.35)
+        repeater.stop()
+        return times
+
+    assert run_virtual(tick()) == pytest.approx([0.1, 0.2, 0.3])
 
 
 def test_changes_wake_who_waits_and_time_out() -> None:

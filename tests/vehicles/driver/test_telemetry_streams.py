@@ -1,10 +1,12 @@
 """How a driver asks for telemetry: all of it in one packet, so that it comes in few."""
 
+import asyncio
 from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Target, TelemetryRates
+from orchestrator.model.clock import run_virtual
+from vehicles.autopilots.autopilot import MessageRate, Target, TelemetryRates
 from vehicles.autopilots.px4 import Px4
 from vehicles.driver.session.session import Session
 from vehicles.driver.telemetry_streams import TelemetryStreams
@@ -57,3 +59,45 @@ def test_another_command_backend_says_each_of_them() -> None:
     session.write_frames()
     streams.request()
     assert len(wire.packets) == 1
+
+
+POSITION = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+VEHICLE = Codec(system_id=1, component_id=1)
+
+
+async def say_positions(session: Session, rate_hz: float, for_s: float) -> None:
+    for _ in range(round(rate_hz * for_s)):
+        message = mavlink.MAVLink_local_position_ned_message(0, *[0.0] * 6)
+        session.received(VEHICLE.pack(message), asyncio.get_running_loop().time())
+        await asyncio.sleep(1.0 / rate_hz)
+
+
+def test_a_stream_is_asked_for_again_only_while_it_is_too_slow() -> None:
+    """A ground station's REQUEST_DATA_STREAM cuts an ArduPilot's positions to 3 Hz in flight."""
+
+    async def scenario() -> list[int]:
+        wire = Wire()
+        session = Session(link=wire, own=Target(245, 190))
+        session.target = Target(1)
+        streams = TelemetryStreams(
+            session=session,
+            autopilot=Px4(),
+            target=Target(1),
+            plan=(MessageRate(POSITION, 50.0),),
+        )
+        streams.request()
+        streams.watch()
+        counts = []
+        for rate_hz in (50.0, 3.0, 50.0):
+            await say_positions(session, rate_hz, 10.0)
+            counts.append(len(asked(wire.packets)))
+            wire.packets.clear()
+        streams.stop()
+        await asyncio.sleep(10.0)
+        return [*counts, len(wire.packets)]
+
+    in_time, slow, again, stopped = run_virtual(scenario())
+    assert in_time == 1
+    assert 3 <= slow <= 5, "every 2 s"
+    assert again <= 1
+    assert stopped == 0

@@ -27,7 +27,9 @@ from vehicles.setpoints import VelocitySetpoint
 
 OURS = Codec(system_id=245, component_id=190)
 VEHICLE = Codec(system_id=1, component_id=1)
-HEARTBEAT = VEHICLE.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
+BEAT = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3)
+HEARTBEAT = VEHICLE.pack(BEAT)
+OTHER_VEHICLES = Codec(system_id=2, component_id=1).pack(BEAT)
 
 
 def _collect(box: list[Any], reader: Codec, data: bytes, _: object) -> None:
@@ -72,7 +74,9 @@ class Ends:
         self.told: list[str] = []
         self.heard: list[bytes] = []
         self.sent: list[list[Any]] = [[], []]
-        self.link = RedundantLink(links=[ours for ours, _ in pairs], on_switch=self.told.append)
+        self.link = RedundantLink(
+            links=[ours for ours, _ in pairs], system_id=1, on_switch=self.told.append
+        )
         self.link.receive(lambda data, _: self.heard.append(data))
         self.far = [far for _, far in pairs]
         for far, box in zip(self.far, self.sent, strict=True):
@@ -88,11 +92,13 @@ class Ends:
         for one in (self.link, *self.far):
             await one.__aexit__(None, None, None)
 
-    async def speak(self, *numbers: int, for_s: float) -> None:
-        """Have the vehicle heard by these links, ten times a second."""
+    async def speak(self, *numbers: int, for_s: float, other: int | None = None) -> None:
+        """Have the vehicle heard by these links, ten times a second; another one by `other`."""
         for _ in range(round(for_s * 10)):
             for number in numbers:
                 self.far[number].write(HEARTBEAT)
+            if other is not None:
+                self.far[other].write(OTHER_VEHICLES)
             await asyncio.sleep(0.1)
 
 
@@ -140,6 +146,20 @@ def test_noise_is_no_sign_of_life_of_a_spare_and_is_reported_of_the_first() -> N
                 await asyncio.sleep(0.1)
             assert ends.link.active == 0
             assert set(ends.heard) == {b"\xff" * 20}
+
+    run_virtual(scenario())
+
+
+def test_another_vehicle_is_no_sign_of_life_of_this_one() -> None:
+    """Two vehicles on one radio network: one of them is no longer received by it."""
+
+    async def scenario() -> None:
+        async with Ends() as ends:
+            await ends.speak(0, 1, for_s=1.0)
+            await ends.speak(1, for_s=1.0, other=0)
+            assert ends.link.active == 1
+            await ends.speak(1, for_s=STEADY_S + 1.0, other=0)
+            assert ends.link.active == 1
 
     run_virtual(scenario())
 
@@ -202,7 +222,9 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
         conditions = LinkConditions(
             outgoing=Impairment(loss=0.05), incoming=Impairment(loss=0.05), has_later_outage=True
         )
-        both = under_conditions(one, conditions, utc_s=0.0, spares=[two], on_switch=told.append)
+        both = under_conditions(
+            one, conditions, utc_s=0.0, spares=[two], system_id=1, on_switch=told.append
+        )
         config = EmbeddedConfig(autopilot=autopilot, running_s=60.0)
         async with (
             EmbeddedVehicle(config=config, link=TwoRadios([far_one, far_two]), seed=1) as vehicle,
@@ -238,9 +260,9 @@ async def test_what_cannot_be_opened_closes_the_others(free_tcp_port: int) -> No
     address = LinkAddress("tcpin", host="127.0.0.1", port=free_tcp_port)
     with pytest.raises(LinkError, match="is in use"):
         await RedundantLink(
-            links=[TcpInLink(address=address), TcpInLink(address=address)]
+            links=[TcpInLink(address=address), TcpInLink(address=address)], system_id=1
         ).__aenter__()
     async with TcpInLink(address=address):
         pass
     with pytest.raises(ValueError, match="needs two links"):
-        RedundantLink(links=[TcpInLink(address=address)])
+        RedundantLink(links=[TcpInLink(address=address)], system_id=1)

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from vehicles.driver import Driver
 from vehicles.driver.onboard.mission_protocol import ItemList, MissionError, MissionItem
+from vehicles.driver.onboard.parameters import encode_parameter
 from vehicles.errors import CommandError, VehicleError
 from vehicles.links.link import LinkError
 from vehicles.mavlink.codec import Codec
@@ -24,6 +25,7 @@ from vehicles.setpoints import VelocitySetpoint
 
 ROOT = Path(__file__).parents[3]
 NAN = float("nan")
+INT32 = mavlink.MAV_PARAM_TYPE_INT32
 SAID: tuple[Any, ...] = (
     mavlink.MAVLink_vision_position_estimate_message(
         2**40 + 1, 1.0, 2.0, 3.0, 0.5, 0.25, 0.125, [NAN] * 21, 3
@@ -85,6 +87,20 @@ async def test_all_that_is_sent_arrives_as_it_was_meant(fake_pair: Callable[...,
         assert len(peer.of_type("HEARTBEAT")) >= 1
         await asyncio.sleep(0.5)
         assert len(peer.of_type("SET_POSITION_TARGET_LOCAL_NED")) == 1, "nobody repeats it for us"
+
+
+async def test_a_negative_integer_arrives_bit_by_bit(fake_pair: Callable[..., Any]) -> None:
+    """PX4's -1 is the bytes of a NaN, and JSON knows one NaN only: 2143289344."""
+    link, peer = fake_pair("px4")
+    peer.parameters["COM_FLTMODE1"] = (encode_parameter(3, INT32, bytewise=True), INT32)
+    voice = MavsdkBackend(name="real")
+    async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
+        await driver.identify(10.0)
+        for value in (-1, -8_388_608, 7, -2):
+            await driver.parameters.set("COM_FLTMODE1", value)
+            assert await driver.parameters.get("COM_FLTMODE1") == value
+        (sender,) = {(m.get_srcSystem(), m.get_srcComponent()) for m in peer.of_type("PARAM_SET")}
+        assert sender == (245, 190)
 
 
 async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable[..., Any]) -> None:

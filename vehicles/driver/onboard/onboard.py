@@ -39,4 +39,7 @@ class Onboard:
         self.parameters.use_bytewise(autopilot.parameters_bytewise)
         self.parameters.use_identity(f"{autopilot.name} {identity.system_id} {identity.uid}")
         self.missions.use_home_first(autopilot.name == "ardupilot")
-        self.logs.use_suffix(_LOG_SUFFIX[autopilot.name])
+        # PX4 numbers its logs as readdir() returns their files (mavlink_log_handler.cpp).
+        self.logs.use_format(
+            _LOG_SUFFIX[autopilot.name], numbered_in_order=autopilot.name == "ardupilot"
+        )

@@ -48,7 +48,7 @@ def decode_parameter(wire: float, kind: int, *, bytewise: bool) -> ParameterValu
 def encode_parameter(value: ParameterValue, kind: int, *, bytewise: bool) -> float:
     """Return a parameter's value as PARAM_SET holds it; inverse of `decode_parameter`.
 
-    Raises ParameterError when the value does not fit the type.
+    Raises ParameterError when the value does not fit the type, or cannot be sent as its bytes.
     """
     code = _FORMATS.get(kind)
     if code is None:
@@ -62,6 +62,9 @@ def encode_parameter(value: ParameterValue, kind: int, *, bytewise: bool) -> flo
     if not bytewise:
         return float(value)
     wire: float = struct.unpack("<f", packed.ljust(4, b"\0"))[0]
+    if decode_parameter(wire, kind, bytewise=True) != value:
+        # Floats quieten a signalling NaN, which sets another bit.
+        raise ParameterError(f"{value} cannot be sent: its bytes are those of a signalling NaN")
     return wire
 
 

@@ -47,19 +47,33 @@ class VehicleLogs:
         self._timeout_s = timeout_s
         self._tries = tries
         self._suffix = ".log"
+        self._numbered_in_order = True
         self._turn = asyncio.Lock()
         self._inbox: asyncio.Queue[Any] | None = None
         session.on(mavlink.MAVLINK_MSG_ID_LOG_ENTRY, self._on_message)
         session.on(mavlink.MAVLINK_MSG_ID_LOG_DATA, self._on_message)
 
-    def use_suffix(self, suffix: str) -> None:
-        """Set the suffix of this autopilot's log files (".bin", ".ulg")."""
+    def use_format(self, suffix: str, *, numbered_in_order: bool) -> None:
+        """Set the suffix of this autopilot's log files (".bin", ".ulg"), and their order.
+
+        numbered_in_order: a later log has a higher number (ArduPilot); otherwise the numbers are
+        those of a directory's entries, and times tell the order (PX4).
+        """
         self._suffix = suffix
+        self._numbered_in_order = numbered_in_order
 
     async def list(self) -> tuple[LogEntry, ...]:
-        """Return the logs on the vehicle, oldest first. Raises LogError."""
+        """Return the logs on the vehicle, oldest first. Raises LogError.
+
+        Where times tell the order, one without a time counts as older than any other.
+        """
         async with self._turn:
-            return await self._entries()
+            return tuple(sorted(await self._entries(), key=self._age))
+
+    def _age(self, entry: LogEntry) -> tuple[int, int]:
+        """Return what orders the logs by age; the newest has the highest."""
+        utc_s = 0 if self._numbered_in_order else entry.utc_s or 0
+        return utc_s, entry.number
 
     async def fetch(
         self,
@@ -118,7 +132,7 @@ class VehicleLogs:
                     return ()
                 entries[message.id] = _entry(message)
                 if len(entries) >= total:
-                    return tuple(entries[number] for number in sorted(entries))
+                    return tuple(entries.values())
         arrived = "nothing arrived" if total is None else f"{len(entries)} of {total} arrived"
         raise LogError(f"{self._session.link.name}: the list of logs is incomplete: {arrived}")
 

@@ -148,8 +148,7 @@ class Commander:
     def _on_ack(self, ack: Any, _t_s: float) -> None:
         """Handle a COMMAND_ACK to one of the pending commands."""
         pending = self._pending.get(ack.command)
-        # 0: an autopilot with MAVLink 1, or one that answers to all systems.
-        if pending is None or ack.target_system not in {0, self._session.own.system}:
+        if pending is None or not self._is_ours(ack):
             return
         pending.last_result = ack.result
         if ack.result == mavlink.MAV_RESULT_ACCEPTED:
@@ -160,6 +159,14 @@ class Commander:
             self._start_timer(pending, self._ack_timeout_s)
         else:
             self._refuse(pending, _CHECKS if pending.sent > 1 else 0)
+
+    def _is_ours(self, ack: Any) -> bool:
+        """Return whether a COMMAND_ACK is for us: the guard has our system id, not our component.
+
+        0 is an autopilot with MAVLink 1, or one that answers to all.
+        """
+        own = self._session.own
+        return ack.target_system in {0, own.system} and ack.target_component in {0, own.component}
 
     def _refuse(self, pending: _Pending, checks: int) -> None:
         """Handle a command's refusal; of a repetition it may mean that the first is executed."""

@@ -1,7 +1,7 @@
 """Finds the vehicle on a link by its heartbeats, and requests its AUTOPILOT_VERSION."""
 
 import asyncio
-from typing import Any
+from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -13,13 +13,16 @@ from vehicles.driver.session.identity import (
     describe_mismatches,
     identity_of,
     matching_vehicle,
+    names_board,
     unsupported_version,
 )
-from vehicles.driver.session.session import Session
+from vehicles.driver.session.session import Handler, Session
 from vehicles.errors import IdentifyError
 from vehicles.links.link import TellsTrouble
 
 _REQUEST_AGAIN_S = 0.5
+_SIMULATION_S = 2.0
+"""How long after its version an autopilot that names no board may take to show a simulation."""
 _LATE_S = 0.5
 """From this delay of our own on, it may explain a missing answer, rather than the vehicle."""
 
@@ -58,44 +61,97 @@ async def request_identity(
 ) -> Identity:
     """Request the vehicle's AUTOPILOT_VERSION and return its identity.
 
-    From then on the session receives this vehicle only. Raises IdentifyError when it does not
-    answer.
+    Of an autopilot that names no board it is also requested what only its simulation sends. From
+    then on the session receives this vehicle only. Raises IdentifyError when it does not answer.
     """
-    answers: list[Any] = []
     loop = asyncio.get_running_loop()
-    own_delay_s = 0.0
-
-    def take(message: Any, _t_s: float) -> None:
-        answers.append(message)
-        changes.notify()
-
-    def note_delay(_message: Any, arrived_s: float) -> None:
-        nonlocal own_delay_s
-        own_delay_s = max(own_delay_s, loop.time() - arrived_s)
-
     deadline_s = loop.time() + timeout_s
     session.target = target
-    session.on(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
-    session.on(mavlink.MAVLINK_MSG_ID_HEARTBEAT, note_delay)
-    try:
-        while not answers and (left_s := deadline_s - loop.time()) > 0:
-            session.send(
-                autopilot.request_message(target, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-            )
+    with _Answers(session, changes, autopilot) as answers:
+        while not answers.complete and (left_s := deadline_s - loop.time()) > 0:
+            for message_id in answers.missing:
+                session.send(autopilot.request_message(target, message_id))
             due_s = loop.time() + min(_REQUEST_AGAIN_S, left_s)
-            await changes.until(lambda: bool(answers), min(_REQUEST_AGAIN_S, left_s))
-            own_delay_s = max(own_delay_s, loop.time() - due_s)
-    finally:
-        session.off(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, take)
-        session.off(mavlink.MAVLINK_MSG_ID_HEARTBEAT, note_delay)
-    if not answers:
+            await changes.until(lambda: answers.complete, min(_REQUEST_AGAIN_S, left_s))
+            answers.own_delay_s = max(answers.own_delay_s, loop.time() - due_s)
+            if answers.version is not None:
+                deadline_s = min(deadline_s, answers.version_s + _SIMULATION_S)
+    if answers.version is None:
         session.target = None
-        raise IdentifyError(_unanswered_text(session, autopilot, target, own_delay_s))
-    identity = identity_of(autopilot, target, session.heartbeats[target], answers[0])
+        raise IdentifyError(_unanswered_text(session, autopilot, target, answers.own_delay_s))
+    identity = identity_of(
+        autopilot,
+        target,
+        session.heartbeats[target],
+        answers.version,
+        is_simulated=answers.is_simulated,
+    )
     if fault := unsupported_version(identity):
         session.target = None
         raise IdentifyError(f"{session.link.name}: {fault}")
     return identity
+
+
+class _Answers:
+    """A vehicle's answers to the requests for its identity; a context manager that receives them.
+
+    own_delay_s: the longest delay of this program in reading or resuming.
+    """
+
+    def __init__(self, session: Session, changes: ConditionWaiter, autopilot: Autopilot) -> None:
+        self._session = session
+        self._changes = changes
+        self._sign_id = autopilot.simulation_message_id
+        self.version: Any | None = None
+        self.version_s = 0.0
+        self.is_simulated = False
+        """Whether it has sent what only a simulation sends."""
+        self.own_delay_s = 0.0
+
+    def __enter__(self) -> Self:
+        """Begin to receive the vehicle's answers."""
+        for message_id, handler in self._handlers():
+            self._session.on(message_id, handler)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop to receive the vehicle's answers."""
+        for message_id, handler in self._handlers():
+            self._session.off(message_id, handler)
+
+    @property
+    def complete(self) -> bool:
+        """Return whether the answers tell the vehicle's identity."""
+        if self.version is None:
+            return False
+        return self._sign_id is None or self.is_simulated or names_board(self.version)
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """Return the ids of the messages that are not answered yet."""
+        version = () if self.version is not None else (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)
+        sign = () if self._sign_id is None or self.is_simulated else (self._sign_id,)
+        return version + sign
+
+    def _handlers(self) -> list[tuple[int, Handler]]:
+        handlers: list[tuple[int, Handler]] = [
+            (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, self._take_version),
+            (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self._note_delay),
+        ]
+        sign = [] if self._sign_id is None else [(self._sign_id, self._take_sign)]
+        return handlers + sign
+
+    def _take_version(self, message: Any, t_s: float) -> None:
+        self.version, self.version_s = message, t_s
+        self._changes.notify()
+
+    def _take_sign(self, _message: Any, _t_s: float) -> None:
+        self.is_simulated = True
+        self._changes.notify()
+
+    def _note_delay(self, _message: Any, arrived_s: float) -> None:
+        delay_s = asyncio.get_running_loop().time() - arrived_s
+        self.own_delay_s = max(self.own_delay_s, delay_s)
 
 
 def _unanswered_text(

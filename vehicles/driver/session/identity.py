@@ -13,6 +13,7 @@ from vehicles.mavlink.names import enum_name
 
 _OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
 """PX4 1.14 and ArduCopter 4.3 support what the strategies use; tested are 1.18 and 4.7."""
+_AUTOPILOT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _PX4_SITL_UID = 0x4954414C44494E4F
 _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE, the lowest byte of flight_sw_version."""
@@ -23,9 +24,9 @@ class Identity:
     """The identity of a vehicle: autopilot, version, board, system id.
 
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
-    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it has no
-    board; then its uid is not unique (PX4's is a constant plus the system id, ArduPilot's that of
-    the machine).
+    uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it shows
+    that it is one; then its uid is not unique (PX4's is a constant plus the system id, ArduPilot's
+    that of the machine).
     """
 
     autopilot: AutopilotName
@@ -41,9 +42,17 @@ class Identity:
 
 
 def identity_of(
-    autopilot: Autopilot, target: Target, received: ReceivedHeartbeat, version: Any
+    autopilot: Autopilot,
+    target: Target,
+    received: ReceivedHeartbeat,
+    version: Any,
+    *,
+    is_simulated: bool,
 ) -> Identity:
-    """Return the identity in a heartbeat and an AUTOPILOT_VERSION."""
+    """Return the identity in a heartbeat and an AUTOPILOT_VERSION.
+
+    is_simulated: whether it has sent its `simulation_message_id`.
+    """
     packed = version.flight_sw_version
     numbers = (packed >> 24 & 0xFF, packed >> 16 & 0xFF, packed >> 8 & 0xFF)
     release = _RELEASES.get(packed & 0xFF, str(packed & 0xFF))
@@ -59,7 +68,7 @@ def identity_of(
         git_hash=_git_hash(bytes(version.flight_custom_version)),
         uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
         capabilities=version.capabilities,
-        simulation=_is_simulation(autopilot.name, version, target.system),
+        simulation=_is_simulation(autopilot.name, version, target.system, is_simulated),
     )
 
 
@@ -79,8 +88,13 @@ class Wanted:
 def matching_vehicle(
     heartbeats: Mapping[Target, ReceivedHeartbeat], wanted: Wanted
 ) -> tuple[Target, Autopilot] | None:
-    """Return the first received vehicle of the wanted identity that we can fly."""
+    """Return the first received vehicle of the wanted identity that we can fly.
+
+    Its component id is 1, by which guard and links know the autopilot's frames.
+    """
     for target, each in heartbeats.items():
+        if target.component != _AUTOPILOT:
+            continue
         strategy = autopilot_of(each.autopilot)
         if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
             continue
@@ -125,20 +139,42 @@ def _describe_mismatch(target: Target, received: ReceivedHeartbeat, wanted: Want
     if strategy is None:
         autopilot = enum_name("MAV_AUTOPILOT", received.autopilot)
         return f"{sender} is a {kind} with {autopilot}, which is neither PX4 nor ArduPilot"
+    return f"{sender} {_describe_own_kind(target, received, strategy.name, wanted)}"
+
+
+def _describe_own_kind(
+    target: Target, received: ReceivedHeartbeat, name: AutopilotName, wanted: Wanted
+) -> str:
+    """Return in words why a received PX4 or ArduPilot is not the wanted one."""
+    kind = _type_name(received.vehicle_type)
     if received.vehicle_type not in MULTICOPTERS:
-        return f"{sender} is a {kind} of {strategy.name}, and only multicopters are supported"
+        return f"is a {kind} of {name}, and only multicopters are supported"
+    if target.component != _AUTOPILOT:
+        return (
+            f"is {name}, and only autopilots with component id {_AUTOPILOT} are supported; set its "
+            f"component id to {_AUTOPILOT} (PX4: MAV_COMP_ID)"
+        )
     if received.mavlink_version < 2:
-        return f"{sender} sends MAVLink 1 only; set its port to MAVLink 2"
-    if wanted.autopilot not in {None, strategy.name}:
-        return f"{sender} is {strategy.name}, and {wanted.autopilot} was requested"
-    return f"{sender} is a {kind} of {strategy.name}"
+        return "sends MAVLink 1 only; set its port to MAVLink 2"
+    if wanted.autopilot not in {None, name}:
+        return f"is {name}, and {wanted.autopilot} was requested"
+    return f"is a {kind} of {name}"
 
 
-def _is_simulation(autopilot: AutopilotName, version: Any, system_id: int) -> bool:
-    """Return whether a vehicle's identity is that of a simulation."""
-    # ArduPilot's boards report their ids; its simulation reports none.
+def names_board(version: Any) -> bool:
+    """Return whether an AUTOPILOT_VERSION has a board's ids, which no simulation has.
+
+    ArduPilot for boards with Linux (Navio2) has none either.
+    """
+    return bool(version.board_version or version.vendor_id)
+
+
+def _is_simulation(
+    autopilot: AutopilotName, version: Any, system_id: int, is_simulated: bool
+) -> bool:
+    """Return whether a vehicle's identity is that of a simulation; unknown counts as hardware."""
     if autopilot == "ardupilot":
-        return bool(version.board_version == 0 and version.vendor_id == 0)
+        return is_simulated and not names_board(version)
     # PX4 adds the system id minus one (mavlink_main.cpp).
     return bool(version.uid in {_PX4_SITL_UID, _PX4_SITL_UID + system_id - 1})
 

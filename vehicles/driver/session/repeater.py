@@ -22,13 +22,20 @@ class Repeater:
         """Return whether the repeater was started and not stopped."""
         return self._timer is not None
 
-    def start(self) -> None:
-        """Start repeating now; does nothing when it runs already."""
+    def start(self, *, at_once: bool = True) -> None:
+        """Start repeating now; does nothing when it runs already.
+
+        at_once: whether the action is also executed now, or first after a period.
+        """
         if self._timer is not None:
             return
-        self._first_s = asyncio.get_running_loop().time()
-        self._count = 0
-        self._tick()
+        loop = asyncio.get_running_loop()
+        self._first_s = loop.time()
+        self._count = 0 if at_once else 1
+        if at_once:
+            self._tick()
+        else:
+            self._timer = loop.call_at(self._first_s + self._period_s, self._tick)
 
     def stop(self) -> None:
         """Stop repeating; may be called more than once."""

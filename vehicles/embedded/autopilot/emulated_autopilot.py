@@ -139,6 +139,10 @@ class EmulatedAutopilot(ABC):
     def _is_forced(self, command: Command) -> bool:
         """Return whether an arm or disarm command skips the checks."""
 
+    def _is_own_gcs(self, heartbeat: Any) -> bool:
+        """Return whether a HEARTBEAT is of a ground station whose silence is a failsafe."""
+        return bool(heartbeat.type == mavlink.MAV_TYPE_GCS)
+
     def _sends_texts(self) -> bool:
         """Return whether the emulated autopilot sends its peer STATUSTEXT."""
         return True
@@ -223,7 +227,7 @@ class EmulatedAutopilot(ABC):
 
     @on_message("HEARTBEAT")
     def _on_heartbeat(self, message: Any) -> None:
-        if message.type == mavlink.MAV_TYPE_GCS:
+        if self._is_own_gcs(message):
             self.gcs_last_received_s = self.t_s
 
     @on_message("TIMESYNC")

@@ -17,6 +17,7 @@ from tests.safety.guard.guard_rigs import (
     to_orchestrator,
 )
 from vehicles.autopilots.autopilot import Mode, own_heartbeat
+from vehicles.autopilots.failsafes import OWN_SYSTEM_ID
 from vehicles.poses.anchor import Anchor
 from worlds.frames import Pose
 
@@ -71,6 +72,14 @@ def test_a_breach_answers_in_the_same_call(pair: Any) -> None:
     sample = PoseSample(pair.t_s, "twin", Pose((9, 0, -2)), (0, 0, 0))
     outputs = pair.core.position(sample)
     assert {out.name for out in outputs if isinstance(out, ToVehicle)} == {"real", "twin"}
+
+
+def test_the_guard_speaks_as_the_ground_station_that_the_autopilot_heeds(pair: Any) -> None:
+    """ArduPilot heeds the heartbeats, and with SYSID_ENFORCE the commands, of one system only."""
+    outputs = pair.core.command(OperatorCommand("abort", "anna"), pair.t_s)
+    frames = [frame for out in outputs if isinstance(out, ToVehicle) for frame in out.frames]
+    assert {(frame[5], frame[6]) for frame in frames} == {(OWN_SYSTEM_ID, 191)}
+    assert 0 in {frame[7] for frame in frames}, "a heartbeat is among them"
 
 
 def test_the_fence_is_reported_once_and_not_of_a_disarmed_vehicle(

@@ -41,6 +41,18 @@ def test_a_pilot_takes_over_and_the_guard_keeps_out(pair: Any) -> None:
     assert pair.core.all_down
 
 
+def test_a_pilot_who_takes_over_beside_a_warning_is_not_overridden(pair: Any) -> None:
+    """An ArduCopter with a battery warning reports CRITICAL for the rest of its flight."""
+    twin = pair.vehicles["twin"]
+    twin.critical = True
+    pair.fly(5.0)
+    twin.mode = Mode.PILOT
+    pair.fly(20.0)
+    assert pair.core.latched == "takeover"
+    assert pair.core.phases["twin"] is Phase.PILOT
+    assert set(twin.words()) == {"HEARTBEAT"}
+
+
 @pytest.mark.parametrize("every_s", [0.05, 0.4])
 def test_an_old_word_that_it_is_disarmed_ends_no_landing(pair: Any, every_s: float) -> None:
     real = pair.vehicles["real"]

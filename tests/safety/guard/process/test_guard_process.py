@@ -89,9 +89,13 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
     log: Any = mavutil.mavlink_connection(str(folder / "real.tlog"))
     kinds = set()
     while (message := log.recv_match()) is not None:
-        kinds.add((message.get_type(), message.get_srcSystem()))
+        kinds.add((message.get_type(), message.get_srcSystem(), message.get_srcComponent()))
     log.close()
-    assert {("HEARTBEAT", 1), ("COMMAND_LONG", 245), ("COMMAND_LONG", 255)} <= kinds
+    assert {
+        ("HEARTBEAT", 1, 1),
+        ("COMMAND_LONG", 245, 190),
+        ("COMMAND_LONG", 245, 191),
+    } <= kinds
     assert not (folder / POINTER).exists()
     assert not (folder / "guard.stderr").exists()
 

@@ -353,3 +353,29 @@ def test_a_log_of_an_unidentified_vehicle_leaves_no_file(tmp_path: Path) -> None
     with pytest.raises(LogError, match="no vehicle is identified yet"):
         run_virtual(fetch())
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("in_order", "oldest_first"), [(True, [0, 1, 2, 3]), (False, [0, 3, 1, 2])]
+)
+def test_the_newest_log_is_the_last(
+    fake_pair: Callable[..., Any], in_order: bool, oldest_first: list[int]
+) -> None:
+    """PX4 numbers its logs in the order of a directory; ArduPilot may not know the time."""
+    times_s = {0: 0, 1: 1_700_000_200, 2: 1_700_000_300, 3: 1_700_000_100}
+
+    def say_logs(peer: Any, _: Any) -> None:
+        for number, utc_s in times_s.items():
+            peer.say(mavlink.MAVLink_log_entry_message(number, len(times_s), 3, utc_s, 1000))
+
+    async def newest() -> list[int]:
+        ours, peer = fake_pair()
+        session = Session(link=ours, own=Target(245, 190))
+        session.target = Target(1, 1)
+        peer.replies["LOG_REQUEST_LIST"] = say_logs
+        logs = VehicleLogs(session=session)
+        logs.use_format(".log", numbered_in_order=in_order)
+        async with peer, ours:
+            return [entry.number for entry in await logs.list()]
+
+    assert run_virtual(newest()) == oldest_first

@@ -57,9 +57,10 @@ class BareAutopilot:
             sent += self._flush()
         return sent
 
-    def send(self, message: Any) -> list[Any]:
+    def send(self, message: Any, *, system: int = 255) -> list[Any]:
         """Send a message as a client does; return what is answered at once."""
-        for received in self._received.parse(self._client.pack(message)):
+        client = self._client if system == 255 else Codec(system_id=system, component_id=190)
+        for received in self._received.parse(client.pack(message)):
             self.autopilot.handle(received, self.t_s)
         return self._flush()
 

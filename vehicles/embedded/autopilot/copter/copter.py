@@ -73,6 +73,10 @@ class ArduCopter(CopterGuided):
         for message_id in ids:
             self.streams.set_rate(message_id, rate_hz, now_s=self.t_s)
 
+    def _is_own_gcs(self, heartbeat: Any) -> bool:
+        # GCS::sysid_is_gcs(): whatever its type.
+        return bool(heartbeat.get_srcSystem() == self.parameters["MAV_GCS_SYSID"])
+
     @on_message("RC_CHANNELS_OVERRIDE")
     def _on_override(self, message: Any) -> None:
         pulses_us = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
@@ -194,6 +198,7 @@ class ArduCopter(CopterGuided):
     def _check_failsafes(self) -> None:
         view = View(
             gcs_age_s=self.t_s - self.gcs_last_received_s,
+            automatic=self.mode.is_autopilot or self.flight.landed,
             charge=self.state.charge,
             broken_fences=self._broken_fences(),
         )

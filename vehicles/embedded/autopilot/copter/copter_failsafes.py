@@ -12,8 +12,10 @@ from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from vehicles.embedded.physics.battery import Charge
 
 _R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL
-_GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 7: _B}
-"""FS_GCS_ENABLE."""
+_GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 6: _R, 7: _B}
+"""FS_GCS_ENABLE; 6 is RTL for a mission without a landing sequence, as ours are."""
+_CONTINUE_WITHOUT_GCS = 1 << 4
+"""FS_OPTIONS: GCS_CONTINUE_IF_PILOT_CONTROL."""
 _BATTERY_ACTIONS = {1: _L, 2: _R, 3: _S, 4: _S, 6: _R, 7: _B}
 """BATT_FS_LOW_ACT, BATT_FS_CRT_ACT."""
 _FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}
@@ -21,9 +23,13 @@ _FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}
 
 
 class View(NamedTuple):
-    """The inputs of ArduCopter's failsafes; the age of the GCS heartbeat in s."""
+    """The inputs of ArduCopter's failsafes; the age of the GCS heartbeat in s.
+
+    automatic: it is on the ground, or in a mode that mode.h calls an autopilot's.
+    """
 
     gcs_age_s: float
+    automatic: bool
     charge: Charge
     broken_fences: tuple[str, ...]
 
@@ -66,6 +72,9 @@ class Failsafes:
         gcs_action = _GCS_ACTIONS.get(int(p["FS_GCS_ENABLE"]))
         if gcs_action and p["FS_GCS_TIMEOUT"] < view.gcs_age_s < math.inf:
             causes["gcs"] = Decision(WARNING, "GCS Failsafe", gcs_action)
+            if not view.automatic and int(p["FS_OPTIONS"]) & _CONTINUE_WITHOUT_GCS:
+                text = "GCS Failsafe - Continuing Pilot Control"
+                causes["gcs"] = Decision(WARNING, text, None)
         charge = view.charge
         for level, word in (("CRT", "critical"), ("LOW", "low")):
             if self._is_low(charge, level):

@@ -43,6 +43,11 @@ class CopterMode(Enum):
         }
 
     @property
+    def is_autopilot(self) -> bool:
+        """Return whether ArduCopter calls the mode an autopilot's (Mode::is_autopilot)."""
+        return not self.is_manual and self is not CopterMode.BRAKE
+
+    @property
     def allows_arming(self) -> bool:
         """Return whether ArduCopter allows arming in the mode."""
         return self not in {

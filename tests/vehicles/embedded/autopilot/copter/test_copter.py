@@ -10,6 +10,7 @@ from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
 from tests.vehicles.embedded.charge import set_remaining
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 3, 4, 5, 6, 9, 17
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 VELOCITY_MASK = 0b0000_1101_1100_0111
 POSITION_MASK = 0b0000_1101_1111_1000
 FAILED = mavlink.MAV_RESULT_FAILED
@@ -214,7 +215,9 @@ def test_a_return_lands_or_stays_at_its_final_height(final_cm: int, end_m: float
     assert flight.armed
 
 
-@pytest.mark.parametrize(("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE)])
+@pytest.mark.parametrize(
+    ("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE), (6, RTL_MODE)]
+)
 def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: int) -> None:
     async def scenario() -> None:
         async with copter(rig, parameters={"FS_GCS_ENABLE": action}) as r:
@@ -229,6 +232,50 @@ def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: i
             assert critical == (action != 0)
 
     virtually(scenario())
+
+
+def lost_ground_station(
+    *, sent_by: int = 255, heeded: int = 255, options: int = 0, mode: int | None = None
+) -> Any:
+    """Return a bare ArduCopter 6 s after the heartbeats of a ground station ended."""
+    parameters = {"FS_GCS_ENABLE": 5, "FS_OPTIONS": options, "MAV_GCS_SYSID": heeded}
+    bare = BareAutopilot("ardupilot", parameters=parameters)
+    bare.hover()
+    bare.send(HEARTBEAT, system=sent_by)
+    if mode is not None:
+        assert bare.command(176, 1, mode) == 0
+    bare.run(6.0)
+    return bare
+
+
+@pytest.mark.parametrize(
+    ("sent_by", "heeded", "mode"),
+    [(255, 255, "LAND"), (245, 245, "LAND"), (245, 255, "GUIDED"), (255, 245, "GUIDED")],
+)
+def test_only_the_loss_of_its_own_ground_station_is_a_failsafe(
+    sent_by: int, heeded: int, mode: str
+) -> None:
+    """One that was never received is not lost."""
+    bare = lost_ground_station(sent_by=sent_by, heeded=heeded)
+    assert bare.autopilot.mode.name == mode
+
+
+@pytest.mark.parametrize(
+    ("options", "mode", "ends_in"),
+    [
+        (16, BRAKE, "BRAKE"),
+        (16, LOITER, "LOITER"),
+        (16, GUIDED, "LAND"),
+        (16, RTL_MODE, "LAND"),
+        (15, BRAKE, "LAND"),
+        (15, LOITER, "LAND"),
+    ],
+)
+def test_a_lost_ground_station_in_modes_of_a_pilot_is_the_options_s_to_say(
+    options: int, mode: int, ends_in: str
+) -> None:
+    """By default BRAKE, in which the guard holds, counts as one of them (ArduCopter/mode.h)."""
+    assert lost_ground_station(options=options, mode=mode).autopilot.mode.name == ends_in
 
 
 def test_low_battery(rig: Any, virtually: Scenario) -> None:
