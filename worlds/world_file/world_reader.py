@@ -11,7 +11,7 @@ from worlds.files.paths import exists, is_folder
 from worlds.frames import Pose, matrix_from_quat
 from worlds.scene import shapes
 from worlds.scene.colors import NAMED, Rgb, parse_color
-from worlds.scene.mesh_files import Axes, MeshFileError, load_mesh_shape
+from worlds.scene.mesh_files.mesh_reader import Axes, MeshFileError, load_mesh_shape
 from worlds.scene.motion import Motion, StartOn, Waypoint
 from worlds.scene.scene import MAX_OBJECTS, SceneObject
 from worlds.scene.shapes import Shape

@@ -9,7 +9,8 @@ from campaigns.statistics.exact_tests import Counts, fisher_exact
 from campaigns.statistics.multiple_tests import holm
 from campaigns.statistics.permutation_test import permutation_p
 from orchestrator.analysis.errors import ComparisonError
-from orchestrator.analysis.pass_rates import are_equal, distinct, is_proven
+from orchestrator.analysis.pass_rates import distinct, is_proven
+from orchestrator.model.equal_runs import are_equal
 from orchestrator.model.results import RunResult
 from safety.oracles.contact import margin_beyond
 

@@ -35,7 +35,7 @@ from vehicles.sources.camera_source import SourceError
 from vehicles.sources.cameras.image_files import VideoFile
 from worlds.files.documents import BadInput, load, parse
 from worlds.files.images import ImageError, decode_image
-from worlds.scene.mesh_files import MeshFileError, load_mesh_shape
+from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 from worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[3]

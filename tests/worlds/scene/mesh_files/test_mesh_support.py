@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.worlds.scene.tiny_gltf import gltf
-from worlds.scene.mesh_files import MeshFileError, load_mesh_shape
+from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 
 DRACO = "KHR_draco_mesh_compression"
 ACCESSORS: list[dict[str, Any]] = json.loads(gltf())["accessors"]

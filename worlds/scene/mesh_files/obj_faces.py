@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from worlds.files.limits import MAX_MESH_FACES
-from worlds.scene.mesh_polygons import Polygons, check_polygons, numbers
-from worlds.scene.mesh_support import UnsupportedMeshError
+from worlds.scene.mesh_files.mesh_polygons import Polygons, check_polygons, numbers
+from worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
 
 _RELATIVE_FACE = re.compile(rb"^f[ \t][^\n#]*-", re.MULTILINE)
 _POLYGON = re.compile(rb"^f((?:[ \t]+[^\s#]+){4,})", re.MULTILINE)

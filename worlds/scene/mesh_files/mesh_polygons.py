@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.scene.mesh_support import UnsupportedMeshError
+from worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
 from worlds.scene.meshes import FloatArray
 
 _DEPTH_SHARE = 1e-3

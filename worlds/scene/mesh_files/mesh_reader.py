@@ -14,12 +14,12 @@ from worlds.files.limits import MAX_MESH_BYTES, MAX_MESH_FACES
 from worlds.files.paths import is_file
 from worlds.frames import Pose
 from worlds.scene.colors import SRGB_OF_LINEAR, Rgb
-from worlds.scene.mesh_damage import damage
-from worlds.scene.mesh_limits import MeshLimitError, check_mesh_file
-from worlds.scene.mesh_polygons import check_polygons, ply_polygons
-from worlds.scene.mesh_support import UnsupportedMeshError
+from worlds.scene.mesh_files.mesh_damage import damage
+from worlds.scene.mesh_files.mesh_limits import MeshLimitError, check_mesh_file
+from worlds.scene.mesh_files.mesh_polygons import check_polygons, ply_polygons
+from worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from worlds.scene.mesh_files.obj_faces import obj_with_absolute_faces
 from worlds.scene.meshes import FloatArray, IntArray, Material, Mesh, merge
-from worlds.scene.obj_faces import obj_with_absolute_faces
 from worlds.scene.parts import Part, SurfaceShape
 from worlds.scene.shapes import Shape
 from worlds.scene.smoothing import smoothed

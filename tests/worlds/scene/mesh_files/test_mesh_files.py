@@ -12,7 +12,7 @@ from tests.worlds.scene.tiny_gltf import gltf
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 from worlds.render.renderer import Renderer
-from worlds.scene.mesh_files import MeshFileError, load_mesh_shape
+from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 from worlds.scene.scene import Scene, SceneObject
 from worlds.scene.smoothing import smoothed
 
@@ -187,7 +187,7 @@ def test_an_obj_of_another_encoding_is_read(tmp_path: Path) -> None:
 
 
 def test_a_mesh_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("worlds.scene.mesh_files.MAX_FACES", 11)
+    monkeypatch.setattr("worlds.scene.mesh_files.mesh_reader.MAX_FACES", 11)
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "b.stl")
     with pytest.raises(MeshFileError, match="more than 11 faces"):
         load_mesh_shape(tmp_path / "b.stl")

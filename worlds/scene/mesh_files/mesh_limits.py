@@ -24,8 +24,8 @@ from worlds.files.limits import (
     MAX_MESH_VALUES,
 )
 from worlds.files.paths import is_file
-from worlds.scene.mesh_polygons import check_collada_polygons
-from worlds.scene.mesh_support import check_gltf_support
+from worlds.scene.mesh_files.mesh_polygons import check_collada_polygons
+from worlds.scene.mesh_files.mesh_support import check_gltf_support
 
 _GLB_HEAD_BYTES = 12
 _STRIP_MODES = frozenset({5, 6})

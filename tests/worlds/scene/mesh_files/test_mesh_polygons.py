@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.scene.mesh_files import MeshFileError, load_mesh_shape
-from worlds.scene.mesh_polygons import Polygons, check_polygons
-from worlds.scene.mesh_support import UnsupportedMeshError
+from worlds.scene.mesh_files.mesh_polygons import Polygons, check_polygons
+from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
 
 Outline = list[tuple[float, float]]
 
@@ -139,7 +139,7 @@ def test_a_face_is_its_outline_or_is_refused(
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.dae", "b.dae"])
-def test_faces_of_different_sizes_are_told_apart(tmp_path: Path, name: str) -> None:
+def test_faces_of_different_sizes_are_checked_each(tmp_path: Path, name: str) -> None:
     sound = [TRIANGLE, HEXAGON, ARROW, TRIANGLE]
     WRITERS[name](tmp_path / name, sound)
     assert area(tmp_path / name) == pytest.approx(sum(map(area_of, sound)))

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from worlds.files.problems import closest_file
-from worlds.scene.mesh_files import MeshFileError, load_mesh_shape
+from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 
 
 def whole(suffix: str) -> bytes:

@@ -1,0 +1,1 @@
+"""Meshes from files: read, checked for what they need, and refused where they would be misread."""
