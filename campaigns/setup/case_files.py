@@ -200,6 +200,9 @@ def _sibling(text: str, path: Path) -> str:
     """Return the name of a file like the missing one, relative to the campaign; "" for none."""
     if not is_folder(path.parent):
         return ""
-    others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]
+    try:
+        others = [other.name for other in path.parent.iterdir() if other.suffix in _SUFFIXES]
+    except OSError:  # it may be entered, and not listed
+        return ""
     found = closest(path.name, others)
     return str(Path(text).parent / found) if found else ""

@@ -21,7 +21,7 @@ from orchestrator.campaign.folder.campaign_folder import (
     write_document,
 )
 from orchestrator.campaign.folder.flown_files import FlownFiles
-from orchestrator.campaign.folder.manifest import manifest, maybe_written_files
+from orchestrator.campaign.folder.manifest import manifest, maybe_written_files, read_files
 from orchestrator.campaign.folder.repetitions import planned, runs_due
 from orchestrator.campaign.liftoff_learning import LiftoffLearning
 from orchestrator.campaign.repositioning import Repositioning
@@ -131,7 +131,9 @@ def _begin(
     """Return the campaign's folder, locked until the stack ends, its finished runs, its files."""
     document: Mapping[str, Any] = manifest(campaign, settings.clock, arm=settings.arm)
     skipped = {*campaign.paths, *maybe_written_files(campaign)}
-    files = FlownFiles.of(campaign.document.path, document["files"], skipped)
+    files = FlownFiles.of(
+        campaign.document.path, document["files"], read=read_files(campaign), skipped=skipped
+    )
     if settings.resume:
         folder = resumed_folder(settings.out, campaign.name)
         document = resumed_manifest(folder, document)
@@ -184,6 +186,8 @@ class _Flight:
         self._watcher = watcher
         self._folder = folder
         self._files = files
+        self._changed: OutputError | None = None
+        """Why no further run is flown, once a file has changed."""
         self._plans = planned(campaign, arm=settings.arm)
         self._results = dict(before.results)
         self._attempts = before.attempts
@@ -241,6 +245,8 @@ class _Flight:
             with account.of(loop):
                 async with open_operator_channels(self._controller, self._campaign.mqtt):
                     await self._pool.fly(self._orders())
+                if self._changed is not None:
+                    raise self._changed
         except* (OutputError, EngineError) as errors:
             raise errors.exceptions[0] from None
         finally:
@@ -303,8 +309,8 @@ class _Flight:
         """Return an order with the liftoff delays known by now; None if it is no longer needed.
 
         Raises EngineError after a run was lost with a real vehicle: its guard may still be landing
-        it, and a person has to inspect it. Raises OutputError where a file that the run would read
-        has changed.
+        it, and a person has to inspect it. None for all runs once a file that they would read has
+        changed; what flies is flown to its end.
         """
         if self._lost_with_vehicle:
             raise EngineError(
@@ -313,9 +319,16 @@ class _Flight:
             )
         if order.back is None and not self._is_due(order.plan):
             return None
-        if self._settings.engine.reads_files_here:
-            self._files.require_unchanged()
-        return self._learning.ready(order)
+        return None if self._have_files_changed() else self._learning.ready(order)
+
+    def _have_files_changed(self) -> bool:
+        """Return whether a file that each run loads is no longer what it was."""
+        if self._changed is None and self._settings.engine.reads_files_here:
+            try:
+                self._files.require_unchanged()
+            except OutputError as error:
+                self._changed = error
+        return self._changed is not None
 
     def _due(self) -> list[RunPlan]:
         """Return the runs that count: a sequential test may have decided before the last."""
@@ -355,7 +368,8 @@ class _Flight:
             return None
         if isinstance(outcome, WorkerLost):
             result = after_attempts(lost_result(order.plan, outcome), order.attempts)
-            write_document(order.folder / "result.json", to_json(result))
+            if not (order.folder / "result.json").exists():  # another program may have flown it
+                write_document(order.folder / "result.json", to_json(result))
             if outcome.details:
                 write_document(order.folder / "error.txt", outcome.details)
                 fault_log(order.folder / "log.jsonl")(outcome.fault)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.expansion.expansion import Campaign
-from orchestrator.campaign.folder.manifest import naming_documents, read_files
+from orchestrator.campaign.folder.manifest import maybe_written_files, naming_documents, read_files
 from orchestrator.campaign.folder.named_files import files_in_place, named_files
 from orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger, first_session
 from orchestrator.campaign.workers.run_engine import EngineError
@@ -127,6 +127,8 @@ class RayWorkers:
         self._say = say
         self._flying = 0
         """How many agents have an order, or are about to get one."""
+        self._hiring = 0
+        """How many agents are waited for."""
         self._bringing = 0
         """How many agents are sent the campaign."""
         self._refusals = 0
@@ -177,7 +179,7 @@ class RayWorkers:
     async def _prepare_agent(self) -> HiredAgent:
         """Return an agent whose node has the campaign. Raises NodeRefusedError, EngineError."""
         idle = self._engine.idle
-        agent = idle.pop() if idle else await self._hire_another()
+        agent = idle.pop() if idle else await self._hire_counted()
         if agent.has_campaign:
             return agent
         self._bringing += 1
@@ -199,7 +201,7 @@ class RayWorkers:
         """
         engine = self._engine
         self._refusals += 1
-        flies = bool(self._flying or self._bringing or engine.idle)
+        flies = bool(self._flying or self._bringing or self._hiring or engine.idle)
         # A node that is refused before anything flies has to be mended; one that is lost, not.
         may_try = self._refusals < _MOST_REFUSALS and bool(engine.flown or error.code != _UNFIT)
         if engine.bench or not (flies or may_try):
@@ -208,6 +210,14 @@ class RayWorkers:
         if not engine.idle and self._refusals > 1:
             self._freed.clear()
             await _is_set(self._freed, min(self._refusals * _PAUSE_S, _LONGEST_PAUSE_S))
+
+    async def _hire_counted(self) -> HiredAgent:
+        """Return a further agent, counted while it is waited for. Raises as `_hire_another`."""
+        self._hiring += 1
+        try:
+            return await self._hire_another()
+        finally:
+            self._hiring -= 1
 
     async def _hire_another(self) -> HiredAgent:
         """Return a further agent, once there is a place for it.
@@ -400,12 +410,14 @@ def files_named_absolutely(campaign: Campaign) -> Iterator[tuple[Path, Path]]:
     """Yield the files that a campaign names absolutely, as named and as here.
 
     Except those of its benches: their names mean files of the bench's machine, whatever is here.
+    And except what a flight may write.
     """
     documents = [bench.document for bench in campaign.benches]
-    of_benches = {path for one in documents for path in named_files(one.data, one.path)}
+    excepted = {path for one in documents for path in named_files(one.data, one.path)}
+    excepted |= maybe_written_files(campaign)
     for document in naming_documents(campaign):
         for name, path in files_in_place(document.data, document.path):
-            if path not in of_benches:
+            if path not in excepted:
                 yield name, path
 
 

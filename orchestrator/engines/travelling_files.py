@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from campaigns.setup.case_files import CaseFiles
-from orchestrator.campaign.folder.named_files import as_used, with_companions
+from orchestrator.campaign.folder.named_files import as_used, document_place, with_companions
 from orchestrator.state.run_setup import RunOrder
 from orchestrator.storage.stored_runs import digest_of
 from worlds.files.documents import Document
@@ -110,7 +110,7 @@ def relocate_order(order: RunOrder, folder: Path) -> RunOrder:
 
 def resolve_order(order: RunOrder) -> RunOrder:
     """Return an order in which every path is absolute, and so means the same on a node."""
-    resolved = map_documents(order, lambda one: replace(one, path=as_used(one.path)))
+    resolved = map_documents(order, lambda one: replace(one, path=document_place(one.path)))
     return replace(resolved, folder=order.folder.absolute())
 
 

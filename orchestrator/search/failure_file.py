@@ -92,5 +92,7 @@ def _relocate_paths(value: Data, home: Path, folder: Path, *, key: str) -> Data:
 
 def _may_be_relative_path(text: str, key: str) -> bool:
     """Return whether a text may be a relative path: `px4` names a folder in `build` alone."""
+    if not text.strip("./"):
+        return False  # as a separator; it names a folder everywhere
     is_bare = "." not in text and "/" not in text
     return not Path(text).is_absolute() and (not is_bare or key.rpartition(".")[2] == _PATH_KEY)

@@ -103,7 +103,7 @@ def use(parameters: UseParameters, context: Context) -> Operator:
         if made.mask is not None and made.mask.shape != element_shape(reading):
             shapes = f"{made.mask.shape}, not {element_shape(reading)}"
             raise BadResultError(f"returned a mask of {shapes}")
-        return Masked(reading, made.mask)
+        return Masked(reading, None if made.mask is None else made.mask.copy())
 
     return operator
 

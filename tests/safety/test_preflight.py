@@ -135,6 +135,9 @@ def test_what_is_set_is_sound(autopilot: str) -> None:
         ("ardupilot", "FS_OPTIONS", 27, "FS_OPTIONS is 27: it would ignore a link loss in BRAKE"),
         ("ardupilot", "FS_OPTIONS", math.nan, "FS_OPTIONS is nan: it would ignore"),
         ("ardupilot", "MAV_GCS_SYSID", 255, "MAV_GCS_SYSID is 255: it expects another ground"),
+        ("ardupilot", "FS_EKF_ACTION", 2, "FS_EKF_ACTION is 2: without a position it would not"),
+        ("px4", "COM_DLL_EXCEPT", 2, "COM_DLL_EXCEPT is 2: it would ignore a link loss in Hold"),
+        ("px4", "COM_DLL_EXCEPT", 7, "COM_DLL_EXCEPT is 7: it would ignore a link loss in Hold"),
         ("px4", "NAV_DLL_ACT", 0, "NAV_DLL_ACT is 0: on link loss it would not"),
         ("px4", "NAV_DLL_ACT", 1, "NAV_DLL_ACT is 1: on link loss it would not"),
         ("px4", "NAV_DLL_ACT", 5, "NAV_DLL_ACT is 5: on link loss it would not"),
@@ -146,6 +149,24 @@ def test_what_is_unsound_is_named(autopilot: str, name: str, value: float, said:
     values = {**SOUND[autopilot], name: value}
     (found,) = unsound(autopilot, values)  # type: ignore[arg-type]  # a Literal by parametrize
     assert found.startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "action", "end"),
+    [
+        ("ardupilot", {"FS_GCS_ENABLE": 1}, {"RTL_ALT_FINAL": 200}),
+        ("ardupilot", {"FS_GCS_ENABLE": 3}, {"RTL_ALT_FINAL_M": 2}),
+        ("px4", {"NAV_DLL_ACT": 2}, {"RTL_LAND_DELAY": -1}),
+    ],
+)
+def test_a_return_that_hovers_at_its_end_is_no_landing(
+    autopilot: str, action: dict[str, float], end: dict[str, float]
+) -> None:
+    sound = SOUND[autopilot]
+    assert list(unsound(autopilot, {**sound, **end})) == []  # type: ignore[arg-type]  # a Literal
+    assert list(unsound(autopilot, {**sound, **action})) == []  # type: ignore[arg-type]
+    (found,) = unsound(autopilot, {**sound, **action, **end})  # type: ignore[arg-type]
+    assert "it would return, and hover there" in found
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,9 @@ _ARDUPILOT_LAND, _PX4_LAND = 5, 3
 _CONTINUE_WITHOUT_GCS = 1 << 4
 """GCS_CONTINUE_IF_PILOT_CONTROL of FS_OPTIONS, set by default: a lost ground station changes
 nothing in modes that are no autopilot's by mode.h, such as BRAKE, in which the guard holds."""
+_ARDUPILOT_RETURNS = frozenset({1, 2, 3, 4, 6})
+_EXCEPT_HOLD = 1 << 1
+"""A bit of PX4's COM_DLL_EXCEPT: a lost ground station changes nothing in Hold."""
 _SILENT_S = 5.0
 """Longer than the guard's time-out for a lost vehicle, so that the guard acts first."""
 
@@ -40,8 +43,10 @@ class FailsafeRule:
 
     names: the newest first; firmware knows one of them. wanted: the value to set where we may;
     None leaves it as it is. sound: the accepted values; or longest_s, the longest accepted time; or
-    forbidden, bits that must be 0, which are cleared where we may. wrong: the consequence of any
-    other value, for messages.
+    forbidden, bits that must be 0, which are cleared where we may; or least or most, the least or
+    largest accepted value. wrong: the consequence of any other value, for messages. is_optional:
+    older firmware has no such parameter. where: another parameter, and the values of it with which
+    the rule counts.
     """
 
     names: tuple[str, ...]
@@ -49,7 +54,11 @@ class FailsafeRule:
     sound: frozenset[int] = frozenset()
     longest_s: float | None = None
     forbidden: int = 0
+    least: float | None = None
+    most: float | None = None
     wrong: str
+    is_optional: bool = False
+    where: tuple[str, frozenset[int]] | None = None
 
     def holds(self, value: float, pace: float = 1.0) -> bool:
         """Return whether a failsafe parameter's value is accepted; pace: times real time."""
@@ -57,7 +66,15 @@ class FailsafeRule:
             return 0.0 < value <= self.longest_s * max(1.0, pace)
         if self.forbidden:
             return math.isfinite(value) and not int(value) & self.forbidden
+        if self.least is not None:
+            return value >= self.least
+        if self.most is not None:
+            return value <= self.most
         return value in self.sound
+
+    def counts(self, values: Mapping[str, float]) -> bool:
+        """Return whether the rule counts with a vehicle's parameters."""
+        return self.where is None or values.get(self.where[0]) in self.where[1]
 
     def wanted_instead(self, value: float) -> int | None:
         """Return the value to set in place of a parameter's present one; None to leave it."""
@@ -100,6 +117,20 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
             sound=frozenset({OWN_SYSTEM_ID}),
             wrong=f"it expects another ground station's heartbeats, not ours ({OWN_SYSTEM_ID})",
         ),
+        FailsafeRule(
+            names=("RTL_ALT_FINAL", "RTL_ALT_FINAL_M"),
+            most=0.0,
+            wrong="on link loss it would return, and hover there until its battery is empty",
+            is_optional=True,
+            where=("FS_GCS_ENABLE", _ARDUPILOT_RETURNS),
+        ),
+        FailsafeRule(
+            names=("FS_EKF_ACTION",),
+            wanted=1,
+            sound=frozenset({1, 3}),
+            wrong="without a position it would not land, but wait for a pilot",
+            is_optional=True,
+        ),
     ),
     "px4": (
         FailsafeRule(
@@ -107,6 +138,20 @@ FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
             wanted=_PX4_LAND,
             sound=frozenset({2, 3}),
             wrong="on link loss it would not land, or it would fall",
+        ),
+        FailsafeRule(
+            names=("COM_DLL_EXCEPT",),
+            forbidden=_EXCEPT_HOLD,
+            wrong="it would ignore a link loss in Hold, in which the guard holds; take "
+            f"{_EXCEPT_HOLD} (Hold) off it",
+            is_optional=True,
+        ),
+        FailsafeRule(
+            names=("RTL_LAND_DELAY",),
+            least=0.0,
+            wrong="on link loss it would return, and hover there until its battery is empty",
+            is_optional=True,
+            where=("NAV_DLL_ACT", frozenset({2})),
         ),
         FailsafeRule(
             names=("COM_DL_LOSS_T",),
@@ -143,6 +188,8 @@ def unsound(
     """
     for rule in FAILSAFES[autopilot]:
         known = [name for name in rule.names if name in values]
+        if not rule.counts(values) or (rule.is_optional and not known):
+            continue
         if not known:
             yield f"{rule.names[0]} is not known"
         elif not rule.holds(values[known[0]], pace):

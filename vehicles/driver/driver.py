@@ -290,7 +290,7 @@ class Driver:
                 raise not_ready(vehicle, what, self._reasons(), self._circumstances())
             for message in vehicle.messages_to_get_ready():
                 self._session.send(message)
-        vehicle.streams.watch()
+        vehicle.streams.watch(only_known=True)
         self._capture_anchor()
 
     async def arm(self) -> None:

@@ -40,6 +40,7 @@ class TelemetryStreams:
         self._counts = dict.fromkeys((line.message_id for line in plan), 0)
         self._earlier_counts = dict(self._counts)
         self._counted_from_s: float | None = None
+        self._only_known = False
         self._watch = Repeater(period_s=_CHECK_EVERY_S, action=self._request_missing_now)
         for line in plan:
             session.on_payload(line.message_id, partial(self._on_message, line.message_id))
@@ -53,14 +54,15 @@ class TelemetryStreams:
         requests = [self._autopilot.request_interval(self._target, line) for line in self._plan]
         self._session.send_together(requests)
 
-    def watch(self) -> None:
+    def watch(self, *, only_known: bool = False) -> None:
         """Request missing or slow streams again every 2 s from now on, until `stop`.
 
         A ground station at the same autopilot may change them at any time: REQUEST_DATA_STREAM
         overwrites the rates that were requested by SET_MESSAGE_INTERVAL. Rates are counted anew: a
-        stream that has just begun is not slow.
+        stream that has just begun is not slow. only_known: see `request_missing`.
         """
         self._counted_from_s = None
+        self._only_known = only_known
         self._watch.stop()
         self._watch.start(at_once=False)
 
@@ -68,10 +70,15 @@ class TelemetryStreams:
         """Stop requesting missing streams; may be called more than once."""
         self._watch.stop()
 
-    def request_missing(self, now_s: float) -> None:
-        """Request again telemetry streams that are missing or too slow."""
+    def request_missing(self, now_s: float, *, only_known: bool = False) -> None:
+        """Request again telemetry streams that are missing or too slow.
+
+        only_known: not those of which nothing has ever come, as a vehicle without GPS has.
+        """
         counted_from_s = now_s if self._counted_from_s is None else self._counted_from_s
         for line in self._plan:
+            if only_known and line.message_id not in self._last_s:
+                continue
             if self._is_missing(line, now_s) or self._is_slow(line, now_s - counted_from_s):
                 self._session.send(self._autopilot.request_interval(self._target, line))
         if self._counted_from_s is None or now_s - counted_from_s >= _SHORTEST_COUNT_S:
@@ -91,7 +98,7 @@ class TelemetryStreams:
         return next((line.rate_hz for line in self._plan if line.message_id == message_id), 0.0)
 
     def _request_missing_now(self) -> None:
-        self.request_missing(asyncio.get_running_loop().time())
+        self.request_missing(asyncio.get_running_loop().time(), only_known=self._only_known)
 
     def _is_missing(self, line: MessageRate, now_s: float) -> bool:
         last_s = self._last_s.get(line.message_id)

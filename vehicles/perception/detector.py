@@ -56,7 +56,7 @@ class OnnxDetector:
     names: of the classes, in the order of the network's output. input_px: (width, height) of the
     network's input. threshold: least score. overlap: of two boxes of one class whose intersection
     over union is above it, the one with the higher score stays. Raises DetectorError for an
-    unusable file: it is loaded and run in a process of its own first.
+    unusable file, which is loaded and run in a process of its own first, and as `detect` does.
     """
 
     def __init__(
@@ -76,6 +76,8 @@ class OnnxDetector:
         self._threshold = threshold
         self._overlap = overlap
         self._layout = layout
+        # What its output has is known before a flight, too.
+        self.detect(np.zeros((input_px[1], input_px[0], 3), np.uint8))
 
     def detect(self, image_bgr: BgrImage) -> tuple[Detection, ...]:
         """Return the detections in a (height, width, 3) uint8 image, the highest score first.

@@ -132,7 +132,11 @@ class WorldReader:
         path = self._folder / written
         if exists(path) or not is_folder(path.parent):
             return ""
-        found = closest_file(path.name, [each.name for each in path.parent.iterdir()])
+        try:
+            names = [each.name for each in path.parent.iterdir()]
+        except OSError:  # it may be entered, and not listed
+            return ""
+        found = closest_file(path.name, names)
         return str(Path(written).parent / found) if found else ""
 
     def _check_floor(self, scene_object: SceneObject, floor_m: float) -> None:

@@ -61,11 +61,15 @@ def _rows(path: Path, vehicle: str, end_s: float) -> list[Commanded]:
 
     A damaged one is refused: its last row before the damage would stand for all that are missing.
     """
+    if not path.exists():
+        return []
     found = read_trajectory(path)
-    if found.rows and found.problems:
+    if found.problems:
         raise MotionError(found.problems[0])
     rows = [row for row in found.rows if row.vehicle == vehicle]
-    if rows and rows[-1].t_s < end_s - _MOST_LATE_S:
+    if not rows:
+        raise MotionError(f"{path.name} has no row of {vehicle}")
+    if rows[-1].t_s < end_s - _MOST_LATE_S:
         raise MotionError(
             f"{path.name} ends at {rows[-1].t_s:.2f} s, before the goal's end at {end_s:.2f} s"
         )

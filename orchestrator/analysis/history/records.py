@@ -24,8 +24,8 @@ class FlightRecord:
     """One flight of the history.
 
     inputs: a digest of all files read and of the versions; a flight with the same seed and inputs
-    is a repetition. margin: of the run's tightest oracle (see `tightest_oracle`), in its unit; None
-    without one. ending: why its campaign ended early, else empty; None where that was not recorded.
+    is a repetition. margin: the smallest of the judged vehicle's required oracles in metres (else
+    in any unit), None without one. ending: why its campaign ended early, else empty; None where that was not recorded.
     host: the name of the machine; empty in lines of earlier versions.
     """
 
@@ -83,7 +83,7 @@ def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
 
 
 def read_records(path: Path) -> list[FlightRecord]:
-    """Return the flights of a history file, each by its last line; empty without the file.
+    """Return the lines of a history file as flights (see `latest`); empty without the file.
 
     Raises HistoryFileError, with the line.
     """
@@ -107,7 +107,7 @@ def read_records(path: Path) -> list[FlightRecord]:
             raise HistoryFileError(
                 f"{path}:{number} is damaged, or not a history line: {where} {first['msg']}"
             ) from error
-    return latest(found)
+    return found
 
 
 def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
@@ -152,5 +152,7 @@ def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
 
 
 def _smallest_margin(run: RunResult) -> float | None:
-    tightest = tightest_oracle(run)
+    """Return the smallest margin in metres, which flights can be compared by, or else of all."""
+    in_metres = tuple(one for one in run.oracles if one.unit == "m")
+    tightest = tightest_oracle(replace(run, oracles=in_metres)) or tightest_oracle(run)
     return None if tightest is None else tightest.margin

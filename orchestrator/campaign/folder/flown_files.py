@@ -21,18 +21,31 @@ class FlownFiles:
     states: dict[Path, _State | None]
 
     @classmethod
-    def of(cls, campaign_file: Path, digests: Mapping[str, str], skipped: Iterable[Path]) -> Self:
-        """Return the files in a manifest that was just made.
+    def of(
+        cls,
+        campaign_file: Path,
+        digests: Mapping[str, str],
+        *,
+        read: Iterable[Path],
+        skipped: Iterable[Path],
+    ) -> Self:
+        """Return the files of a manifest that was just made.
 
-        digests: by path relative to the campaign file. skipped: documents, of which runs have what
-        was read when the campaign began, so that a later change of them concerns no run; and files
-        that a flight may write.
+        digests: by path relative to the campaign file, symlinks followed. read: the files by the
+        names by which runs read them, which may be symlinks. skipped: documents, of which runs have
+        what was read when the campaign began, so that a later change of them concerns no run; and
+        files that a flight may write.
         """
         home = campaign_file.resolve().parent
         left_out = {path.resolve() for path in skipped}
         by_path = {Path(os.path.normpath(home / name)): text for name, text in digests.items()}
-        read = {path: text for path, text in by_path.items() if path not in left_out}
-        return cls(read, {path: _state_of(path) for path in read})
+        places = {path: path.resolve() for path in read}
+        own = {
+            path: by_path[place]
+            for path, place in places.items()
+            if place in by_path and place not in left_out
+        }
+        return cls(own, {path: _state_of(path) for path in own})
 
     def require_unchanged(self) -> None:
         """Raise OutputError for a file whose content is no longer that of the manifest."""

@@ -15,13 +15,13 @@ from typing import Any
 from campaigns.expansion.expansion import Campaign
 from campaigns.setup.case_files import CaseFiles
 from orchestrator.campaign.folder.imported_files import imported_by
-from orchestrator.campaign.folder.named_files import as_used, named_files
+from orchestrator.campaign.folder.named_files import document_place, named_files
 from orchestrator.model.clock import Clock
 from orchestrator.recording.timestamps import utc_text
 from worlds.files.documents import Data, Document
 
 _CHUNK_BYTES = 1 << 20
-_LOADED = frozenset({".py", ".onnx"})
+_LOADED = frozenset({".py", ".onnx", ".so"})
 _VERSIONED = (
     "wil-campaign",
     "av",
@@ -135,23 +135,38 @@ def _files(campaign: Campaign) -> set[Path]:
     These are the campaign, its worlds and recipes, and the files that they name: the autonomy,
     profiles, meshes with their textures, steps, models, programs, firmware, images.
     """
-    files = {as_used(path) for path in campaign.paths}
+    files = {document_place(path) for path in campaign.paths}
     for document in naming_documents(campaign):
         files.update(named_files(document.data, document.path))
     return files
 
 
 def maybe_written_files(campaign: Campaign) -> set[Path]:
-    """Return the files that `autonomy.with` names and that are no code or network.
+    """Return the files that only the user's own code is given by name, except code and networks.
 
-    The autonomy may read them, or write them in flight.
+    They are named by `with` and by the arguments of `autonomy.program`. A flight may read or write
+    them.
     """
     files: set[Path] = set()
     for document in naming_documents(campaign):
-        autonomy = document.data.get("autonomy") if isinstance(document.data, dict) else None
-        if isinstance(autonomy, dict):
-            files.update(named_files(autonomy.get("with"), document.path))
+        for value in _given_to_code(document.data):
+            files.update(named_files(value, document.path))
     return {path for path in files if path.suffix not in _LOADED}
+
+
+def _given_to_code(data: Data) -> Iterator[Data]:
+    """Yield the values in a document that the user's own code is given as they are."""
+    if isinstance(data, list):
+        for inner in data:
+            yield from _given_to_code(inner)
+    elif isinstance(data, dict):
+        for key, inner in data.items():
+            if key == "with":
+                yield inner
+            elif key == "program" and isinstance(inner, list):
+                yield inner[1:]
+            else:
+                yield from _given_to_code(inner)
 
 
 def naming_documents(campaign: Campaign) -> Iterator[Document]:

@@ -47,6 +47,11 @@ def as_used(path: Path) -> Path:
     return plain if exists(plain) and plain.samefile(path) else path.resolve()
 
 
+def document_place(path: Path) -> Path:
+    """Return a document's absolute path: names in it are relative to its folder's real place."""
+    return path.parent.resolve() / path.name
+
+
 def _names(value: Data) -> Iterator[str]:
     """Yield the texts in a value that may name files, `file.py:Name` as the file alone."""
     if isinstance(value, dict):
@@ -72,7 +77,7 @@ def _files_of(name: str, beside: Path) -> Iterator[Path]:
 
 def _expanded(name: Path, beside: Path) -> Path:
     """Return the absolute path that a name beside a document means. Raises RuntimeError."""
-    return as_used(beside.parent / name.expanduser())
+    return as_used(beside.parent.resolve() / name.expanduser())
 
 
 def with_companions(paths: Iterable[Path]) -> list[Path]:

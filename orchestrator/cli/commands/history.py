@@ -70,7 +70,7 @@ def history(
     problems: list[str] = []
     try:
         known = read_records(keep) if keep is not None else []
-        before = set(known)
+        before = set(known)  # also earlier lines: an old copy of a folder is no news
         new = [one for one in latest(_read(folders, problems)) if one not in before]
         if keep is not None:
             append_records(keep, new)

@@ -160,7 +160,8 @@ class Preflight:
         parameters = context.driver.parameters
         values: dict[str, float] = {}
         for rule in FAILSAFES[autopilot]:
-            values |= await first_known(parameters, rule.names)
+            if rule.counts(values):
+                values |= await first_known(parameters, rule.names)
         names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
         items = [
@@ -204,7 +205,7 @@ async def wanted_failsafes(
     """
     wanted: dict[str, ParameterValue] = {}
     for rule in FAILSAFES[autopilot]:
-        if rule.longest_s is None:  # Times are checked only.
+        if rule.wanted is not None or rule.forbidden:  # The others are checked only.
             for name, value in (await first_known(parameters, rule.names)).items():
                 instead = rule.wanted_instead(value)
                 if instead is not None:

@@ -360,7 +360,8 @@ class GuardCore:
             return True
         if command.cuts_motors and not supervised.vehicle.may_terminate:
             return False
-        supervised.seen.note_command(command, t_s)
+        if not is_harmless(frame, configures=False):  # a request for a message changes no mode
+            supervised.seen.note_command(command, t_s)
         return True
 
     def _limitings(self, supervised: SupervisedVehicle, t_s: float) -> list[Output]:

@@ -58,15 +58,17 @@ def test_a_file_travels_under_the_name_of_the_symlink_by_which_it_is_used(tmp_pa
     for folder in (shared, here / "own"):
         folder.mkdir(parents=True)
     campaign = write_hover(here)
-    campaign.write_text(campaign.read_text().replace("still.py:", "own/../own/autonomy.py:"))
+    campaign.write_text(campaign.read_text().replace("still.py:", "../here/own/autonomy.py:"))
     (here / "still.py").rename(shared / "still-2.py")
     (here / "world.yaml").rename(shared / "world-2.yaml")
     (here / "own" / "autonomy.py").symlink_to(shared / "still-2.py")
     (here / "world.yaml").symlink_to(shared / "world-2.yaml")
-    (tmp_path / "linked").symlink_to(here)
-    for number, folder in enumerate((here, tmp_path / "linked")):
+    (tmp_path / "places" / "further").mkdir(parents=True)
+    (tmp_path / "places" / "further" / "linked").symlink_to(here)
+    for number, folder in enumerate((here, tmp_path / "places/further/linked")):
         order = unpacked(folder / "hover.yaml", there / str(number))
-        assert place_beneath(there / str(number), folder / "own" / "autonomy.py").is_file()
+        # A linked folder is the one that it points to, as names in it by `..` mean.
+        assert place_beneath(there / str(number), here / "own" / "autonomy.py").is_file()
         assert order.plan.setup()
 
 

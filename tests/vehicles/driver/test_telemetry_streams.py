@@ -72,6 +72,31 @@ async def say_positions(session: Session, rate_hz: float, for_s: float) -> None:
         await asyncio.sleep(1.0 / rate_hz)
 
 
+def test_in_flight_no_stream_is_asked_for_that_has_never_come() -> None:
+    """A vehicle without GPS has no global position, however often it is asked for."""
+
+    async def scenario() -> list[float]:
+        wire = Wire()
+        session = Session(link=wire, own=Target(245, 190))
+        session.target = Target(1)
+        streams = TelemetryStreams(
+            session=session,
+            autopilot=Px4(),
+            target=Target(1),
+            plan=(MessageRate(POSITION, 50.0), MessageRate(33, 5.0)),
+        )
+        streams.watch()
+        await say_positions(session, 50.0, 5.0)
+        before = asked(wire.packets)
+        wire.packets.clear()
+        streams.watch(only_known=True)
+        await say_positions(session, 50.0, 5.0)
+        streams.stop()
+        return [*before, -1.0, *asked(wire.packets)]
+
+    assert run_virtual(scenario()) == [33.0, 33.0, -1.0]
+
+
 def test_a_stream_is_asked_for_again_only_while_it_is_too_slow() -> None:
     """A ground station's REQUEST_DATA_STREAM cuts an ArduPilot's positions to 3 Hz in flight."""
 

@@ -122,6 +122,11 @@ def test_a_flight_that_was_flown_again_counts_as_it_ended_last(
     (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
     assert (row["passed"], row["flown"], row["unproven"], row["ending"]) == (2, 3, 0, "")
     assert len(keep.read_text().splitlines()) == 6
+    # An older copy of the folder is no news.
+    shutil.rmtree(tmp_path / "results")
+    flown(tmp_path, 1, "PPI", stopped="signal")
+    (row,) = shown(capsys, tmp_path / "results", "--keep", keep, code=3)["rows"]
+    assert (row["passed"], row["flown"], row["unproven"]) == (2, 3, 0)
 
 
 def shown_once(

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.folder.campaign_folder import OutputError
 from orchestrator.campaign.folder.flown_files import FlownFiles
-from orchestrator.campaign.folder.manifest import file_digest
+from orchestrator.campaign.folder.manifest import file_digest, maybe_written_files
+from tests.orchestrator.hover import write_hover
 
 
 def replace_content(path: Path) -> None:
@@ -48,7 +50,8 @@ def test_another_content_is_a_change_unless_no_run_reads_it(
         (tmp_path / one).write_text("x = 1")
         digests[one] = file_digest(tmp_path / one)
     campaign = tmp_path / "campaign.yaml"
-    files = FlownFiles.of(campaign, digests, [campaign])
+    read = [tmp_path / one for one in digests]
+    files = FlownFiles.of(campaign, digests, read=read, skipped=[campaign])
     files.require_unchanged()
     change(tmp_path / name)
     if is_refused:
@@ -57,3 +60,28 @@ def test_another_content_is_a_change_unless_no_run_reads_it(
     else:
         files.require_unchanged()
         files.require_unchanged()
+
+
+def test_a_symlink_that_points_elsewhere_is_a_change(tmp_path: Path) -> None:
+    link, digests = tmp_path / "net.onnx", dict[str, str]()
+    for number in (1, 2):
+        path = tmp_path / f"net-{number}.onnx"
+        path.write_text(f"network {number}")
+        digests[path.name] = file_digest(path)
+    link.symlink_to("net-1.onnx")
+    files = FlownFiles.of(tmp_path / "campaign.yaml", digests, read=[link], skipped=[])
+    files.require_unchanged()
+    link.unlink()
+    link.symlink_to("net-2.onnx")
+    with pytest.raises(OutputError, match=r"net\.onnx changed while the campaign flew"):
+        files.require_unchanged()
+
+
+def test_files_that_only_the_user_s_code_is_given_may_be_written(tmp_path: Path) -> None:
+    path = write_hover(tmp_path)
+    for name in ("fly.py", "flight.log", "gains.txt", "net.onnx"):
+        (tmp_path / name).write_text("1")
+    program = "{program: [python3, fly.py, --log, flight.log], with: {a: gains.txt, b: net.onnx}}"
+    path.write_text(path.read_text().replace("still.py:Still", program))
+    found = maybe_written_files(load_campaign(path, Options()))
+    assert found == {tmp_path / "flight.log", tmp_path / "gains.txt"}

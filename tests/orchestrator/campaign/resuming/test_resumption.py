@@ -92,7 +92,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run(campaign: Path, *options: str) -> int:
     out = str(campaign.parent / "out")
-    return main(["run", str(campaign), "--out", out, "--jobs", "1", *options])
+    jobs = () if "--jobs" in options else ("--jobs", "1")
+    return main(["run", str(campaign), "--out", out, *jobs, *options])
 
 
 def folder_of(campaign: Path) -> Path:
@@ -354,6 +355,30 @@ def test_no_run_flies_an_autonomy_that_was_changed_in_flight(
     monkeypatch.setattr(run_engine, "fly_order", quick_fly)
     assert run(campaign, "--resume") == 0
     assert [one["attempts"] for one in summary_of(folder)["runs"]] == [[], []]
+
+
+def fly_while_another_is_edited(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
+    """Stand in for a flight that is in the air while a person changes the autonomy."""
+    edited = order.folder.parents[2] / "edited"
+    if order.plan.repetition == 1:
+        result = fly_while_edited(order, report, inbox)
+        edited.touch()
+        return result
+    while not edited.exists():
+        time.sleep(0.01)
+    time.sleep(0.5)  # the other's end is handled, and the change is found
+    return quick_fly(order, report, inbox)
+
+
+def test_what_is_in_the_air_when_a_file_changes_is_flown_to_its_end(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = campaign.read_text()
+    campaign.write_text(text.replace("repetitions: 2", "repetitions: 4"))
+    monkeypatch.setattr(run_engine, "fly_order", fly_while_another_is_edited)
+    assert run(campaign, "--jobs", "2") == 3
+    runs = summary_of(folder_of(campaign))["runs"]
+    assert [one["verdict"] for one in runs] == ["PASS", "PASS"]
 
 
 def fly_and_write(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:

@@ -53,6 +53,18 @@ def test_a_pilot_who_takes_over_beside_a_warning_is_not_overridden(pair: Any) ->
     assert set(twin.words()) == {"HEARTBEAT"}
 
 
+@pytest.mark.parametrize("number", [510, 511, 512])
+def test_a_failsafe_is_seen_while_messages_are_requested(pair: Any, number: int) -> None:
+    """Streams that are missing or slow are requested every 2 s, which changes no mode."""
+    real = pair.vehicles["real"]
+    for _ in range(3):
+        to_orchestrator(pair, "real", command(number, 32.0, 20000.0))
+        pair.fly(1.0)
+    real.mode = Mode.RTL
+    pair.fly(1.0)
+    assert pair.core.latched == "failsafe"
+
+
 @pytest.mark.parametrize("every_s", [0.05, 0.4])
 def test_an_old_word_that_it_is_disarmed_ends_no_landing(pair: Any, every_s: float) -> None:
     real = pair.vehicles["real"]
