@@ -141,6 +141,9 @@ class _Flight:
         vehicle: dict[str, Any] = {"link": f"udpin://127.0.0.1:{mavlink_port}"}
         if fault.judged_by == "mocap":
             vehicle["mocap"] = {"address": f"udp://127.0.0.1:{capture_port}"}
+            if not self._disturbed:
+                # A busy machine, which may hold up the poses, is no fault in them.
+                vehicle["mocap"]["stall_s"] = 5
         path = write_mission(
             self._folder,
             fault.cause,

@@ -62,6 +62,7 @@ def _ardupilot(arguments: list[str]) -> ProcessSettings:
     port = 5760 + 10 * int(given["--instance"])
     latitude, longitude, altitude, _ = map(float, given["--home"].split(","))
     _say(f"SERIAL0 on TCP port {port}")
+    _say(f"asked for {float(given['--speedup']):g} times real time")
     files = [Path(file) for file in given.get("--defaults", "").split(",") if file]
     rows = [row.split() for file in files for row in file.read_text().splitlines()]
     return ProcessSettings(

@@ -88,7 +88,7 @@ async def test_board_and_poses_come_together(monkeypatch: pytest.MonkeyPatch, po
     asked = through(monkeypatch, board_views(CHARUCO)[0])
     mocap = MocapSetup(kind="udp", host=HOST, port=port, body="drone")
     async with capture(port):
-        order = LiveOrder(camera=CAMERA, size=SIZE, for_s=1.0, mocap=mocap)
+        order = LiveOrder(camera=CAMERA, size=SIZE, for_s=3.0, mocap=mocap)
         seen, path = await search_live(order, CHARUCO)
     assert asked[0]["address"] == "rtp://127.0.0.1:5600"
     assert asked[0]["intrinsics"].width_px == 640
@@ -107,7 +107,7 @@ async def test_without_motion_capture_there_is_no_path(monkeypatch: pytest.Monke
     with pytest.raises(CalibrationError, match="was found in none of"):
         await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.2), CHARUCO)
     through(monkeypatch, board_views(CHARUCO)[0])
-    _, path = await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.3), CHARUCO)
+    _, path = await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=3.0), CHARUCO)
     assert path is None
 
 

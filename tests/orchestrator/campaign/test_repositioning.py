@@ -85,7 +85,7 @@ async def test_the_end_of_the_terminal_confirms_nothing(
     with os.fdopen(follower, encoding="utf-8") as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
         waiting = Repositioning(
-            vehicles="real", controller=controller, say=messages.append, wait_s=0.3
+            vehicles="real", controller=controller, say=messages.append, wait_s=3.0
         )
         waiting.ask()
         if how == "end of file":
@@ -97,7 +97,9 @@ async def test_the_end_of_the_terminal_confirms_nothing(
         await asyncio.sleep(0.1)
         assert controller.held
         assert not fleet.going
-        await asyncio.sleep(0.4)  # and the limit of the wait still holds
+        async with asyncio.timeout(30.0):  # and the limit of the wait still holds
+            while controller.stopped is None:  # noqa: ASYNC110 - it sets no event
+                await asyncio.sleep(0.01)
     if how != "hang-up":
         os.close(leader)
     assert controller.stopped == "command"

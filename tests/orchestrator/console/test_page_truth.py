@@ -100,13 +100,40 @@ class FakeFeed:
 
     def __init__(self, console: Console, page: Page, loop: asyncio.AbstractEventLoop) -> None:
         self._console, self.page, self._loop = console, page, loop
+        self._kept: dict[str, RunView] = {}
 
     def run(self, made: Coroutine[Any, Any, None]) -> None:
         asyncio.run_coroutine_threadsafe(made, self._loop).result(10)
 
     def take(self, *messages: Any) -> None:
         for message in messages:
-            self.run(self._console.hub.take(message))
+            self.run(self._take(message))
+
+    def keep(self, view: RunView) -> None:
+        """Send a state, and repeat it as a run in flight does, until the run's next one."""
+        self.run(self._take(view, is_kept=True))
+
+    def fall_silent(self) -> None:
+        """Repeat no state any longer."""
+
+        async def forget() -> None:
+            self._kept.clear()
+
+        self.run(forget())
+
+    async def _take(self, message: Any, *, is_kept: bool = False) -> None:
+        if isinstance(message, RunView):
+            self._kept.pop(message.run, None)
+            if is_kept:
+                self._kept[message.run] = message
+        await self._console.hub.take(message)
+
+    async def repeat(self) -> None:
+        """Repeat what is kept: the page takes nothing for the present that is 3 s old."""
+        while True:
+            await asyncio.sleep(0.5)
+            for view in tuple(self._kept.values()):
+                await self._console.hub.take(view)
 
     def status(self, **changes: Any) -> None:
         async def show() -> None:
@@ -142,8 +169,12 @@ async def look(console: Console, seen: Callable[[FakeFeed], None], width_px: int
             join(page, link, "anna")
             page.resize(width_px, 900)
             feed = FakeFeed(console, page, loop)
-            wait_until(page, text("control"), "anna has control")
-            seen(feed)
+            repeating = asyncio.run_coroutine_threadsafe(feed.repeat(), loop)
+            try:
+                wait_until(page, text("control"), "anna has control")
+                seen(feed)
+            finally:
+                repeating.cancel()
             assert page.errors == []
 
     await asyncio.to_thread(work)
@@ -220,18 +251,18 @@ async def test_an_abort_is_followed_until_all_are_down(console: Console) -> None
         feed.status(flying={"large/wil/1": {"stage": "goal"}})
         # The real vehicle is heard last, and named first.
         silent = structs.replace(vehicle("real"), silent_s=None)
-        feed.take(view("large/wil/1", vehicles=(silent, vehicle("twin"))))
+        feed.keep(view("large/wil/1", vehicles=(silent, vehicle("twin"))))
         wait_until(page, text("air"), "twin")
-        feed.take(view("large/wil/1"))
+        feed.keep(view("large/wil/1"))
         wait_until(page, text("air"), "real and twin")
         page.press("Escape")
         wait_until(page, text("reply"), "ABORT by anna")
         wait_until(page, text("reply"), "in the air: real, twin")
         landed = vehicle("real", armed=False, landed="on_ground")
-        feed.take(view("large/wil/1", vehicles=(landed, vehicle("twin")), t_s=14.0))
+        feed.keep(view("large/wil/1", vehicles=(landed, vehicle("twin")), t_s=14.0))
         wait_until(page, text("reply"), "in the air: twin")
         down = (landed, vehicle("twin", armed=False, landed="on_ground"))
-        feed.take(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
+        feed.keep(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
         wait_until(page, text("reply"), "ALL DOWN at ")
         feed.take(view("large/wil/1", vehicles=down, t_s=16.0, stage="end"))
         verdicts = {"finished": {"large/wil/1": "ABORTED"}, "total": 10}
@@ -315,7 +346,7 @@ async def test_an_abort_that_one_of_two_campaigns_does_not_confirm_is_red_and_na
 
         def seen(feed: FakeFeed) -> None:
             page = feed.page
-            feed.take(view("large/wil/1"))
+            feed.keep(view("large/wil/1"))
             feed.status(flying={"large/wil/1": {"stage": "goal"}})
             wait_until(page, text("air"), "real and twin")
             page.press("Escape")
@@ -323,7 +354,7 @@ async def test_an_abort_that_one_of_two_campaigns_does_not_confirm_is_red_and_na
             wait_until(page, text("reply"), "still in the air: real, twin")
             assert page.value("document.getElementById('reply').className") == "reply bad"
             down = tuple(vehicle(one, armed=False, landed="on_ground") for one in ("real", "twin"))
-            feed.take(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
+            feed.keep(view("large/wil/1", vehicles=down, t_s=15.0, stage="landed"))
             wait_until(page, text("reply"), "down: real")
             assert "NOT CONFIRMED by hall" in page.value(text("reply"))
             assert "ALL DOWN" not in page.value(text("reply"))

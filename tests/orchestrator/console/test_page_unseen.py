@@ -41,7 +41,7 @@ async def test_a_run_on_another_node_is_never_nothing_in_the_air(console: Consol
         wait_until(page, text("state"), UNSEEN)
         wait_until(page, text("air"), UNSEEN)
         local = {"large/wil/2": {"stage": "goal", "place": ""}}
-        feed.take(view("large/wil/2"))
+        feed.keep(view("large/wil/2"))
         feed.status(flying=REMOTE | local)
         wait_until(page, text("air"), f"real and twin; {UNSEEN}")
         page.press("Escape")
@@ -78,7 +78,7 @@ async def test_a_vehicle_last_seen_up_is_not_forgotten_when_its_feed_falls_silen
         with earlier(6.0):
             feed.take(view("line/wil/1", run=f"{follow}/line/wil/1", vehicles=(vehicle("tail"),)))
         wait_until(page, text("air"), "tail")
-        feed.take(view("large/wil/1"))
+        feed.keep(view("large/wil/1"))
         wait_until(page, text("air"), "real and twin")
         page.press("Escape")
         wait_until(page, text("reply"), "in the air: line/wil/1 tail")
@@ -121,10 +121,11 @@ async def test_all_down_has_the_same_time_after_a_reload(console: Console) -> No
     def seen(feed: FakeFeed) -> None:
         page = feed.page
         feed.status(flying={"large/wil/1": {"stage": "goal"}})
-        feed.take(view("large/wil/1", vehicles=(vehicle("real"), vehicle("twin"))))
+        feed.keep(view("large/wil/1", vehicles=(vehicle("real"), vehicle("twin"))))
         wait_until(page, text("air"), "real and twin")
         page.press("Escape")
         wait_until(page, text("reply"), "in the air: real, twin")
+        feed.fall_silent()
         run = view("large/wil/1").run
         feed.take(EventView(run, 1, 14.0, "vehicle", "disarmed", "real", ""))
         wait_until(page, text("reply"), "in the air: twin")

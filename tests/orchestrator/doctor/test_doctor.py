@@ -188,7 +188,7 @@ def test_what_a_crash_left_is_named(tmp_path: Path) -> None:
             f"vehicles of large/wil/1 in results still run (processes {child.pid})" in vehicles.text
         )
         assert "000001.parameters.json" in parameters.text
-        child.communicate(b"\n", timeout=10.0)
+        child.communicate(b"\n", timeout=60.0)
 
 
 def test_a_full_disk_and_a_foreign_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,4 +70,4 @@ def test_a_program_without_a_terminal_is_ended_as_well(monkeypatch: pytest.Monke
     ended = threading.Event()
     monkeypatch.setattr(sys, "stderr", GoneTerminal())
     with watched_head("127.0.0.1:9", poll_s=0.02, silent_s=0.1, end=lambda _: ended.set()):
-        assert ended.wait(5)
+        assert ended.wait(60)

@@ -63,7 +63,7 @@ class FakeStation:
     steered_by: str | None = None
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
+async def until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
     """Wait until something outside of the loop has happened."""
     async with asyncio.timeout(timeout_s):
         while not condition():  # noqa: ASYNC110 - sockets set no event of ours

@@ -36,7 +36,7 @@ def program(code: str, tmp_path: Path, **more: Any) -> ExternalAutonomy:
 
 
 async def line_of(tmp_path: Path, count: int) -> list[str]:
-    for _ in range(300):
+    for _ in range(6000):
         lines = (tmp_path / "autonomy.log").read_text().splitlines()
         if len(lines) >= count:
             return lines

@@ -83,14 +83,14 @@ async def test_a_simulator_draws_the_twins_world_and_a_second_program_sees_the_m
     assert summary["sensors"] == {"camera": "rendered"}
     (source,) = run["outside"]["sources"]
     assert (source["vehicle"], source["damaged"]) == ("twin", 0)
-    assert source["delivered"] > 100
+    assert source["delivered"] > 30
     (outlet,) = run["outside"]["outlets"]
-    assert outlet["delivered"] > 100
+    assert outlet["delivered"] > 30
     assert outlet["failed"] == 0
     assert (program.run_folder() / "camera-perceived.sdp").exists()
     # The gate is nowhere but in the simulator's world.
     finder = BlobFinder(NAMED_COLORS["orange"])
-    assert sum(finder.find(reading.image_bgr) is not None for reading in seen) > 20
+    assert sum(finder.find(reading.image_bgr) is not None for reading in seen) > 10
 
 
 async def test_a_simulator_that_dies_in_flight_makes_the_run_invalid_and_lands_it(

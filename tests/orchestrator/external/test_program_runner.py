@@ -57,7 +57,13 @@ while True:
 
 HOARDS = """
 import os, subprocess, sys, time
-hoard = "import time; kept = b'x' * 400_000_000; time.sleep(600)"
+hoard = '''
+import os, time
+while not os.path.exists("child"):
+    time.sleep(0.01)
+kept = b'x' * 400_000_000
+time.sleep(600)
+'''
 child = subprocess.Popen([sys.executable, "-c", hoard])
 open("child.part", "w").write(str(child.pid))
 os.replace("child.part", "child")

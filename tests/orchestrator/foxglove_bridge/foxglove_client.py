@@ -14,7 +14,7 @@ from typing import Any
 import aiohttp
 
 PROTOCOL = "foxglove.sdk.v1"
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 _MESSAGE, _TIME = 1, 2
 _HEAD = struct.Struct("<BIQ")
 

@@ -4,6 +4,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 import pytest
@@ -108,16 +109,17 @@ def test_without_a_console_no_state_is_asked_for_and_no_image_kept() -> None:
 def test_a_console_that_never_reads_holds_up_nothing() -> None:
     with feed_receiver(), publisher() as feed:
         wait_for(lambda: feed._has_consoles)
-        slowest_s, shown = 0.0, images()
+        rounds_s, shown = list[float](), images()
         for _ in range(2000):
             began_s = time.perf_counter()
             feed.tick(lambda: view(2.0))
             feed.images(shown)
             feed.event(1.0, "vehicle", "text", "x" * 5000)
-            slowest_s += time.perf_counter() - began_s
-        assert slowest_s / 2000 < 0.001
-        began_s = time.monotonic()
-    assert time.monotonic() - began_s < 2.0
+            rounds_s.append(time.perf_counter() - began_s)
+        # The median: what another process takes the core from is no wait for a console.
+        assert median(rounds_s) < 0.001
+    # It ends by itself: leaving the feed waits for it no longer than two seconds.
+    assert not feed._thread.is_alive()
 
 
 def test_an_exception_of_ours_ends_the_feed_and_no_flight() -> None:

@@ -84,7 +84,7 @@ def mosquitto(folder: Path, port: int) -> Iterator[None]:
     arguments = [str(MOSQUITTO), "-c", str(folder / "mosquitto.conf")]
     with subprocess.Popen(arguments, stderr=subprocess.DEVNULL) as process:  # noqa: S603
         try:
-            for _ in range(500):
+            for _ in range(3000):
                 if _listens(port):
                     break
                 time.sleep(0.02)

@@ -25,6 +25,7 @@ from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.message_signing import signed_command, status_key, verified
 from orchestrator.operator.mqtt import MqttOperator, MqttSecrets, mqtt_operating
 from orchestrator.operator.operator_channels import open_operator_channels
+from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.ports import free_port
 from vehicles.tasks import TaskAccount
@@ -69,7 +70,7 @@ class Person:
         return [said for name, said in self.heard if name == topic]
 
     async def until(self, topic: str, count: int = 1) -> list[dict[str, Any]]:
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             while len(self.of(topic)) < count:  # noqa: ASYNC110 - another process sets no event
                 await asyncio.sleep(0.01)
         return self.of(topic)
@@ -83,7 +84,7 @@ class Person:
         said = {**body, "at": time.time(), "who": "anna", **changes}
         before = len(self._answers(said["id"]))
         await self.say(kind, signed_command(f"wil/gate/operator/{kind}", said, token))
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             while len(self._answers(said["id"])) <= before:  # noqa: ASYNC110 - as above
                 await asyncio.sleep(0.01)
         return self._answers(said["id"])[-1]
@@ -188,9 +189,16 @@ async def test_a_run_that_does_not_acknowledge_is_named(
     controller, person = scene.controller, scene.person
     controller.begun("large/wil/1", FlightPlace("first"))
     controller.begun("large/wil/2", FlightPlace("second"))
+    abort = scene.fleet.abort
+
+    def acknowledging(command: OperatorCommand) -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_soon(acknowledge, controller, "large/wil/2", "abort", command.command_id)
+        abort(command)
+
+    monkeypatch.setattr(scene.fleet, "abort", acknowledging)
     first = await person.command("abort")
     assert (first["ok"], first["final"]) == (True, False)
-    acknowledge(controller, "large/wil/2", "abort", first["id"])
     last = (await person.until("operator/ack", 2))[-1]
     assert (last["ok"], last["final"]) == (False, True)
     assert last["text"] == "not acknowledged within 0.2 s by large/wil/1 on first"
@@ -252,13 +260,16 @@ async def test_a_flood_is_not_answered_and_a_command_gets_through(
     scene: Scene, tmp_path: Path
 ) -> None:
     person = scene.person
+    began_s = time.monotonic()
     for _ in range(500):
         await person.say("abort", b"{")
     await asyncio.sleep(1.1)
     answer = await person.command("abort")
     assert answer["ok"]
     assert len(scene.fleet.aborted) == 1
-    assert len(log(tmp_path)) < 200
+    # Ten refusals a second are logged, however long the flood takes.
+    took_s = time.monotonic() - began_s
+    assert len(log(tmp_path)) < 30 + 11 * took_s
 
 
 async def test_what_happens_is_published_at_once(scene: Scene) -> None:

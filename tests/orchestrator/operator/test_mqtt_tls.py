@@ -125,7 +125,9 @@ async def test_what_the_broker_or_we_do_not_trust_is_an_error_at_the_start(
     password: str,
     why: str,
 ) -> None:
-    monkeypatch.setattr("orchestrator.operator.mqtt._CONNECT_S", 1.0)
+    # Only a broker that does not trust us may just say no word.
+    connect_s = 1.0 if why == NOT_TRUSTED else 20.0
+    monkeypatch.setattr("orchestrator.operator.mqtt._CONNECT_S", connect_s)
     found = {
         key: folder_of(setup) / value if value and key.endswith("file") else value
         for key, value in changes.items()

@@ -1,6 +1,7 @@
 """`wil-campaign abort | hold | resume | watch`, against a campaign controller in this process."""
 
 import asyncio
+import io
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
@@ -172,19 +173,34 @@ async def test_a_folder_chooses_what_is_meant(cli: Cli, fleet: FakeFleet, tmp_pa
 
 
 async def test_watch_shows_what_flies_until_it_is_over(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    written = io.StringIO()
+    monkeypatch.setattr("sys.stdout", written)
     controller = make_controller(tmp_path, FakeFleet())
-    async with open_operator_channels(controller):
+
+    async def until(said: Callable[[list[str]], bool]) -> list[str]:
+        while not said(lines := written.getvalue().splitlines()):  # noqa: ASYNC110 - threads write
+            await asyncio.sleep(0.05)
+        return lines
+
+    def in_json(lines: list[str], run: str) -> bool:
+        statuses = [json.loads(line) for line in lines if line.startswith("{")]
+        return any(run in status["flying"] if run else not status["flying"] for status in statuses)
+
+    none = "gate: 0 of 4 runs; none flies"
+    flies = "gate: 0 of 4 runs; large/wil/1: goal, PASS so far"
+    async with asyncio.timeout(60.0), open_operator_channels(controller):
         watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
         as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
-        await asyncio.sleep(1.0)
+        await until(lambda lines: none in lines and in_json(lines, ""))
         controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
-        await asyncio.sleep(1.5)
+        shown = await until(lambda lines: flies in lines and in_json(lines, "large/wil/1"))
+        # The unchanged state is not shown again while further ones come as JSON.
+        await until(lambda lines: len(lines) >= len(shown) + 2)
     assert await watching == await as_json == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert "gate: 0 of 4 runs; none flies" in lines
-    assert lines.count("gate: 0 of 4 runs; large/wil/1: goal, PASS so far") == 1
+    lines = written.getvalue().splitlines()
+    assert lines.count(none) == lines.count(flies) == 1
     statuses = [json.loads(line) for line in lines if line.startswith("{")]
     assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"
 

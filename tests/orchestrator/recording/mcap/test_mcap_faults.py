@@ -201,7 +201,7 @@ def test_a_wall_clock_drops_what_is_new_and_counts_it(
         waited_s = time.monotonic() - started_s
         held.go.set()
         report = run.close()
-    assert waited_s < 1.0
+    assert waited_s < 5.0  # to wait for the thread takes 10 s
     assert report.dropped == (("/mixed/camera", 1), ("/real/camera", 7))
     assert not report.complete
     found, recording = read(path)
@@ -270,23 +270,26 @@ KILLED = """
 import sys, time
 import numpy as np
 from pathlib import Path
-from orchestrator.recording.mcap.mcap_writer import McapRecorder
+from orchestrator.recording.mcap import mcap_writer
 from vehicles.readings import CameraReading, PoseReading
 from worlds.camera import Intrinsics
 from worlds.frames import Pose
 rng = np.random.default_rng(1)
-with McapRecorder(path=Path(sys.argv[1]), epoch_s=1.7e9, clock="wall") as run:
-    k = 0
-    while True:
+mcap_writer._IDLE_FLUSH_S = 3600.0  # the last chunk is to be open
+with mcap_writer.McapRecorder(path=Path(sys.argv[1]), epoch_s=1.7e9, clock="wall") as run:
+    for k in range(400):
         t = k / 100
         image = rng.integers(0, 255, (48, 64, 3), np.uint8)
         run.reading("camera", CameraReading(t, t, k, "real", image, Intrinsics.from_fov(64, 48, 1)))
         run.reading("pose", PoseReading(t, t, "real", Pose((t, 0.0, 0.0)), seq=k))
-        k += 1
-        if k % 100 == 0:
-            print(k, flush=True)
         time.sleep(0.0005)
+    print("all", flush=True)
+    time.sleep(600.0)
 """
+
+
+def readings_in(path: Path) -> int:
+    return sum(isinstance(one, RecordedReading) for one in read(path)[0])
 
 
 def test_a_writer_killed_with_9_leaves_all_but_its_last_chunk(tmp_path: Path) -> None:
@@ -299,9 +302,11 @@ def test_a_writer_killed_with_9_leaves_all_but_its_last_chunk(tmp_path: Path) ->
     )
     try:
         assert writer.stdout is not None
-        for line in writer.stdout:
-            if int(line) >= 400:
-                break
+        assert writer.stdout.readline() == "all\n"
+        # Its thread may still have some to write.
+        give_up_s = time.monotonic() + 60.0
+        while readings_in(path) <= 2 * 250 and time.monotonic() < give_up_s:
+            time.sleep(0.05)
     finally:
         writer.send_signal(signal.SIGKILL)
         writer.wait(10.0)
@@ -310,7 +315,7 @@ def test_a_writer_killed_with_9_leaves_all_but_its_last_chunk(tmp_path: Path) ->
     found, recording = read(path)
     numbers = [key(one)[2] for one in found if isinstance(one, RecordedReading)]
     assert numbers == [k // 2 for k in range(len(numbers))]
-    assert len(numbers) > 2 * 250  # at most chunk_s and what waited in the thread is lost
+    assert 2 * 250 < len(numbers) < 2 * 400  # at most chunk_s is lost, for the thread has caught up
     assert recording.end is not None
     assert not recording.end.whole
 
@@ -322,7 +327,7 @@ def test_a_chunk_is_written_while_nothing_comes(
     path = tmp_path / "run.mcap"
     with recorder(path, clock="wall") as run:
         run.event(0.0, "info", "stage", "hold")
-        deadline_s = time.monotonic() + 5.0
+        deadline_s = time.monotonic() + 60.0
         while not read(path)[0] and time.monotonic() < deadline_s:
             time.sleep(0.005)
         assert len(read(path)[0]) == 1

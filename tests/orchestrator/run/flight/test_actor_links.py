@@ -223,8 +223,11 @@ async def test_an_attached_actor_flies_at_an_attached_vehicle_by_two_words(tmp_p
 
 
 async def test_an_abort_lands_both(tmp_path: Path) -> None:
+    # For three quarters of a minute it is under way: the command comes before it touches.
+    slow = "world.objects.intruder.motion.waypoints.1.speed_m_s=0.05"
     async with hall() as there:
-        given = ("--mode", "real", "--json", *there.sets, "--arm-real", "--arm-actors")
+        arming = ("--arm-real", "--arm-actors")
+        given = ("--mode", "real", "--json", *there.sets, "--set", slow, *arming)
         async with Program(tmp_path / "out", *given, flown=AVOID) as program:
             await _airborne(program)
             await program.operate("abort")

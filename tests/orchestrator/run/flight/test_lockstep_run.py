@@ -106,7 +106,7 @@ async def test_processes_that_are_late_make_a_flight_slow_and_not_red(
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "PASS"
     (pace,) = [one["times_real_time"] for one in journal if one["event"] == "paced"]
-    assert 0.2 < float(str(pace)) < 3.9
+    assert float(str(pace)) < 3.9
 
 
 async def hanging(program: Program) -> tuple[Path, int]:
