@@ -25,8 +25,8 @@ class FlightRecord:
 
     inputs: a digest of all files read and of the versions; a flight with the same seed and inputs
     is a repetition. margin: the smallest of the judged vehicle's required oracles in metres (else
-    in any unit), None without one. ending: why its campaign ended early, else empty; None where that was not recorded.
-    host: the name of the machine; empty in lines of earlier versions.
+    in any unit), None without one. ending: why its campaign ended early, else empty; None where
+    that was not recorded. host: the name of the machine; empty in lines of earlier versions.
     """
 
     campaign: str
