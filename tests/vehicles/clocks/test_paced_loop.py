@@ -222,8 +222,16 @@ def test_a_loop_that_is_flooded_reports_all_the_same() -> None:
         theirs.send(b"never read")
         loop.add_reader(ours, lambda: None)
         reports: list[float] = []
-        progress = ProgressReporter(loop=loop, report=reports.append)
-        await asyncio.sleep(1.0)
+        has_seen_enough = asyncio.Event()
+
+        def report(run_s: float) -> None:
+            reports.append(run_s)
+            if len(reports) > 3:
+                has_seen_enough.set()
+
+        progress = ProgressReporter(loop=loop, report=report)
+        async with asyncio.timeout(600.0):
+            await has_seen_enough.wait()
         progress.stop()
         loop.remove_reader(ours)
         ours.close()
