@@ -352,24 +352,33 @@ def test_all_missing_files_and_the_autonomys_are_reported_at_once(files: Any, ca
     [
         (
             "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\ntime.sleep(600)\n",
+            1.0,
             "is not imported and built within 1 s: it blocks",
         ),
-        ("import os\nos._exit(7)\n", "ends its process (exit status 7)"),
-        ("KEPT = b'x' * 5_000_000_000\n", "it asks for more memory than autonomy.limits.memory_mb"),
+        ("import os\nos._exit(7)\n", 5.0, "ends its process (exit status 7)"),
+        (
+            "KEPT = b'x' * 5_000_000_000\n",
+            5.0,
+            "it asks for more memory than autonomy.limits.memory_mb",
+        ),
     ],
 )
 @pytest.mark.parametrize("command", ["validate", "plan", "run"])
 def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
-    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch, command: str, fault: tuple[str, str]
+    files: Any,
+    capsys: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    fault: tuple[str, float, str],
 ) -> None:
-    code, text = fault
-    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 1.0)
+    code, build_s, text = fault
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", build_s)
     pilot = Path(files.folder) / "pilot.py"
     pilot.write_text(code + pilot.read_text())
     began_s = time.monotonic()
     assert main([command, str(files.path)]) == 2
     assert text in capsys.readouterr().err
-    assert time.monotonic() - began_s < 60.0
+    assert time.monotonic() - began_s < 200.0
 
 
 def test_a_fork_that_waits_for_a_lock_is_no_evidence_that_the_autonomy_blocks(
@@ -420,17 +429,17 @@ def test_garbage_of_this_process_is_not_collected_in_a_fork(
 def test_time_without_a_processor_is_not_the_autonomys(
     files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 3.0)
+    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 9.0)
     monkeypatch.setattr(threading, "active_count", lambda: 1)  # a fork has a third of it
     autonomy, runs = Path(files.folder) / "pilot.py", Path(files.folder) / "runs"
     works = f"import time\nopen({str(runs)!r}, 'a').write('x')\n"
-    works += "while time.process_time() < 0.5: pass\n"
+    works += "while time.process_time() < 1.2: pass\n"
     autonomy.write_text(works + autonomy.read_text())
     began_s = time.monotonic()
     with one_busy_core(4):
         code = main(["validate", str(files.path)])
     assert (code, runs.read_text()) == (0, "x"), capsys.readouterr().err
-    assert time.monotonic() - began_s > 1.0
+    assert time.monotonic() - began_s > 3.0
 
 
 def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(files: Any) -> None:

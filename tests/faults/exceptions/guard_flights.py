@@ -133,7 +133,7 @@ async def _fly(folder: Path, outcome: GuardOutcome, probe: Probe) -> None:
 
     loop.set_exception_handler(unhandled)
     account = TaskAccount(fault=faults.take, expected=(VehicleError, OSError))
-    flight = RemoteFlight(folder)
+    flight = RemoteFlight(folder, lost_s=1.0)
 
     def event(happened: Any) -> None:
         outcome.events.append(happened.kind)

@@ -242,8 +242,8 @@ def test_a_sharp_polygon_with_little_area_is_one() -> None:
 def test_a_path_of_an_impossible_velocity_is_a_breach_within_a_second() -> None:
     """Where a fence has no sides, a broken velocity kept the guard busy for minutes."""
     fence = Fence(exclusions=(Circle((50, 50), 5),), floor_up_m=0, ceiling_up_m=10)
-    begin_s = time.monotonic()
+    begin_s = time.process_time()
     breach = fence.breached(Motion((0, 0, -5), (1e6, 0, 0)), latency_s=0.7, braking_m_s2=2.5)
     assert breach is not None
     assert breach.predicted
-    assert time.monotonic() - begin_s < 2.0
+    assert time.process_time() - begin_s < 2.0

@@ -1,4 +1,4 @@
-"""A fake vehicle as a program: PORT SYSTEM UP_M LOG; lands by itself once nobody speaks to it."""
+"""A fake vehicle as a program: PORT SYSTEM UP_M LOST_S LOG; lands by itself once nobody speaks."""
 
 import asyncio
 import math
@@ -12,10 +12,8 @@ from vehicles.autopilots.autopilot import Mode
 from vehicles.links.link_strings import parse_link
 from vehicles.links.udp import UdpLink
 
-_LOST_S = 1.0
 
-
-async def fly(port: int, system: int, up_m: float, log: Path) -> None:
+async def fly(port: int, system: int, up_m: float, lost_s: float, log: Path) -> None:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
@@ -35,7 +33,7 @@ async def fly(port: int, system: int, up_m: float, log: Path) -> None:
     async with link:
         with log.open("w") as words:
             while not stop.is_set():
-                if loop.time() - heard_s[0] > _LOST_S and vehicle.mode is Mode.GUIDED:
+                if loop.time() - heard_s[0] > lost_s and vehicle.mode is Mode.GUIDED:
                     vehicle.mode, vehicle.critical = Mode.LAND, True
                     words.write(f"{loop.time():.4f} FAILSAFE\n")
                 vehicle.step(loop.time())
@@ -49,4 +47,5 @@ async def fly(port: int, system: int, up_m: float, log: Path) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(fly(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), Path(sys.argv[4])))
+    _port, _system, _up_m, _lost_s, _log = sys.argv[1:]
+    asyncio.run(fly(int(_port), int(_system), float(_up_m), float(_lost_s), Path(_log)))

@@ -26,6 +26,9 @@ FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
 DRIVER = Codec(system_id=245, component_id=190)
 PATIENT = GuardSettings(orchestrator_silent_s=5.0)
 """A test on a loaded machine may be silent for longer than an orchestrator may."""
+SILENT_S, LOST_S = 4.0, 8.0
+"""How long the orchestrator of this file may be silent, and how long the fake vehicles wait until
+they land by themselves: who acts is seen by when it does."""
 
 
 def guard_config(
@@ -49,13 +52,15 @@ def guard_config(
 class RemoteFlight:
     """A remote guard over two fake vehicles that are in the air; the test is the orchestrator."""
 
-    def __init__(self, folder: Path, *, up_m: float = 0.4, **charter_fields: Any) -> None:
+    def __init__(
+        self, folder: Path, *, up_m: float = 0.4, lost_s: float = LOST_S, **charter_fields: Any
+    ) -> None:
         self.folder = folder
         self.guard = RemoteGuard(
             guard_config=guard_config(folder, **{"settings": PATIENT, **charter_fields}),
             record=lambda *row: self.wire.append(row),
         )
-        self.up_m = up_m
+        self.up_m, self.lost_s = up_m, lost_s
         self.wire: list[tuple[str, float, bytes]] = []
         self.heard: dict[str, int] = dict.fromkeys(SYSTEMS, 0)
         self.pids: dict[str, int] = {}
@@ -81,8 +86,8 @@ class RemoteFlight:
 
     def _argv(self, name: str, system: int) -> list[str]:
         program = [sys.executable, "-m", "tests.safety.guard.fake_vehicle_program"]
-        log = str(self.folder / f"{name}.words")
-        return [*program, str(self.guard.port(name)), str(system), str(self.up_m), log]
+        numbers = (self.guard.port(name), system, self.up_m, self.lost_s)
+        return [*program, *map(str, numbers), str(self.folder / f"{name}.words")]
 
     def _hear(self, name: str) -> Callable[[bytes, float], None]:
         def hear(data: bytes, t_s: float) -> None:
@@ -123,7 +128,7 @@ def log_lines(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "guard.jsonl").read_text().splitlines()]
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 10.0) -> float:
+async def until(condition: Callable[[], bool], timeout_s: float = 60.0) -> float:
     """Wait until a condition holds; returns when."""
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(timeout_s):
@@ -146,13 +151,13 @@ async def start_orchestrator(
         cwd=ROOT,
     )
     assert program.stdout is not None
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(120.0):
         line = await program.stdout.readline()
     return program, json.loads(line)
 
 
 async def _orchestrate(folder: Path, patience_s: float, last: Callable[[], Awaitable[Any]]) -> None:
-    settings = GuardSettings()
+    settings = GuardSettings(orchestrator_silent_s=SILENT_S)
     async with RemoteFlight(folder, up_m=0.6, settings=settings, patience_s=patience_s) as flight:
         sys.stdout.write(json.dumps({"guard": flight.guard.pid, **flight.pids}) + "\n")
         sys.stdout.flush()

@@ -33,6 +33,8 @@ async def vehicle(link: str, autopilot: str) -> AsyncIterator[None]:
         seed=1,
         speed=SPEED,
         running_s=30.0,  # ArduCopter boots for 40 s
+        # Else it disarms on the ground 10 s after it was armed: by the wall, in 1.25 s.
+        parameters={"COM_DISARM_PRFLT" if autopilot == "px4" else "DISARM_DELAY": 60.0},
     )
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),

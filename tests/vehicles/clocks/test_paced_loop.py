@@ -131,7 +131,7 @@ def test_a_loop_reports_how_far_it_has_come_and_a_thread_s_job_holds_it_back() -
             await asyncio.sleep(0.1)
         before = list(reports)
         began_s = loop.time()
-        await asyncio.to_thread(time.sleep, 0.1)
+        await asyncio.to_thread(time.sleep, 0.3)
         ended_s = loop.time()
         during = reports[len(before) :]
         await asyncio.sleep(0.1)
@@ -144,8 +144,9 @@ def test_a_loop_reports_how_far_it_has_come_and_a_thread_s_job_holds_it_back() -
     assert before == sorted(before)
     assert before[-1] <= began_s
     assert len(before) > 3
-    assert ended_s >= began_s + 1.0
-    assert max(during, default=0.0) <= ended_s - 0.9
+    assert ended_s >= began_s + 3.0
+    # A busy machine may note the job's start late, by less than half of what it takes.
+    assert max(during, default=0.0) <= ended_s - 1.5
 
 
 def test_a_loop_that_is_ahead_of_the_first_piece_reports_how_far_it_is() -> None:
@@ -222,8 +223,16 @@ def test_a_loop_that_is_flooded_reports_all_the_same() -> None:
         theirs.send(b"never read")
         loop.add_reader(ours, lambda: None)
         reports: list[float] = []
-        progress = ProgressReporter(loop=loop, report=reports.append)
-        await asyncio.sleep(1.0)
+        has_seen_enough = asyncio.Event()
+
+        def report(run_s: float) -> None:
+            reports.append(run_s)
+            if len(reports) > 3:
+                has_seen_enough.set()
+
+        progress = ProgressReporter(loop=loop, report=report)
+        async with asyncio.timeout(600.0):
+            await has_seen_enough.wait()
         progress.stop()
         loop.remove_reader(ours)
         ours.close()

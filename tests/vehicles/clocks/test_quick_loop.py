@@ -102,12 +102,19 @@ def test_a_closed_far_end_wakes_its_reader() -> None:
 
 def test_more_sockets_than_a_turn_takes_are_all_read() -> None:
     async def main() -> list[str]:
-        loop, ran = asyncio.get_running_loop(), set[int]()
+        loop, ran, all_read = asyncio.get_running_loop(), set[int](), asyncio.Event()
         pairs = [socket.socketpair() for _ in range(40)]
+
+        def read(number: int) -> None:
+            ran.add(number)
+            if len(ran) == len(pairs):
+                all_read.set()
+
         for number, (end, far) in enumerate(pairs):
-            loop.add_reader(end, ran.add, number)
+            loop.add_reader(end, read, number)
             far.send(b"word")
-        await asyncio.sleep(0.05)
+        async with asyncio.timeout(60.0):
+            await all_read.wait()
         for end, far in pairs:
             loop.remove_reader(end)
             end.close()

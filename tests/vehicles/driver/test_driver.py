@@ -409,11 +409,10 @@ async def test_over_udp_on_the_wall_clock(autopilot: AutopilotName) -> None:
         Driver(name="real", link=ours) as driver,
         EmbeddedVehicle(config=config, link=theirs, seed=1),
     ):
-        identity = await driver.identify(5.0)
+        identity = await driver.identify(60.0)
         assert identity.autopilot == autopilot
         name = "COM_OF_LOSS_T" if autopilot == "px4" else "GUID_TIMEOUT"
         await driver.parameters.set(name, 2.0)
-        await _until(lambda: driver.state.battery is not None and driver.clock.synchronised, 5.0)
-        uncertainty_s = driver.clock.uncertainty_s
-        assert uncertainty_s is not None
-        assert uncertainty_s < 0.1
+        await _until(lambda: driver.state.battery is not None and driver.clock.synchronised, 60.0)
+        # A busy machine answers late: the first round trips tell less.
+        await _until(lambda: (driver.clock.uncertainty_s or 9.0) < 0.1, 60.0)

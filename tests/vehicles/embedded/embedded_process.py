@@ -12,7 +12,7 @@ from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.links.link import LinkError
 from vehicles.processes.child import ChildProcess, how_it_ended
 
-_FIRST_WORD_S = 20.0
+_FIRST_WORD_S = 90.0
 
 
 class EmbeddedProcess:

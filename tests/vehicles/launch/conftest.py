@@ -1,11 +1,13 @@
 """Simulators that are none: small programs that say and do what the real ones do at their start."""
 
+import fcntl
 import os
 import signal
 import stat
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -91,13 +93,31 @@ time.sleep(600)
     def files(self, name: str) -> list[Path]:
         return list(self.folder.rglob(name))
 
+    def end(self) -> None:
+        """Kill who should be gone."""
+        for pid in self.mourned:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
 
 @pytest.fixture
 def sims(tmp_path: Path) -> Iterator[Simulators]:
     made = Simulators(tmp_path)
-    yield made
-    for pid in made.mourned:
+    with _alone():
+        yield made
+        made.end()
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Wait until no other worker of pytest-xdist tests launches.
+
+    Each test has locks of its own, and would take the instance, and the ports, of another's.
+    """
+    with Path(__file__).open(encoding="utf-8") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
         try:
-            os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            continue
+            yield
+        finally:
+            # What was forked meanwhile and lives on has this file open, too.
+            fcntl.flock(file, fcntl.LOCK_UN)

@@ -30,9 +30,9 @@ SPEED = 8.0
 """At most: the clock waits for the flight, so that a machine that is busy loses no link."""
 
 
-def patient_loop() -> PacedLoop:
+def patient_loop(speed: float = SPEED) -> PacedLoop:
     """Return a loop whose clock is never more than LEAD_S ahead of what is done by it."""
-    loop, lockstep = PacedLoop(SPEED), Lockstep(nominal=SPEED)
+    loop, lockstep = PacedLoop(speed), Lockstep(nominal=speed)
     lockstep.join("flight")
     lockstep.begin(loop.segment)
 
@@ -188,7 +188,7 @@ def test_a_peer_that_resets_every_connection_is_tried_for_less_and_less(
         async with resetting(port, counted), link:
             await asyncio.sleep(30.0)
 
-    with asyncio.Runner(loop_factory=lambda: PacedLoop(10.0)) as runner:
+    with asyncio.Runner(loop_factory=patient_loop) as runner:
         runner.run(tried())
     # After 0.2, 0.4, 0.8, 1.6 and then every 3 s; not five times a second.
     assert 4 <= len(counted) <= 16

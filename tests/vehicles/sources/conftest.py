@@ -19,9 +19,9 @@ RATE_HZ = 50
 
 
 def known_picture(k: int, width: int = 160, height: int = 120) -> Picture:
-    """Return picture k: its brightness in the left half says k, the rest moves."""
+    """Return picture k: its brightness at the left says k, the rest moves; again after 60."""
     rows, columns = np.mgrid[0:height, 0:width]
-    wave = 128 + 80 * np.sin((2 * columns + rows + 9 * k) / 12.0)
+    wave = 128 + 80 * np.sin((2 * columns + rows + 9 * (k % 60)) / 12.0)
     picture = np.stack((wave, wave, wave - 40), axis=-1).astype(np.uint8)
     picture[:, : width // 4] = 40 + 3 * (k % 60)
     return picture

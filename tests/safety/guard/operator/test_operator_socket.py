@@ -67,7 +67,7 @@ async def say(writer: asyncio.StreamWriter, command: str) -> None:
 async def ask(controller: Controller, command: str) -> tuple[dict[str, Any], asyncio.StreamWriter]:
     reader, writer = await controller.connect()
     await say(writer, command)
-    async with asyncio.timeout(2.0):
+    async with asyncio.timeout(30.0):
         return json.loads(await reader.readline()), writer
 
 
@@ -81,7 +81,7 @@ async def test_watchers_keep_no_command_out(controller: Controller) -> None:
     assert [command.kind for command in controller.obeyed] == ["abort"]
     # The place of a watcher that goes is free again.
     watching[0][1].close()
-    async with asyncio.timeout(3.0):
+    async with asyncio.timeout(30.0):
         while not (await ask(controller, "watch"))[0]["ok"]:  # noqa: ASYNC110 - a place sets no event
             await asyncio.sleep(0.05)
 
@@ -91,7 +91,7 @@ async def test_silent_connections_keep_no_command_out(controller: Controller) ->
     answer, _ = await ask(controller, "abort")
     assert answer["ok"]
     # Those that were silent longest made room, and nobody else.
-    async with asyncio.timeout(2.0):
+    async with asyncio.timeout(30.0):
         assert await silent[0][0].read() == b""
     assert not silent[-1][0].at_eof()
     assert any("the oldest is closed" in text for text in controller.refused)
@@ -103,7 +103,7 @@ async def test_a_watcher_may_send_an_abort(controller: Controller) -> None:
     reader, writer = await controller.connect()
     await say(writer, "watch")
     await say(writer, "abort")
-    async with asyncio.timeout(2.0):
+    async with asyncio.timeout(30.0):
         commands = [json.loads(await reader.readline())["command"] for _ in range(3)]
     assert commands == ["watch", "abort", "watch"]
     assert [one.kind for one in controller.obeyed] == ["abort"]
@@ -122,9 +122,9 @@ async def test_a_watcher_that_does_not_read_is_dropped(
     await say(writer, "watch")
     await reader.readline()
     before = len(asyncio.all_tasks())
-    dropped_s = time.monotonic() + 5.0
+    dropped_s = time.monotonic() + 60.0
     while time.monotonic() < dropped_s:
-        async with asyncio.timeout(2.0):
+        async with asyncio.timeout(30.0):
             assert await reader.readline()
         deaf_is_gone = len(asyncio.all_tasks()) < before
         if deaf_is_gone:

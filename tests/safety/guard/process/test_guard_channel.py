@@ -43,6 +43,12 @@ class Ends:
         for one in (self.sender, self.receiver):
             one.open()
 
+    async def until(self, count: int) -> None:
+        """Wait until so many messages have been received."""
+        async with asyncio.timeout(60.0):
+            while len(self.received) < count:  # noqa: ASYNC110 - the other end sets no event
+                await asyncio.sleep(0.01)
+
     def close(self) -> None:
         self.sender.close()
         self.receiver.close()
@@ -61,7 +67,7 @@ async def test_a_command_overtakes_what_waits_and_takes_it_along() -> None:
     await asyncio.sleep(0.05)
     assert ends.received == []
     ends.sender.send(abort)
-    await asyncio.sleep(0.05)
+    await ends.until(3)
     assert ends.received == [abort, Alive(), position(2.0)]
     ends.close()
 
@@ -71,7 +77,7 @@ async def test_a_setpoint_that_is_limited_comes_after_the_position_that_limits_i
     setpoint = Bytes(0, 1.0, b"setpoint")
     ends.sender.send_soon(position(1.0), key=0, within_s=30.0)
     ends.sender.send(setpoint, last=True)
-    await asyncio.sleep(0.05)
+    await ends.until(2)
     assert ends.received == [position(1.0), setpoint]
     ends.close()
 
@@ -88,9 +94,7 @@ async def test_what_replaces_another_that_waits_goes_alone() -> None:
 async def test_what_waits_goes_by_itself_in_time() -> None:
     ends = Ends()
     ends.sender.send_soon(position(1.0), key=0, within_s=0.05)
-    async with asyncio.timeout(5.0):
-        while not ends.received:  # noqa: ASYNC110 - the other end sets no event
-            await asyncio.sleep(0.01)
+    await ends.until(1)
     assert ends.received == [position(1.0)]
     ends.close()
 
@@ -99,7 +103,7 @@ async def test_a_position_without_a_finite_time_is_garbage() -> None:
     ends = Ends()
     ends.sender.send(position(math.nan))
     ends.sender.send(Alive())
-    await asyncio.sleep(0.05)
+    await ends.until(1)
     assert ends.received == [Alive()]
     assert ends.receiver.garbage == 1
     ends.close()
@@ -112,7 +116,7 @@ async def test_numbers_of_numpy_travel_as_plain_ones() -> None:
     north_m = np.float64(2.5)
     message = Position(number, t_s, (north_m, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
     ends.sender.send(message)
-    await asyncio.sleep(0.05)
+    await ends.until(1)
     (received,) = ends.received
     assert received == message
     assert isinstance(received, Position)

@@ -23,7 +23,9 @@ from safety.guard.process.orphaned_processes import reap_orphans, records
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.guard.process.runtime_folder import open_runtime_folder
 from tests.safety.guard.remote_rigs import (
+    LOST_S,
     ROOT,
+    SILENT_S,
     RemoteFlight,
     guard_config,
     log_lines,
@@ -64,7 +66,7 @@ async def ask(folder: Path, *commands: dict[str, Any] | bytes) -> list[dict[str,
     for command in commands:
         line = command if isinstance(command, bytes) else json.dumps(command).encode()
         writer.write(line + b"\n")
-        async with asyncio.timeout(2.0):
+        async with asyncio.timeout(30.0):
             answers.append(json.loads(await reader.readline()))
     writer.close()
     await writer.wait_closed()
@@ -72,17 +74,18 @@ async def ask(folder: Path, *commands: dict[str, Any] | bytes) -> list[dict[str,
 
 
 async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
+    began_s = asyncio.get_running_loop().time()
     async with RemoteFlight(folder) as flight:
         assert os.getsid(flight.guard.pid) == flight.guard.pid != os.getsid(0)
         await until(lambda: len(flight.wire) >= 2)
         name, t_s, _ = flight.wire[-1]
         assert name in {"real", "twin"}
-        assert abs(asyncio.get_running_loop().time() - t_s) < 1.0
+        assert began_s <= t_s <= asyncio.get_running_loop().time()
         granted = next(one["scheduling"] for one in log_lines(folder) if one["event"] == "opened")
         assert granted == granted_scheduling()
         assert (granted == "real-time") == (os.sched_getscheduler(flight.guard.pid) & 7 == RR)
         flight.guard.bring_down("done")
-        assert await flight.guard.all_down(10.0)
+        assert await flight.guard.all_down(60.0)
         assert flight.guard.phases == {"real": Phase.DOWN, "twin": Phase.DOWN}
     assert gone(flight.guard.pid)
     assert all(map(gone, flight.pids.values()))
@@ -104,7 +107,7 @@ async def test_a_position_outside_of_the_fence_brings_both_down(folder: Path) ->
     async with RemoteFlight(folder) as flight:
         flight.place("real", 0.0)
         flight.place("real", 7.0)
-        assert await flight.guard.all_down(10.0)
+        assert await flight.guard.all_down(60.0)
         assert flight.kinds() == ["fence"]
     assert [word for _, word in words(folder, "twin")][-1] == "END armed=False up_m=0.00"
 
@@ -128,7 +131,7 @@ async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
         flight.place("real", 4.0)
         flight.place("real", 8.0)
         flight.place("twin", 5.5)
-        assert await flight.guard.all_down(10.0)
+        assert await flight.guard.all_down(60.0)
         assert flight.kinds() == ["refused", "geofence", "fence"]
         (breach,) = [event for event in flight.guard.events if event.kind == "fence"]
         assert breach.vehicle == "twin"
@@ -144,7 +147,8 @@ async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
     for name in ("real", "twin"):
         heard = words(folder, name)
         first_s = min(t_s for t_s, word in heard if word in {"HOLD", "ZERO"} and t_s > killed_s)
-        assert first_s - killed_s < 0.5
+        # It was told by the channel's end, not by the silence.
+        assert first_s - killed_s < 3.0 < SILENT_S
         assert heard[-1][1] == "END armed=False up_m=0.00"
         assert "FAILSAFE" not in [word for _, word in heard]
     lines = log_lines(folder)
@@ -161,7 +165,7 @@ async def test_stopped_orchestrator(folder: Path) -> None:
     program.send_signal(signal.SIGSTOP)
     await until(lambda: "LAND" in [word for _, word in words(folder, "twin")])
     first_s = min(t_s for t_s, word in words(folder, "twin") if word == "HOLD")
-    assert first_s - stopped_s < 0.6
+    assert first_s - stopped_s < 7.0 < LOST_S
     # It may be so for ever: guard and vehicles do not stay for it.
     await until(lambda: all(gone(pid) for pid in pids.values()))
     assert ProcessId.of(program.pid) is not None
@@ -173,11 +177,11 @@ async def test_stopped_orchestrator(folder: Path) -> None:
 async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.guard.pid, signal.SIGKILL)
-        await until(lambda: flight.kinds() == ["guard"], 1.0)
+        await until(lambda: flight.kinds() == ["guard"], 30.0)
         heard = dict(flight.heard)
         assert not await flight.guard.at_rest(0.05)
-        assert await flight.guard.all_down(10.0)
-        assert await flight.guard.at_rest(1.0)
+        assert await flight.guard.all_down(60.0)
+        assert await flight.guard.at_rest(30.0)
         assert not any(map(gone, flight.pids.values()))
         assert all(flight.heard[name] > heard[name] for name in heard)
         flight.guard.command(OperatorCommand("abort", "nobody hears this"))
@@ -189,8 +193,8 @@ async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -
 async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.guard.pid, signal.SIGSTOP)
-        await until(lambda: flight.kinds() == ["guard"], 5.0)
-        assert await flight.guard.all_down(10.0)
+        await until(lambda: flight.kinds() == ["guard"], 30.0)
+        assert await flight.guard.all_down(60.0)
     assert gone(flight.guard.pid)
     assert all(map(gone, flight.pids.values()))
 
@@ -198,7 +202,7 @@ async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
 async def test_killed_vehicle_brings_the_other_down(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.pids["real"], signal.SIGKILL)
-        assert await flight.guard.all_down(10.0)
+        assert await flight.guard.all_down(60.0)
         assert flight.kinds() == ["lost"]
         assert flight.guard.events[-1].vehicle == "twin"
         ended = flight.guard.ended("real")
@@ -234,7 +238,7 @@ async def test_the_operators_socket(folder: Path) -> None:
         sent_s = asyncio.get_running_loop().time()
         (abort,) = await ask(folder, {"command": "abort", "who": "anna"})
         assert abort["latched"] == "abort"
-        assert await flight.guard.all_down(10.0)
+        assert await flight.guard.all_down(60.0)
         assert flight.kinds() == ["hold", "resume", "abort"]
         assert flight.guard.events[-1].t_s > sent_s
     refused = [line["text"] for line in log_lines(folder) if line["event"] == "refused"]
@@ -285,7 +289,7 @@ async def test_a_log_that_cannot_be_written_is_an_error_and_the_guard_goes_on(fo
             ("ERROR", "guard.record/twin"),
         }
         flight.guard.bring_down("done")
-        assert await flight.guard.all_down(10.0)
+        assert await flight.guard.all_down(60.0)
     assert flight.kinds().count("record") == 2
 
 
@@ -316,13 +320,16 @@ async def test_a_guard_whose_start_is_cancelled_ends_at_once(folder: Path) -> No
     """Else it keeps the ports of its links for two minutes, and the next run cannot open them."""
     guard = RemoteGuard(guard_config=guard_config(folder))
     starting = asyncio.create_task(guard.__aenter__())
-    await until((folder / "guard.stderr").exists)
-    await asyncio.sleep(0.01)
+    await asyncio.sleep(0.0)  # until it waits for the guard
     pid = guard.pid
+    os.kill(pid, signal.SIGSTOP)  # it neither opens its links nor ends by itself
     starting.cancel()
     with pytest.raises(asyncio.CancelledError):
         await starting
-    assert gone(pid)
+    is_gone = gone(pid)
+    if not is_gone:
+        os.kill(pid, signal.SIGKILL)  # it would be stopped for ever
+    assert is_gone
 
 
 async def test_a_program_that_cannot_start(folder: Path) -> None:

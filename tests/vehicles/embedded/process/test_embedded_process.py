@@ -6,11 +6,14 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from tests.ports import free_port
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
+from vehicles.embedded.physics.states import TruthSample
 from vehicles.embedded.process.embedded_launch import FeedClient
 from vehicles.embedded.process.embedded_process import main
 from vehicles.embedded.process.process_settings import ProcessSettings, Start
@@ -29,8 +32,14 @@ def alive(pid: int) -> bool:
     return True
 
 
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(60.0):
+        while not condition():  # noqa: ASYNC110 - another process has no event
+            await asyncio.sleep(0.02)
+
+
 async def gone(pid: int) -> bool:
-    for _ in range(100):
+    for _ in range(1200):
         if not alive(pid):
             return True
         await asyncio.sleep(0.05)
@@ -52,16 +61,23 @@ async def test_lives_beside_us_and_ends_with_the_context() -> None:
         start=Start(north_m=1.5, up_m=0.2, yaw_deg=90.0),
     )
     async with link, EmbeddedProcess(settings=settings) as process:
+        now_s = asyncio.get_running_loop().time
         truths: list[float] = []
+        late_s: list[float] = []
         sources: set[str] = set()
-        process.feed.on_truth(lambda sample: truths.append(sample.t_s), 10)
+
+        def take(sample: TruthSample) -> None:
+            truths.append(sample.t_s)
+            late_s.append(now_s() - sample.t_s)
+
+        process.feed.on_truth(take, 10)
         process.feed.on_mocap(lambda reading: sources.add(reading.source))
-        await asyncio.sleep(0.6)
-        assert "HEARTBEAT" in heard
+        await until(lambda: len(truths) >= 10 and "HEARTBEAT" in heard and bool(sources))
         assert sources == {"twin"}
-        assert 4 <= len(truths) <= 8
-        # Its clock is the clock of this machine.
-        assert truths[-1] == pytest.approx(asyncio.get_running_loop().time(), abs=0.2)
+        # By its stamps: how often they come is the machine's matter, too.
+        assert float(np.median(np.diff(truths))) == pytest.approx(0.1, abs=0.01)
+        # Its clock is the clock of this machine; it may be a step ahead.
+        assert -0.1 < min(late_s) < 1.0
         truth = process.feed.truth()
         assert truth is not None
         assert truth.pose.position_ned_m == pytest.approx((1.5, 0.0, -0.2), abs=0.01)
@@ -69,9 +85,10 @@ async def test_lives_beside_us_and_ends_with_the_context() -> None:
         pid = process.pid
         process.feed.notify("start", 1.0)
         process.feed.fault(Fault("mute"))
-        await asyncio.sleep(0.1)
-        heard.clear()
-        await asyncio.sleep(0.3)
+        for _ in range(2):  # what was sent before it was mute may come until the first time
+            heard.clear()
+            truths.clear()
+            await until(lambda: len(truths) >= 5)
         assert heard == []
     assert process.exit_code == 0
     assert not alive(pid)
@@ -84,7 +101,7 @@ async def test_a_kill_fault_ends_it() -> None:
     async with EmbeddedProcess(settings=settings) as process:
         assert process.pid is not None
         process.feed.fault(Fault("kill"))
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             while process.exit_code is None:  # noqa: ASYNC110 - another process has no event
                 await asyncio.sleep(0.02)
     assert process.exit_code == 0
@@ -95,15 +112,15 @@ async def test_a_fault_of_its_settings_begins_at_its_moment() -> None:
         autopilot="px4",
         link=f"udpout://127.0.0.1:{free_port()}",
         seed=1,
-        faults=("mute", "kill@0.3"),
+        faults=("mute", "kill@3"),
     )
     async with EmbeddedProcess(settings=settings) as process:
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             while process.exit_code is None:  # noqa: ASYNC110 - another process has no event
                 await asyncio.sleep(0.02)
         assert process.stderr_tail.split("\n")[-2:] == [
             "fault begun: mute",
-            "fault begun: kill@0.3",
+            "fault begun: kill@3",
         ]
     assert process.exit_code == 0
 
@@ -142,7 +159,7 @@ async def test_it_does_not_outlive_a_parent_that_is_killed() -> None:
         sys.executable, "-c", PARENT, str(free_port()), stdout=subprocess.PIPE
     )
     assert parent.stdout is not None
-    pid = int(await asyncio.wait_for(parent.stdout.readline(), 20.0))
+    pid = int(await asyncio.wait_for(parent.stdout.readline(), 120.0))
     assert alive(pid)
     parent.send_signal(signal.SIGKILL)
     await parent.wait()
@@ -160,7 +177,7 @@ async def test_garbage_on_the_feed_is_counted() -> None:
     async with FeedClient(source="real") as client:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.sendto(b"hello", ("127.0.0.1", client.port))
-        async with asyncio.timeout(2.0):
+        async with asyncio.timeout(60.0):
             while client.garbage == 0:  # noqa: ASYNC110 - a counter has no event
                 await asyncio.sleep(0.01)
         assert client.truth() is None

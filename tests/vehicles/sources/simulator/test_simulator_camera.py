@@ -272,6 +272,7 @@ async def test_a_first_image_that_takes_long_is_waited_for_and_not_counted() -> 
         async with ZmqImageSource(address=simulator.address, timeout_s=0.2) as source:
             await source.warm_up(AHEAD, CAMERA, 0.0)
             assert source.counts.asked == 0
+            source._timeout_s = 20.0
             await ask(source)
     assert source.counts.answered == 1
     assert source.counts.timeouts == 0
@@ -279,12 +280,13 @@ async def test_a_first_image_that_takes_long_is_waited_for_and_not_counted() -> 
 
 async def test_a_time_out_names_the_limit_that_was_waited_for() -> None:
     def silent(question: dict[str, Any]) -> list[bytes]:
-        time.sleep(0.6 if question["type"] == "ask" else 0.0)
+        time.sleep(1.5 if question["type"] == "ask" else 0.0)
         return right(question)
 
     with Simulator(silent) as simulator:
         async with ZmqImageSource(
-            address=simulator.address, timeout_s=9.0, open_timeout_s=0.3
+            address=simulator.address, timeout_s=9.0, open_timeout_s=20.0
         ) as source:
+            source._open_timeout_s = 0.3
             with pytest.raises(SimulatorError, match=r"did not answer in 0\.3 s"):
                 await source.warm_up(AHEAD, CAMERA, 0.0)
