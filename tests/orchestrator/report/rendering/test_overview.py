@@ -153,8 +153,8 @@ def test_the_smallest_margin_is_of_a_limit_that_was_exceeded(
     assert margin_text(judged(*margins)) == text
 
 
-def test_the_history_keeps_the_same_margin(tmp_path: Path) -> None:
+def test_the_history_keeps_metres_in_which_flights_are_compared(tmp_path: Path) -> None:
     folder = write_flown(tmp_path / "a", flights("a", "wil", "F"), with_motion=False)
     (folder / "a/wil/1/result.json").write_text(to_json(judged(CLEAR, FAST)))
     (record,) = records_of(read_campaign(folder))
-    assert record.margin == -0.25
+    assert record.margin == 0.4
