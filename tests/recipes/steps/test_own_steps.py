@@ -31,6 +31,25 @@ def keep_left(work, other):
     return Masked(work.reading, mask)
 
 
+BUFFER = np.zeros((1, 1), np.uint8)
+
+
+def keep_own_side(work, other):
+    global BUFFER
+    if BUFFER.shape != work.reading.image_bgr.shape[:2]:
+        BUFFER = np.zeros(work.reading.image_bgr.shape[:2], np.uint8)
+    BUFFER[:] = 0
+    BUFFER[:, : 5 if work.reading.source == "real" else 10] = 255
+    return Masked(work.reading, BUFFER)
+
+
+def widths(sides):
+    real = sides["real"].reading
+    image = np.zeros_like(real.image_bgr)
+    image[0, 0, :2] = [np.count_nonzero(sides[name].mask[0]) for name in ("real", "twin")]
+    return replace(real, image_bgr=image)
+
+
 class Counter:
     def __init__(self, start):
         self.count = start
@@ -178,6 +197,15 @@ def test_a_step_that_reuses_its_buffer_leaves_earlier_mixtures_as_they_were(
     one = mixer(tmp_path, merge="{use: 'my_steps.py:Reuses'}")
     made = [mixed(one).reading.image_bgr for _ in range(3)]
     assert [int(image[0, 0, 0]) for image in made] == [1, 2, 3]
+
+
+def test_a_step_that_reuses_its_mask_leaves_the_other_side_s_as_it_was(tmp_path: Path) -> None:
+    one = mixer(
+        tmp_path,
+        "filter: [{use: 'my_steps.py:keep_own_side', on: both}]",
+        merge="{use: 'my_steps.py:widths'}",
+    )
+    assert mixed(one).reading.image_bgr[0, 0, :2].tolist() == [5, 10]
 
 
 def test_numbers_of_numpy_are_recorded_as_numbers(tmp_path: Path) -> None:

@@ -65,6 +65,15 @@ POSITION = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 VEHICLE = Codec(system_id=1, component_id=1)
 
 
+def streams_of(*plan: MessageRate) -> tuple[TelemetryStreams, Session, Wire]:
+    """Return the streams of a plan, of a vehicle that is identified."""
+    wire = Wire()
+    session = Session(link=wire, own=Target(245, 190))
+    session.target = Target(1)
+    streams = TelemetryStreams(session=session, autopilot=Px4(), target=Target(1), plan=plan)
+    return streams, session, wire
+
+
 async def say_positions(session: Session, rate_hz: float, for_s: float) -> None:
     for _ in range(round(rate_hz * for_s)):
         message = mavlink.MAVLink_local_position_ned_message(0, *[0.0] * 6)
@@ -76,15 +85,7 @@ def test_in_flight_no_stream_is_asked_for_that_has_never_come() -> None:
     """A vehicle without GPS has no global position, however often it is asked for."""
 
     async def scenario() -> list[float]:
-        wire = Wire()
-        session = Session(link=wire, own=Target(245, 190))
-        session.target = Target(1)
-        streams = TelemetryStreams(
-            session=session,
-            autopilot=Px4(),
-            target=Target(1),
-            plan=(MessageRate(POSITION, 50.0), MessageRate(33, 5.0)),
-        )
+        streams, session, wire = streams_of(MessageRate(POSITION, 50.0), MessageRate(33, 5.0))
         streams.watch()
         await say_positions(session, 50.0, 5.0)
         before = asked(wire.packets)
@@ -101,15 +102,7 @@ def test_a_stream_is_asked_for_again_only_while_it_is_too_slow() -> None:
     """A ground station's REQUEST_DATA_STREAM cuts an ArduPilot's positions to 3 Hz in flight."""
 
     async def scenario() -> list[int]:
-        wire = Wire()
-        session = Session(link=wire, own=Target(245, 190))
-        session.target = Target(1)
-        streams = TelemetryStreams(
-            session=session,
-            autopilot=Px4(),
-            target=Target(1),
-            plan=(MessageRate(POSITION, 50.0),),
-        )
+        streams, session, wire = streams_of(MessageRate(POSITION, 50.0))
         streams.request()
         streams.watch()
         counts = []

@@ -123,6 +123,12 @@ def test_an_output_of_two_layouts_needs_the_layout_stated() -> None:
     assert decoded(row, 1, "v5").boxes.tolist() == [[-5, 0, 25, 40]]
 
 
+def test_an_output_of_two_layouts_is_refused_before_a_flight(tmp_path: Path) -> None:
+    path = detector(tmp_path, "end2end", layout="end2end")._path
+    with pytest.raises(DetectorError, match="state layout: v5 or end2end"):
+        OnnxDetector(path, names=NAMES[:1], input_px=(INPUT_PX, INPUT_PX))
+
+
 def test_a_class_without_a_name_is_an_error_that_says_so(tmp_path: Path) -> None:
     path = detector(tmp_path, "end2end")._path
     options: Any = {"input_px": (INPUT_PX, INPUT_PX), "layout": "end2end"}
