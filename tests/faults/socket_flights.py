@@ -168,6 +168,9 @@ class _Flight:
         self._vehicle = await stack.enter_async_context(
             _vehicle(fault, self._folder, mavlink_port=mavlink.port, feed_port=capture.port)
         )
+        # Its process may begin later than a program waits for a vehicle.
+        async with asyncio.timeout(60.0):
+            await mavlink.heard.wait()
         return path
 
     @asynccontextmanager

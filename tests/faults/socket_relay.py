@@ -66,6 +66,7 @@ class MavlinkRelay:
 
     message_ids: of which kinds; None for all. port: where the vehicle sends to. own: what the
     vehicle itself says in a message's place, before anything is altered; None for what it is.
+    heard: the vehicle has said something.
     """
 
     change: Change
@@ -74,6 +75,7 @@ class MavlinkRelay:
     port: int = 0
     own: Callable[[Frame], Frame] | None = None
     altered: int = 0
+    heard: asyncio.Event = field(default_factory=asyncio.Event)
     _splitter: FrameSplitter = field(default_factory=FrameSplitter)
 
     @asynccontextmanager
@@ -105,6 +107,7 @@ class MavlinkRelay:
 
     def _pass_on(self, data: bytes, send: Callable[[bytes], None]) -> None:
         loop, active = asyncio.get_running_loop(), self.is_active()
+        self.heard.set()
         for received in self._splitter.feed(data):
             frame = received if self.own is None else self.own(received)
             concerned = self.message_ids is None or frame.message_id in self.message_ids
