@@ -1,9 +1,13 @@
 """log.jsonl: the events of a run, one JSON object per line, in order."""
 
 import json
-import os
 from pathlib import Path
 from typing import Self
+
+from vehicles.background_file import BackgroundFile
+
+_WRITTEN_WITHIN_S = 0.05
+"""How long an event waits for its line, so that a process that dies right after it loses none."""
 
 Detail = str | float | bool | None
 
@@ -15,25 +19,24 @@ class RunLog:
         self._path = path
 
     def __enter__(self) -> Self:
-        # Opened to append: internal exceptions are written also before this is opened. A lone
-        # surrogate, as in a vehicle's or an error's text, is written as a JSON escape.
-        self._file = self._path.open("a", encoding="utf-8", errors="backslashreplace")
+        # Opened to append: internal exceptions are written also before this is opened.
+        self._file = BackgroundFile(self._path, append=True)
         return self
 
     @property
     def is_removed(self) -> bool:
         """Return whether the file was removed: writing to it is lost without an error."""
-        return not self._file.closed and os.fstat(self._file.fileno()).st_nlink == 0
+        return self._file.is_removed
 
     def write(self, t_s: float, event: str, **details: Detail) -> None:
-        """Append an event to the run's log, flushed on return. Raises OSError.
+        """Append an event to the run's log, written on return by any but a stalled disk.
 
-        An event after the log was closed, as the loop shuts down, is ignored.
+        Raises OSError. An event after the log was closed, as the loop shuts down, is ignored.
         """
         if self._file.closed:
             return
         self._file.write(_line(t_s, event, details))
-        self._file.flush()
+        self._file.flush(_WRITTEN_WITHIN_S)
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
@@ -41,11 +44,15 @@ class RunLog:
 
 def append_event(path: Path, t_s: float, event: str, **details: Detail) -> None:
     """Append an event to a run's log, which may be open elsewhere. Raises OSError."""
-    with path.open("a", encoding="utf-8", errors="backslashreplace") as file:
+    with path.open("ab") as file:
         file.write(_line(t_s, event, details))
 
 
-def _line(t_s: float, event: str, details: dict[str, Detail]) -> str:
-    """Return an event as a line of a run's log."""
+def _line(t_s: float, event: str, details: dict[str, Detail]) -> bytes:
+    """Return an event as a line of a run's log.
+
+    A lone surrogate, as in a vehicle's or an error's text, is a JSON escape in it.
+    """
     line = {"t_s": round(t_s, 6), "event": event, **details}
-    return json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"
+    return text.encode("utf-8", "backslashreplace")

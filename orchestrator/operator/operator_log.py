@@ -3,20 +3,25 @@
 import contextlib
 import json
 import time
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime
 from pathlib import Path
 
 from safety.guard.core.operator_command import OperatorCommand
 
+_WRITTEN_WITHIN_S = 0.05
+
 
 class OperatorLog:
     """The operator log: one line for each command, executed or refused.
 
-    A full disk must not prevent an abort: the line is lost then.
+    A full disk must not prevent an abort: the line is lost then. A stalled one must not delay the
+    next command: a thread of its own writes the lines.
     """
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix=f"writer {path.name}")
 
     def write(self, command: OperatorCommand, *, ok: bool, text: str) -> None:
         """Append a command and its reply to the operator log."""
@@ -33,5 +38,10 @@ class OperatorLog:
     def _append(self, **fields: str | bool) -> None:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"utc": stamp, **fields}, ensure_ascii=False)
-        with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as stream:
-            stream.write(line + "\n")
+        data = (line + "\n").encode("utf-8", "backslashreplace")
+        for written in wait([self._writer.submit(self._append_line, data)], _WRITTEN_WITHIN_S).done:
+            written.result()
+
+    def _append_line(self, line: bytes) -> None:
+        with contextlib.suppress(OSError), self._path.open("ab") as stream:
+            stream.write(line)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Self
 
 from safety.evaluation.judge_log import JudgeLogPacker, LoggedSample
+from vehicles.background_file import BackgroundFile
 
 FILE_NAME = "judged.msgpack"
 
@@ -16,7 +17,7 @@ class JudgeLogWriter:
         self._packer = JudgeLogPacker()
 
     def __enter__(self) -> Self:
-        self._file = self._path.open("xb")
+        self._file = BackgroundFile(self._path)
         self._file.write(self._packer.header())
         self._last_flush_s = 0.0
         return self

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from vehicles.background_file import BackgroundFile
 from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from worlds.frames import Pose, Vec3, euler_from_quat
 
@@ -53,8 +54,8 @@ class TrajectoryWriter:
         self._path = path
 
     def __enter__(self) -> Self:
-        self._file = self._path.open("x", encoding="utf-8", newline="")
-        self._file.write(",".join(COLUMNS) + "\n")
+        self._file = BackgroundFile(self._path)
+        self._file.write((",".join(COLUMNS) + "\n").encode())
         self._last_flush_s = 0.0
         return self
 
@@ -69,7 +70,7 @@ class TrajectoryWriter:
             _setpoint(row.setpoint),
             _text(row.note),
         )
-        self._file.write(",".join(cells) + "\n")
+        self._file.write((",".join(cells) + "\n").encode())
         if row.t_s - self._last_flush_s >= 1.0:
             self._last_flush_s = row.t_s
             self._file.flush()

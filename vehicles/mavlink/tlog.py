@@ -4,6 +4,8 @@ import struct
 from pathlib import Path
 from typing import Self
 
+from vehicles.background_file import BackgroundFile
+
 _FLUSH_S = 1.0
 _stamp = struct.Struct(">Q")
 
@@ -13,14 +15,16 @@ class TlogWriter:
 
     Format: for each frame the time as 8-byte big-endian microseconds since 1970, then the raw
     frame (pymavlink's mavlogfile). `epoch_s` is the UTC time at which the run clock was zero.
+    waits: as of a BackgroundFile.
     """
 
-    def __init__(self, *, path: Path, epoch_s: float) -> None:
+    def __init__(self, *, path: Path, epoch_s: float, waits: bool = True) -> None:
         self._path = path
         self._epoch_s = epoch_s
+        self._waits = waits
 
     def __enter__(self) -> Self:
-        self._file = self._path.open("xb", buffering=1 << 16)
+        self._file = BackgroundFile(self._path, waits=self._waits)
         self._last_flush_s = 0.0
         return self
 

@@ -147,7 +147,9 @@ class GuardProcess:
         try:
             with ExitStack() as logs:
                 for name in self._names:
-                    log = TlogWriter(path=folder / f"{name}.tlog", epoch_s=guard_config.epoch_s)
+                    log = TlogWriter(
+                        path=folder / f"{name}.tlog", epoch_s=guard_config.epoch_s, waits=False
+                    )
                     self._tlogs[name] = log.__enter__()
                     logs.callback(self._close_tlog, name, log)
                 async with AsyncExitStack() as stack:

@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -23,6 +24,7 @@ from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
 from vehicles.autonomy import Command, Telemetry
+from vehicles.background_file import BackgroundFile
 from vehicles.readings import Reading
 from vehicles.setpoints import VelocitySetpoint
 
@@ -326,6 +328,29 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
     (landed,) = [oracle for oracle in result.oracles if oracle.name == "landed"]
     assert landed.verdict == "PASS"
     assert (folder / "trajectory.csv").exists()
+
+
+def test_a_disk_that_stands_still_in_flight_delays_nothing_and_loses_nothing(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, before = fly_run(mode="sim", sets=BRIEF)
+    released, put = threading.Event(), BackgroundFile._put
+
+    def stalled(self: BackgroundFile, data: bytes) -> bool:
+        return released.wait(60.0) and put(self, data)
+
+    monkeypatch.setattr(BackgroundFile, "_put", stalled)
+    seen: list[bool] = []
+
+    def release(_: Any) -> None:
+        seen.append(released.is_set())
+        released.set()
+
+    result, folder = fly_run(mode="sim", sets=BRIEF, disturb=at_stage("landed", 0.0, release))
+    assert (result.verdict, seen) == ("PASS", [False]), result.reason
+    assert all_landed(folder)
+    for name in ("judged.msgpack", "log.jsonl", "mixed.mp4", "trajectory.csv", "twin.tlog"):
+        assert (folder / name).read_bytes() == (before / name).read_bytes()
 
 
 def test_a_folder_that_somebody_removes_in_flight_lands_it_and_is_an_error(

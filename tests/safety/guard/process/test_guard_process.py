@@ -1,4 +1,5 @@
 import asyncio
+import fcntl
 import json
 import os
 import resource
@@ -291,6 +292,31 @@ async def test_a_log_that_cannot_be_written_is_an_error_and_the_guard_goes_on(fo
         flight.guard.bring_down("done")
         assert await flight.guard.all_down(60.0)
     assert flight.kinds().count("record") == 2
+
+
+def read_to_end(end: int) -> bytes:
+    with os.fdopen(end, "rb") as file:
+        return file.read()
+
+
+async def test_a_disk_that_stands_still_delays_no_abort(folder: Path) -> None:
+    os.mkfifo(folder / "guard.jsonl")
+    end = os.open(folder / "guard.jsonl", os.O_RDONLY | os.O_NONBLOCK)
+    fcntl.fcntl(end, fcntl.F_SETPIPE_SZ, 4096)
+    async with RemoteFlight(folder) as flight:
+        # What the guard logs of them is more than fits.
+        both = ({"command": "hold", "who": "anna"}, {"command": "resume", "who": "anna"})
+        answers = await ask(folder, *40 * both)
+        assert [answer["ok"] for answer in answers] == 80 * [True]
+        (abort,) = await ask(folder, {"command": "abort", "who": "anna"})
+        assert abort["latched"] == "abort"
+        assert await flight.guard.all_down(60.0)
+        os.set_blocking(end, True)
+        written = asyncio.create_task(asyncio.to_thread(read_to_end, end))
+    events = [json.loads(line) for line in (await written).splitlines()]
+    kinds = [one.get("kind") for one in events]
+    assert [kinds.count(kind) for kind in ("hold", "resume", "abort")] == [40, 40, 1]
+    assert events[-1]["event"] == "end"
 
 
 class FullLog:

@@ -1,0 +1,173 @@
+"""Files that a thread writes: a pipe that nobody reads is the disk that stands still."""
+
+import fcntl
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from vehicles import background_file
+from vehicles.background_file import BackgroundFile
+
+BLOCK = b"." * 1000
+
+
+class Stalled:
+    """A file on a disk that takes nothing until it is released."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "pipe"
+        os.mkfifo(self.path)
+        self._end = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK)
+        fcntl.fcntl(self._end, fcntl.F_SETPIPE_SZ, 4096)
+        self._reader = threading.Thread(target=self._read)
+        self._data = bytearray()
+
+    def release(self) -> None:
+        """Take all, and go on so."""
+        os.set_blocking(self._end, True)
+        self._reader.start()
+
+    def data(self) -> bytes:
+        """Return all that was written, once its writer has closed it."""
+        self._reader.join()
+        os.close(self._end)
+        return bytes(self._data)
+
+    def _read(self) -> None:
+        while data := os.read(self._end, 65536):
+            self._data += data
+
+
+def write(file: BackgroundFile, blocks: int) -> None:
+    for _ in range(blocks):
+        file.write(BLOCK)
+        file.flush()
+
+
+@pytest.fixture
+def stalled(tmp_path: Path) -> Stalled:
+    return Stalled(tmp_path)
+
+
+def test_a_disk_that_stands_still_holds_up_nobody_and_gets_all_in_order(stalled: Stalled) -> None:
+    file = BackgroundFile(stalled.path, append=True)
+    lines = [b"%d\n" % number + BLOCK for number in range(1000)]
+    for line in lines:
+        assert file.write(line) == len(line)
+        file.flush()
+    file.flush(0.01)
+    stalled.release()
+    file.close()
+    assert stalled.data() == b"".join(lines)
+
+
+def test_a_wait_for_the_disk_ends_when_it_has_all(tmp_path: Path) -> None:
+    file = BackgroundFile(tmp_path / "file")
+    for number in range(100):
+        file.write(b"%d" % (number % 10))
+        file.flush(60.0)
+        assert file._behind_bytes == 0
+        assert (tmp_path / "file").stat().st_size == number + 1
+    file.close()
+    file.close()
+
+
+def test_a_removed_file_is_known(tmp_path: Path) -> None:
+    file = BackgroundFile(tmp_path / "file")
+    assert not file.is_removed
+    (tmp_path / "file").unlink()
+    assert file.is_removed
+    file.close()
+    assert not file.is_removed
+
+
+def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(FileExistsError):
+        BackgroundFile(tmp_path / "file")
+    file = BackgroundFile(tmp_path / "file", append=True)
+    file.write(b", and more")
+    file.close()
+    assert (tmp_path / "file").read_text() == "kept, and more"
+
+
+def test_what_a_full_disk_refuses_is_raised_by_later_calls_and_by_the_end() -> None:
+    file = BackgroundFile(Path("/dev/full"), append=True)
+    file.write(b"lost")
+    with pytest.raises(OSError, match="No space left on device"):
+        file.flush(60.0)
+    file.write(BLOCK)
+    with pytest.raises(OSError, match="No space left on device"):
+        file.flush()
+    with pytest.raises(OSError, match="No space left on device"):
+        file.close()
+    file.close()
+
+
+def test_no_error_of_the_thread_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = BackgroundFile(tmp_path / "file")
+    inner = file._file
+
+    class Broken:
+        def write(self, _: bytes) -> int:
+            raise KeyError("of ours")
+
+        def close(self) -> None:
+            inner.close()
+
+    monkeypatch.setattr(file, "_file", Broken())
+    file.write(b"lost")
+    with pytest.raises(KeyError, match="of ours"):
+        file.close()
+
+
+def test_who_must_not_wait_has_an_error_at_the_limit(
+    stalled: Stalled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background_file, "_MOST_BEHIND_BYTES", 10_000)
+    file = BackgroundFile(stalled.path, append=True, waits=False)
+    refused = r"the disk takes nothing, and [\d.]+ MB wait for it"
+    with pytest.raises(OSError, match=refused):
+        write(file, 20)
+    for _ in range(200):
+        with pytest.raises(OSError, match=refused):
+            write(file, 1)
+    assert file._queue.qsize() < 20
+    stalled.release()
+    with pytest.raises(OSError, match=refused):
+        file.close()
+    # It ends with what was given before.
+    assert stalled.data() == 10 * BLOCK
+
+
+def test_who_may_wait_waits_at_the_limit_and_loses_nothing(
+    stalled: Stalled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background_file, "_MOST_BEHIND_BYTES", 10_000)
+    file = BackgroundFile(stalled.path, append=True)
+    writer = threading.Thread(target=write, args=(file, 100))
+    writer.start()
+    while not file._behind_bytes:
+        time.sleep(0.01)
+    time.sleep(0.05)
+    assert file._behind_bytes <= 10_000
+    assert writer.is_alive()
+    stalled.release()
+    writer.join()
+    file.close()
+    assert stalled.data() == 100 * BLOCK
+
+
+def test_an_end_that_no_disk_takes_is_an_error(
+    stalled: Stalled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background_file, "_CLOSED_WITHIN_S", 0.05)
+    file = BackgroundFile(stalled.path, append=True)
+    file.write(10 * BLOCK)
+    with pytest.raises(TimeoutError, match=r"the disk takes nothing, 0\.0 MB are lost"):
+        file.close()
+    stalled.release()
+    assert len(stalled.data()) == 10_000
