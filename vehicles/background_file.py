@@ -81,7 +81,8 @@ class BackgroundFile:
         if self._error is not None:
             raise self._error
         if self._thread.is_alive():
-            raise TimeoutError(errno.ETIMEDOUT, f"the disk takes nothing, {self._backlog()} are lost")
+            text = f"the disk takes nothing, {self._backlog()} are lost"
+            raise TimeoutError(errno.ETIMEDOUT, text)
 
     def _give(self, data: bytes) -> None:
         with self._taken:

@@ -66,26 +66,35 @@ def wakes_late_s() -> float:
     return sorted(late)[_NAPS * 9 // 10]
 
 
-def guard_scheduling(granted: str) -> Iterator[Finding]:
-    """Yield the finding on the scheduling of the guard's process (see `granted_scheduling`)."""
-    text = f"the guard's process runs with {granted} scheduling"
-    if granted == "real-time":
+def guard_privileges(scheduling: str, *, in_memory: bool) -> Iterator[Finding]:
+    """Yield the findings on what the system grants the guard's process (`granted_to_guard`)."""
+    remedy = "add a line like `NAME - %s` to /etc/security/limits.d, and log in again"
+    text = f"the guard's process runs with {scheduling} scheduling"
+    if scheduling == "real-time":
         yield Finding(CLOCK, "good", text)
     else:
-        remedy = (
-            "to give it priority over other programs: add a line like `NAME - rtprio 1` to "
-            "/etc/security/limits.d, and log in again"
-        )
-        yield Finding(CLOCK, "note", text, remedy)
+        why = "to give it priority over other programs: "
+        yield Finding(CLOCK, "note", text, why + remedy % "rtprio 1")
+    if in_memory:
+        yield Finding(CLOCK, "good", "the guard's process stays in memory")
+    else:
+        text = "a machine short of memory may hold up the guard's process"
+        yield Finding(CLOCK, "note", text, "to keep it in memory: " + remedy % "memlock unlimited")
 
 
-def granted_scheduling() -> str:
-    """Return the scheduling that the system grants to a guard, tried in a short process."""
-    program = "from vehicles.processes.linux import rise_above_load; print(rise_above_load())"
+def granted_to_guard() -> tuple[str, bool]:
+    """Return the scheduling that the system grants to a guard, and whether it stays in memory.
+
+    Tried in a short process.
+    """
+    names = "rise_above_load, stay_in_memory"
+    program = f"from vehicles.processes.linux import {names}; "
+    program += "print(rise_above_load(), stay_in_memory(), sep='\\n')"
     result = subprocess.run(  # noqa: S603 - this interpreter
         [sys.executable, "-P", "-c", program], capture_output=True, check=False, text=True
     )
-    return result.stdout.strip() or "normal"
+    scheduling, _, in_memory = result.stdout.strip().partition("\n")
+    return scheduling or "normal", in_memory == "True"
 
 
 def clock_synchronised() -> bool | None:

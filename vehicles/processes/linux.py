@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import os
+import resource
 import signal
 import socket
 import struct
@@ -11,6 +12,8 @@ from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
+_CAP_IPC_LOCK = 14
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _credentials = struct.Struct("3i")
 """struct ucred of unix(7): pid, uid, gid."""
 
@@ -91,6 +94,30 @@ def rise_above_load() -> str:
         os.setpriority(os.PRIO_PROCESS, 0, -10)
         return "nice -10"
     return "normal"
+
+
+def stay_in_memory() -> bool:
+    """Keep what this process uses in RAM from now on; return whether the system permits it.
+
+    Else a machine short of memory reads a program's code from the disk again, each time for
+    milliseconds to seconds. Of all its memory (mlockall(2)), so only with CAP_IPC_LOCK or an
+    unlimited RLIMIT_MEMLOCK: with a limit, later allocations would fail. Not inherited by children.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit != resource.RLIM_INFINITY and not _has_capability(_CAP_IPC_LOCK):
+        return False
+    libc = ctypes.CDLL(None, use_errno=True)
+    return bool(libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)
+
+
+def _has_capability(number: int) -> bool:
+    """Return whether this process has a capability of capabilities(7)."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        status = Path("/proc/self/status").read_text()
+        return bool(int(status.partition("CapEff:")[2].split()[0], 16) >> number & 1)
+    return False
 
 
 def _prctl(option: int, value: int, what: str) -> None:

@@ -77,7 +77,8 @@ def _findings(results: Path) -> Iterable[Finding]:
     yield from machine.clock(
         machine.wakes_late_s(), synchronised=machine.clock_synchronised(), now=machine.utc()
     )
-    yield from machine.guard_scheduling(machine.granted_scheduling())
+    scheduling, in_memory = machine.granted_to_guard()
+    yield from machine.guard_privileges(scheduling, in_memory=in_memory)
     yield from machine.disk(next(one for one in (results, *results.parents) if one.is_dir()))
     yield from _orphans(results)
 

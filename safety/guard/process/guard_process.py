@@ -78,7 +78,7 @@ from vehicles.poses.anchor import Anchor
 from vehicles.processes.child import ChildProcess, how_it_ended
 from vehicles.processes.clock_socket import clock_environment
 from vehicles.processes.identity import ProcessId
-from vehicles.processes.linux import rise_above_load
+from vehicles.processes.linux import rise_above_load, stay_in_memory
 from vehicles.tasks import FAULTS, TaskAccount, start
 
 STATUS_S = 0.1
@@ -92,8 +92,16 @@ GUARD_LOG = "guard.jsonl"
 class GuardProcess:
     """The guard process: runs one guard from its config to the end of its last child."""
 
-    def __init__(self, *, end: socket.socket, lifeline: int, scheduling: str = "normal") -> None:
+    def __init__(
+        self,
+        *,
+        end: socket.socket,
+        lifeline: int,
+        scheduling: str = "normal",
+        in_memory: bool = False,
+    ) -> None:
         self._scheduling = scheduling
+        self._in_memory = in_memory
         self._channel = Channel(
             end, receives=to_guard, take=self._take, closed=self._on_parent_death
         )
@@ -250,7 +258,9 @@ class GuardProcess:
         stack.callback(remove_record, runtime, me)
 
     def _report_opened(self, raw: Mapping[str, Link]) -> None:
-        self._note("opened", pid=os.getpid(), scheduling=self._scheduling)
+        self._note(
+            "opened", pid=os.getpid(), scheduling=self._scheduling, in_memory=self._in_memory
+        )
         self._channel.send(Opened(os.getpid(), open_ports(raw, report=self._on_link)))
         self._send_status()
         # What is loaded by now lives as long as the process: the collector need not look.
@@ -472,5 +482,7 @@ def main(arguments: list[str]) -> int:
     with asyncio.Runner(
         loop_factory=PacedLoop if SCALED in arguments[3:] else quick_loop
     ) as runner:
-        guard = GuardProcess(end=end, lifeline=lifeline, scheduling=rise_above_load())
+        guard = GuardProcess(
+            end=end, lifeline=lifeline, scheduling=rise_above_load(), in_memory=stay_in_memory()
+        )
         return runner.run(guard.run())

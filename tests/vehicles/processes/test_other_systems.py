@@ -53,6 +53,7 @@ LINUX_ALONE = {
     "sched_setaffinity",
     "sched_setscheduler",
     "pidfd_open",
+    "mlockall",
     "prctl",
     "SO_PEERCRED",
     "PR_SET_PDEATHSIG",

@@ -1,11 +1,14 @@
 """Processes are known by id and start time, watched, and ended with all that they started."""
 
 import asyncio
+import ctypes
 import os
+import resource
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -134,6 +137,25 @@ def test_what_a_risen_process_starts_is_scheduled_normally() -> None:
         f"normal {os.SCHED_OTHER} {ours}",
     }
     assert its == f"{os.SCHED_OTHER} {ours if mine.startswith('normal') else 0}"
+
+
+@pytest.mark.parametrize("may", [False, True])
+def test_who_may_lock_only_some_memory_locks_none(
+    may: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a limit that is less than what it needs later, its allocations would fail."""
+    limit = resource.RLIM_INFINITY if may else 8 << 20
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    monkeypatch.setattr(linux, "_has_capability", lambda _: False)
+    asked: list[int] = []
+
+    def lock(flags: int) -> int:
+        asked.append(flags)
+        return 0
+
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: SimpleNamespace(mlockall=lock))
+    assert linux.stay_in_memory() == may
+    assert asked == ([7] if may else [])
 
 
 async def test_a_brief_command_ends_when_its_wait_is_cancelled(tmp_path: Path) -> None:

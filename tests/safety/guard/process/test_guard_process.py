@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from orchestrator.doctor.machine import granted_scheduling
+from orchestrator.doctor.machine import granted_to_guard
 from safety.fence.geofence import Fence
 from safety.guard.core.contingency import Phase
 from safety.guard.core.events import GuardEvent, decisive
@@ -60,6 +60,11 @@ def gone(pid: int) -> bool:
     return ProcessId.of(pid) is None
 
 
+def locked_kb(pid: int) -> int:
+    """Return how much of a process's memory is kept in RAM, by proc(5)."""
+    return int(Path(f"/proc/{pid}/status").read_text().partition("VmLck:")[2].split()[0])
+
+
 async def ask(folder: Path, *commands: dict[str, Any] | bytes) -> list[dict[str, Any]]:
     path = json.loads((folder / POINTER).read_text())["socket"]
     reader, writer = await asyncio.open_unix_connection(path)
@@ -82,9 +87,12 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
         name, t_s, _ = flight.wire[-1]
         assert name in {"real", "twin"}
         assert began_s <= t_s <= asyncio.get_running_loop().time()
-        granted = next(one["scheduling"] for one in log_lines(folder) if one["event"] == "opened")
-        assert granted == granted_scheduling()
-        assert (granted == "real-time") == (os.sched_getscheduler(flight.guard.pid) & 7 == RR)
+        (opened,) = [one for one in log_lines(folder) if one["event"] == "opened"]
+        assert (opened["scheduling"], opened["in_memory"]) == granted_to_guard()
+        is_first = os.sched_getscheduler(flight.guard.pid) & 7 == RR
+        assert is_first == (opened["scheduling"] == "real-time")
+        assert (locked_kb(flight.guard.pid) > 10_000) == opened["in_memory"]
+        assert all(locked_kb(pid) == 0 for pid in flight.pids.values())
         flight.guard.bring_down("done")
         assert await flight.guard.all_down(60.0)
         assert flight.guard.phases == {"real": Phase.DOWN, "twin": Phase.DOWN}
@@ -303,7 +311,7 @@ async def test_a_disk_that_stands_still_delays_no_abort(folder: Path) -> None:
     os.mkfifo(folder / "guard.jsonl")
     end = os.open(folder / "guard.jsonl", os.O_RDONLY | os.O_NONBLOCK)
     fcntl.fcntl(end, fcntl.F_SETPIPE_SZ, 4096)
-    async with RemoteFlight(folder) as flight:
+    async with RemoteFlight(folder, lost_s=60.0) as flight:
         # What the guard logs of them is more than fits.
         both = ({"command": "hold", "who": "anna"}, {"command": "resume", "who": "anna"})
         answers = await ask(folder, *40 * both)
