@@ -12,6 +12,7 @@ from orchestrator.model.external_results import SourceResult
 from orchestrator.recording.topic_readings import TopicReadings
 from orchestrator.state.run_setup import RunSetup
 from orchestrator.state.vehicle_context import VehicleContext
+from vehicles.driver.session.repeater import Repeater
 from vehicles.readings import Reading, Source
 from vehicles.sources.camera_source import ReadingSource, SourceError
 from vehicles.sources.readings.live_readings import LiveReadings
@@ -24,6 +25,8 @@ from worlds.frames import AT_ORIGIN, Pose
 from worlds.geodesy import LocalFrame
 
 _POLL_S = 0.05
+_REQUEST_AGAIN_S = 1.0
+"""A radio of 57600 baud carries some 100 requests a second, beside the telemetry."""
 _ESTIMATE = "LOCAL_POSITION_NED with ATTITUDE_QUATERNION"
 _REMEDIES: Mapping[str, str] = {
     "DISTANCE_SENSOR": "connect a rangefinder and enable it on the autopilot (ArduPilot: "
@@ -64,12 +67,16 @@ class ExternalReadings(ExternalSource):
             return
         loop = asyncio.get_running_loop()
         since_s = loop.time()
-        while self._live.newest is None or self._live.newest.arrived_s < since_s:
-            if loop.time() > since_s + self._from_setup.open_s:
-                raise SourceError(self._live.missing_reading_text(self._from_setup.open_s))
-            if self._from_setup.kind == "mavlink":
-                self._context.driver.request_missing()
-            await asyncio.sleep(_POLL_S)
+        requests = Repeater(period_s=_REQUEST_AGAIN_S, action=self._context.driver.request_missing)
+        if self._from_setup.kind == "mavlink":
+            requests.start()
+        try:
+            while self._live.newest is None or self._live.newest.arrived_s < since_s:
+                if loop.time() > since_s + self._from_setup.open_s:
+                    raise SourceError(self._live.missing_reading_text(self._from_setup.open_s))
+                await asyncio.sleep(_POLL_S)
+        finally:
+            requests.stop()
         pose = self._context.poses.at(loop.time()).pose
         if frame is None or pose is None:
             return
