@@ -26,10 +26,11 @@ ends[2].listen()
 ends[3].bind(sys.argv[1])
 kept = [end.fileno() for end in ends]
 words = [sys.executable, "-c", "import sys; sys.stdin.read()"]
-if sys.argv[2] == "keeps":
-    child = subprocess.Popen(words, env={}, pass_fds=kept)
 print(ends[0].getsockname()[1], flush=True)
 sys.stdin.readline()
+if sys.argv[2] == "keeps":
+    # Only now: it reads the same pipe, and would take the line.
+    child = subprocess.Popen(words, env={}, pass_fds=kept)
 """
 """Its child has none of its environment, and with `keeps` all its sockets."""
 
@@ -57,7 +58,7 @@ def _flown(runtime: Path, what: str, stack: ExitStack) -> tuple[SocketLedger, in
     ledger = SocketLedger(runtime)
     port = int(process.stdout.readline())
     ledger.look()
-    # Its child reads the same pipe to its end, which comes when the stack is left.
+    # Its child reads the pipe to its end, which comes when the stack is left.
     process.stdin.write(b"\n")
     process.stdin.flush()
     process.wait()
