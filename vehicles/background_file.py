@@ -7,116 +7,181 @@ or guards a vehicle must not wait for them.
 import errno
 import os
 import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
 
 _HANDED_OVER_BYTES = 1 << 16
 """What is buffered at most before the thread gets it."""
 _MOST_BEHIND_BYTES = 64 << 20
-_CLOSED_WITHIN_S = 30.0
+_STALLED_S = 12.0
+"""How long a file's end waits for a disk that takes nothing: less than others wait for the end of
+a guard (15 s) or of a run (60 s)."""
+_POLL_S = 0.05
+
+
+class _Disk:
+    """What all files of this process wait for, so that their ends wait for it together."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting = 0
+        self._since_s = 0.0
+
+    def give(self, amount: int) -> None:
+        """Count what waits for the disk."""
+        with self._lock:
+            if not self._waiting:
+                self._since_s = time.monotonic()
+            self._waiting += amount
+
+    def take(self, amount: int) -> None:
+        """Count what the disk has taken, or refused."""
+        with self._lock:
+            self._waiting -= amount
+            self._since_s = time.monotonic()
+
+    def is_stalled(self) -> bool:
+        """Return whether the disk has taken nothing for too long."""
+        with self._lock:
+            return self._waiting > 0 and time.monotonic() - self._since_s > _STALLED_S
+
+
+_disk = _Disk()
 
 
 class BackgroundFile:
-    """A binary file that a thread of its own writes, in order.
+    """A binary file that a thread of its own writes, in order; used by one other thread.
 
     path: a new file; append: or one that is there. waits: at 64 MiB that the disk has not taken
-    yet, a call waits for it; otherwise the file ends there with an error. What the disk refuses is
-    raised by a later call, at the latest by `close`, and the file ends there. Raises OSError where
-    the file cannot be opened.
+    yet, `write` waits for it; otherwise the file ends there with an error. begin: called first in
+    the thread, as to give it a priority. What the disk refuses is raised by a later `flush`, and
+    by `close`; the file ends there. Raises OSError where the file cannot be opened.
     """
 
-    def __init__(self, path: Path, *, append: bool = False, waits: bool = True) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        append: bool = False,
+        waits: bool = True,
+        begin: Callable[[], object] | None = None,
+    ) -> None:
         self.closed = False
+        self.is_removed = False
+        """Whether the file was removed by the last write: then it is lost without an error."""
         self._file = path.open("ab" if append else "xb", buffering=0)
         self._waits = waits
+        self._begin = begin
         self._buffer: list[bytes] = []
         self._buffered_bytes = 0
         self._queue: SimpleQueue[bytes | None] = SimpleQueue()
         self._taken = threading.Condition()
         self._behind_bytes = 0
+        self._is_late = False
         self._error: Exception | None = None
         # A daemon: a process that ends without closing must not wait for a disk.
         self._thread = threading.Thread(target=self._work, name=f"writer {path.name}", daemon=True)
         self._thread.start()
-
-    @property
-    def is_removed(self) -> bool:
-        """Return whether the file was removed: writing to it is lost without an error."""
-        return not self.closed and os.fstat(self._file.fileno()).st_nlink == 0
 
     def write(self, data: bytes) -> int:
         """Append data; the thread gets it with `flush`, or when much is buffered."""
         self._buffer.append(bytes(data))
         self._buffered_bytes += len(data)
         if self._buffered_bytes >= _HANDED_OVER_BYTES:
-            self.flush()
+            self._hand_over(_MOST_BEHIND_BYTES)
         return len(data)
 
     def flush(self, within_s: float = 0.0) -> None:
-        """Have the thread write what is buffered, and wait until it has, for at most within_s."""
-        data = b"".join(self._buffer)
-        self._buffer.clear()
-        self._buffered_bytes = 0
-        if data and self._error is None:
-            self._give(data)
+        """Have the thread write what is buffered, and wait until it has, for at most within_s.
+
+        Once it took longer, there is no more waiting until the thread has caught up. Raises what
+        the disk refused.
+        """
+        self._hand_over(_MOST_BEHIND_BYTES)
         if within_s > 0.0:
             with self._taken:
-                self._taken.wait_for(lambda: not self._behind_bytes, within_s)
-        if self._error is not None:
-            raise self._error
+                if not self._is_late:
+                    self._is_late = not self._taken.wait_for(self._has_caught_up, within_s)
+        self._raise_error()
 
     def close(self) -> None:
         """Write all and close the file; may be called more than once.
 
-        Raises what the disk refused, and TimeoutError where it takes nothing for 30 s.
+        Raises what the disk refused, and TimeoutError where it takes nothing for 12 s.
         """
         if self.closed:
             return
-        try:
-            self.flush()
-        finally:
-            self.closed = True
-            self._queue.put(None)
-            self._thread.join(_CLOSED_WITHIN_S)
-        if self._error is not None:
-            raise self._error
+        self._hand_over(None)
+        self.closed = True
+        _disk.give(1)
+        self._queue.put(None)
+        while self._thread.is_alive() and not _disk.is_stalled():
+            self._thread.join(_POLL_S)
+        self._raise_error()
         if self._thread.is_alive():
             text = f"the disk takes nothing, {self._backlog()} are lost"
             raise TimeoutError(errno.ETIMEDOUT, text)
 
-    def _give(self, data: bytes) -> None:
+    def _hand_over(self, most_bytes: int | None) -> None:
+        data = b"".join(self._buffer)
+        self._buffer.clear()
+        self._buffered_bytes = 0
+        if not data or self._error is not None:
+            return
         with self._taken:
-            if self._behind_bytes + len(data) > _MOST_BEHIND_BYTES:
+            if most_bytes is not None and self._behind_bytes + len(data) > most_bytes:
                 if not self._waits:
                     text = f"the disk takes nothing, and {self._backlog()} wait for it"
                     self._error = OSError(errno.ENOBUFS, text)
                     return
-                self._taken.wait_for(lambda: not self._behind_bytes)
+                self._taken.wait_for(self._has_caught_up)
             self._behind_bytes += len(data)
+        _disk.give(len(data))
         self._queue.put(data)
+
+    def _has_caught_up(self) -> bool:
+        return not self._behind_bytes
 
     def _backlog(self) -> str:
         return f"{self._behind_bytes / 1e6:.1f} MB"
 
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            # Raised often, it would hold on to each caller's frames.
+            raise self._error.with_traceback(None)
+
     def _work(self) -> None:
         """Write what was given until the end, or until the disk refuses it (in the thread)."""
+        if self._begin is not None:
+            self._begin()
         is_refused = False
         while (data := self._queue.get()) is not None:
             is_refused = is_refused or not self._put(data)
+            _disk.take(len(data))
             with self._taken:
                 self._behind_bytes -= len(data)
+                self._is_late = self._is_late and self._behind_bytes > 0
                 self._taken.notify_all()
         try:
-            self._file.close()
-        except OSError as error:
+            with self._file:
+                self._look()
+        except Exception as error:  # noqa: BLE001  # `close` raises it
             self._error = self._error or error
+        _disk.take(1)
 
     def _put(self, data: bytes) -> bool:
         rest = memoryview(data)
         try:
             while rest:
                 rest = rest[self._file.write(rest) :]
+            self._look()
         except Exception as error:  # noqa: BLE001  # whoever writes next raises it
             self._error = error
             return False
         return True
+
+    def _look(self) -> None:
+        # Here, because a network folder may take as long for it as for a write.
+        self.is_removed = os.fstat(self._file.fileno()).st_nlink == 0

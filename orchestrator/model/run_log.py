@@ -25,7 +25,7 @@ class RunLog:
 
     @property
     def is_removed(self) -> bool:
-        """Return whether the file was removed: writing to it is lost without an error."""
+        """Return whether the file was removed, as of its last event, or of its end."""
         return self._file.is_removed
 
     def write(self, t_s: float, event: str, **details: Detail) -> None:

@@ -3,7 +3,7 @@
 import contextlib
 import json
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -21,6 +21,7 @@ class OperatorLog:
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
+        self._last: Future[None] | None = None
         self._writer = ThreadPoolExecutor(1, thread_name_prefix=f"writer {path.name}")
 
     def write(self, command: OperatorCommand, *, ok: bool, text: str) -> None:
@@ -39,8 +40,11 @@ class OperatorLog:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"utc": stamp, **fields}, ensure_ascii=False)
         data = (line + "\n").encode("utf-8", "backslashreplace")
-        for written in wait([self._writer.submit(self._append_line, data)], _WRITTEN_WITHIN_S).done:
-            written.result()
+        before, self._last = self._last, self._writer.submit(self._append_line, data)
+        if before is None or before.done():  # else the disk is slow, and each line would wait
+            wait([self._last], _WRITTEN_WITHIN_S)
+        if self._last.done():
+            self._last.result()
 
     def _append_line(self, line: bytes) -> None:
         with contextlib.suppress(OSError), self._path.open("ab") as stream:

@@ -121,6 +121,7 @@ class RunRecorder:
             self._report_losses(self._mcap.close())
         finally:
             self._guard_write(self._stack.close)
+            self._look_for_removed()
         shown = self._snapshot or self._last
         if shown is None:
             return
@@ -252,10 +253,14 @@ class RunRecorder:
 
     def _record_poses(self, contexts: tuple[VehicleContext, ...], run_state: RunState) -> None:
         now_s = self._time()
-        if self._log.is_removed:
-            self._break(f"{self._folder} was removed")
+        self._look_for_removed()
         for context in contexts:
             self._guard_write(self._trajectory.write, _row(context, run_state.stage, now_s))
+
+    def _look_for_removed(self) -> None:
+        """Report files that were removed: what is written into them is lost without an error."""
+        if self._log.is_removed or self._trajectory.is_removed:
+            self._break(f"{self._folder} was removed")
 
 
 def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:

@@ -59,6 +59,11 @@ class TrajectoryWriter:
         self._last_flush_s = 0.0
         return self
 
+    @property
+    def is_removed(self) -> bool:
+        """Return whether the file was removed, as of its last flush, or of its end."""
+        return self._file.is_removed
+
     def write(self, row: TrajectoryRow) -> None:
         """Append one row to the trajectory."""
         velocity = _vector(row.velocity_ned_m_s)

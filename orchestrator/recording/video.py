@@ -11,7 +11,6 @@ from vehicles.background_file import BackgroundFile
 from vehicles.readings import BgrImage
 
 _TIME_BASE = Fraction(1, 90_000)
-_FLUSH_PTS = 90_000
 
 
 class VideoWriter:
@@ -26,7 +25,6 @@ class VideoWriter:
         self._rate_hz = rate_hz
         self._stream: Any = None
         self._last_pts = -1
-        self._flushed_pts = 0
 
     def __enter__(self) -> Self:
         self._file = BackgroundFile(self._path)
@@ -54,9 +52,7 @@ class VideoWriter:
         frame = av.VideoFrame.from_ndarray(planar, format="yuv420p")
         frame.pts, frame.time_base = pts, _TIME_BASE
         self._container.mux(self._stream.encode(frame))
-        if abs(pts - self._flushed_pts) >= _FLUSH_PTS:
-            self._flushed_pts = pts
-            self._file.flush()
+        self._file.flush()
 
     def _open_stream(self, width_px: int, height_px: int) -> None:
         rate = Fraction(self._rate_hz).limit_denominator(1000)

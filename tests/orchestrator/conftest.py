@@ -12,15 +12,26 @@ import pytest
 from campaigns.expansion.expansion import Options, load_campaign
 from orchestrator.campaign.workers.run_server import start_run_server
 from orchestrator.cli import main
+from orchestrator.model import run_log
 from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
+from orchestrator.operator import operator_log
 from orchestrator.run.flight.run import Disturb, fly
 from orchestrator.run.vehicles import vehicle_backends
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from safety.guard.core.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def patient_logs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have each line in its file before a test goes on, however busy the machine is."""
+    monkeypatch.setattr(run_log, "_WRITTEN_WITHIN_S", 60.0)
+    monkeypatch.setattr(operator_log, "_WRITTEN_WITHIN_S", 60.0)
+
+
 SMALL_CAMERAS = tuple(
     f"vehicles.{name}.sensors.camera.{key}={value}"
     for name in ("real", "twin")

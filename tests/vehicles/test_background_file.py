@@ -4,6 +4,8 @@ import fcntl
 import os
 import threading
 import time
+from collections.abc import Callable
+from io import FileIO
 from pathlib import Path
 
 import pytest
@@ -75,13 +77,70 @@ def test_a_wait_for_the_disk_ends_when_it_has_all(tmp_path: Path) -> None:
     file.close()
 
 
-def test_a_removed_file_is_known(tmp_path: Path) -> None:
-    file = BackgroundFile(tmp_path / "file")
-    assert not file.is_removed
-    (tmp_path / "file").unlink()
-    assert file.is_removed
+def test_who_had_to_wait_waits_for_no_further_line_until_the_disk_has_caught_up(
+    stalled: Stalled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = BackgroundFile(stalled.path, append=True)
+    waits: list[float | None] = []
+    wait_for = file._taken.wait_for
+
+    def count(predicate: Callable[[], bool], within_s: float | None = None) -> bool:
+        waits.append(within_s)
+        return wait_for(predicate, within_s)
+
+    monkeypatch.setattr(file._taken, "wait_for", count)
+    file.write(10 * BLOCK)
+    for _ in range(20):
+        file.write(BLOCK)
+        file.flush(0.01)
+    assert waits == [0.01]
+    stalled.release()
+    while file._behind_bytes:
+        time.sleep(0.01)
+    file.write(BLOCK)
+    file.flush(60.0)
+    assert waits == [0.01, 60.0]
     file.close()
+    assert stalled.data() == 31 * BLOCK
+
+
+def test_a_removed_file_is_known_once_it_was_written_to_and_at_its_end(tmp_path: Path) -> None:
+    seen = []
+    for is_written in (True, False):
+        file = BackgroundFile(tmp_path / "file")
+        (tmp_path / "file").unlink()
+        assert not file.is_removed
+        if is_written:
+            file.write(BLOCK)
+            file.flush(60.0)
+        seen.append(file.is_removed)
+        file.close()
+        assert file.is_removed
+    assert seen == [True, False]
+
+
+def test_only_the_thread_looks_at_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a network folder, too, this may take seconds."""
+    threads, fstat = [], os.fstat
+    file = BackgroundFile(tmp_path / "file")
+
+    def look(descriptor: int) -> os.stat_result:
+        threads.append(threading.get_ident())
+        return fstat(descriptor)
+
+    monkeypatch.setattr(os, "fstat", look)
+    write(file, 3)
     assert not file.is_removed
+    file.flush(60.0)
+    file.close()
+    assert set(threads) == {file._thread.ident}
+
+
+def test_a_thread_begins_with_what_it_was_given(tmp_path: Path) -> None:
+    threads: list[int] = []
+    file = BackgroundFile(tmp_path / "file", begin=lambda: threads.append(threading.get_ident()))
+    file.close()
+    assert threads == [file._thread.ident]
 
 
 def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
@@ -99,26 +158,26 @@ def test_what_a_full_disk_refuses_is_raised_by_later_calls_and_by_the_end() -> N
     file.write(b"lost")
     with pytest.raises(OSError, match="No space left on device"):
         file.flush(60.0)
-    file.write(BLOCK)
-    with pytest.raises(OSError, match="No space left on device"):
-        file.flush()
+    for _ in range(100):
+        # A library that writes into it must not be the one that gets the error.
+        assert file.write(100 * BLOCK) == 100_000
+        assert file._buffered_bytes < 100_000
+        with pytest.raises(OSError, match="No space left on device") as refused:
+            file.flush()
+    assert len(refused.traceback) < 10
     with pytest.raises(OSError, match="No space left on device"):
         file.close()
     file.close()
 
 
 def test_no_error_of_the_thread_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = BackgroundFile(tmp_path / "file")
-    inner = file._file
-
-    class Broken:
-        def write(self, _: bytes) -> int:
+    class Broken(FileIO):
+        def write(self, _: object) -> int:
             raise KeyError("of ours")
 
-        def close(self) -> None:
-            inner.close()
-
-    monkeypatch.setattr(file, "_file", Broken())
+    file = BackgroundFile(tmp_path / "file")
+    with file._file:
+        monkeypatch.setattr(file, "_file", Broken(tmp_path / "file", "ab"))
     file.write(b"lost")
     with pytest.raises(KeyError, match="of ours"):
         file.close()
@@ -139,8 +198,10 @@ def test_who_must_not_wait_has_an_error_at_the_limit(
     stalled.release()
     with pytest.raises(OSError, match=refused):
         file.close()
-    # It ends with what was given before.
-    assert stalled.data() == 10 * BLOCK
+    # It ends with what was given before: 10 blocks, and those that the pipe had taken.
+    data = stalled.data()
+    assert data == len(data) // len(BLOCK) * BLOCK
+    assert 10 <= len(data) // len(BLOCK) <= 14
 
 
 def test_who_may_wait_waits_at_the_limit_and_loses_nothing(
@@ -164,10 +225,35 @@ def test_who_may_wait_waits_at_the_limit_and_loses_nothing(
 def test_an_end_that_no_disk_takes_is_an_error(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(background_file, "_CLOSED_WITHIN_S", 0.05)
+    monkeypatch.setattr(background_file, "_disk", background_file._Disk())
+    monkeypatch.setattr(background_file, "_STALLED_S", 0.05)
     file = BackgroundFile(stalled.path, append=True)
     file.write(10 * BLOCK)
     with pytest.raises(TimeoutError, match=r"the disk takes nothing, 0\.0 MB are lost"):
         file.close()
     stalled.release()
     assert len(stalled.data()) == 10_000
+
+
+def test_a_slow_disk_is_waited_for_as_long_as_it_takes_something(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All files of a process wait together, so that each further one adds no wait."""
+    disk, now_s = background_file._Disk(), [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    assert not disk.is_stalled()
+    disk.give(5)
+    for _ in range(10):
+        now_s[0] += 10.0
+        assert not disk.is_stalled()
+        disk.give(1)
+        disk.take(1)
+    now_s[0] += 13.0
+    assert disk.is_stalled()
+    disk.give(1)
+    assert disk.is_stalled()
+    disk.take(6)
+    now_s[0] += 100.0
+    assert not disk.is_stalled()
+    disk.give(1)
+    assert not disk.is_stalled()

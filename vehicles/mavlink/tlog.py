@@ -1,6 +1,7 @@
 """Writes a vehicle's .tlog: all frames both ways, for MAVExplorer and Mission Planner."""
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
@@ -15,16 +16,22 @@ class TlogWriter:
 
     Format: for each frame the time as 8-byte big-endian microseconds since 1970, then the raw
     frame (pymavlink's mavlogfile). `epoch_s` is the UTC time at which the run clock was zero.
-    waits: as of a BackgroundFile.
+    open_file: opens a new file.
     """
 
-    def __init__(self, *, path: Path, epoch_s: float, waits: bool = True) -> None:
+    def __init__(
+        self,
+        *,
+        path: Path,
+        epoch_s: float,
+        open_file: Callable[[Path], BackgroundFile] = BackgroundFile,
+    ) -> None:
         self._path = path
         self._epoch_s = epoch_s
-        self._waits = waits
+        self._open_file = open_file
 
     def __enter__(self) -> Self:
-        self._file = BackgroundFile(self._path, waits=self._waits)
+        self._file = self._open_file(self._path)
         self._last_flush_s = 0.0
         return self
 

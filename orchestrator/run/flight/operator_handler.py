@@ -33,8 +33,8 @@ class OperatorHandler:
         while True:
             alive()
             while (command := self.inbox.poll()) is not None:
-                self.record(command)
                 self._pass_on(command)
+                self.record(command)
                 self.acknowledge(command)
             await asyncio.sleep(_POLL_S)
 

@@ -4,6 +4,15 @@ import json
 from pathlib import Path
 
 from vehicles.background_file import BackgroundFile
+from vehicles.processes.linux import rise_above_load
+
+
+def guard_file(path: Path, *, append: bool = False) -> BackgroundFile:
+    """Return a file of the guard: nothing waits for it, and its thread has the guard's priority.
+
+    Both use one interpreter lock: a thread of lower priority could keep the guard from it.
+    """
+    return BackgroundFile(path, append=append, waits=False, begin=rise_above_load)
 
 
 class GuardLog:
@@ -15,7 +24,7 @@ class GuardLog:
 
     def __init__(self, *, path: Path) -> None:
         self.trouble = ""
-        self._file = BackgroundFile(path, append=True, waits=False)
+        self._file = guard_file(path, append=True)
 
     def write(self, t_s: float, event: str, **details: str | float | bool | None) -> None:
         """Append one event to the guard's log."""

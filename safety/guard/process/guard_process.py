@@ -9,10 +9,10 @@ A fourth argument, `scaled`, lets its clock follow that of a simulated vehicle.
 import asyncio
 import contextlib
 import gc
+import logging
 import os
 import signal
 import socket
-import sys
 import time
 from collections.abc import Mapping
 from contextlib import AsyncExitStack, ExitStack
@@ -29,7 +29,8 @@ from safety.guard.process.channel import Channel
 from safety.guard.process.channel_link import ChannelLink
 from safety.guard.process.guard_config import GuardConfig, GuardConfigError
 from safety.guard.process.guard_launch import SCALED
-from safety.guard.process.guard_log import GuardLog
+from safety.guard.process.guard_log import GuardLog, guard_file
+from safety.guard.process.guard_stderr import logging_in_thread
 from safety.guard.process.lockstep_clock import ORCHESTRATOR
 from safety.guard.process.messages import (
     Alive,
@@ -80,6 +81,8 @@ from vehicles.processes.clock_socket import clock_environment
 from vehicles.processes.identity import ProcessId
 from vehicles.processes.linux import rise_above_load, stay_in_memory
 from vehicles.tasks import FAULTS, TaskAccount, start
+
+_log = logging.getLogger(__name__)
 
 STATUS_S = 0.1
 EARLY_S = 0.01
@@ -156,7 +159,9 @@ class GuardProcess:
             with ExitStack() as logs:
                 for name in self._names:
                     log = TlogWriter(
-                        path=folder / f"{name}.tlog", epoch_s=guard_config.epoch_s, waits=False
+                        path=folder / f"{name}.tlog",
+                        epoch_s=guard_config.epoch_s,
+                        open_file=guard_file,
                     )
                     self._tlogs[name] = log.__enter__()
                     logs.callback(self._close_tlog, name, log)
@@ -435,14 +440,16 @@ class GuardProcess:
         if any(error is known for known in self._faults):
             return
         self._faults.append(error)
-        message, trace = f"{type(error).__name__}: {error}", "".join(format_exception(error))
-        print(trace, file=sys.stderr, flush=True)  # noqa: T201 - guard.stderr
-        self._note("error", where=where, type=type(error).__name__, message=str(error), trace=trace)
+        kind = type(error).__name__
         now_s = asyncio.get_running_loop().time()
-        event = GuardEvent(now_s, "guard", "", f"in the guard: {message}")
+        event = GuardEvent(now_s, "guard", "", f"in the guard: {kind}: {error}")
         self._event(event)
         if self._guarding:
             self._shell.bring_down(event.text)
+        # Only now: the source of the lines of a traceback is read from the disk.
+        trace = "".join(format_exception(error))
+        _log.error(trace)
+        self._note("error", where=where, type=kind, message=str(error), trace=trace)
 
     def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
         self._tlogs[name].write(t_s, frame)
@@ -479,9 +486,8 @@ def main(arguments: list[str]) -> int:
     os.set_inheritable(hold, False)
     end = socket.socket(fileno=channel)
     end.set_inheritable(False)
-    with asyncio.Runner(
-        loop_factory=PacedLoop if SCALED in arguments[3:] else quick_loop
-    ) as runner:
+    factory = PacedLoop if SCALED in arguments[3:] else quick_loop
+    with logging_in_thread(), asyncio.Runner(loop_factory=factory) as runner:
         guard = GuardProcess(
             end=end, lifeline=lifeline, scheduling=rise_above_load(), in_memory=stay_in_memory()
         )

@@ -1,7 +1,13 @@
 """guard.stderr: what a guard's process printed before it died."""
 
 import contextlib
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from logging.handlers import QueueHandler, QueueListener
 from pathlib import Path
+from queue import SimpleQueue
 from typing import IO
 
 _NAME = "guard.stderr"
@@ -11,6 +17,21 @@ _LONGEST = 2000
 def open_stderr(folder: str) -> IO[bytes]:
     """Return the file for the guard's stderr in its run's folder. Raises OSError."""
     return (Path(folder) / _NAME).open("w+b")
+
+
+@contextmanager
+def logging_in_thread() -> Iterator[None]:
+    """Have a thread write this process's log records to stderr, which is a file on a disk."""
+    records: SimpleQueue[logging.LogRecord] = SimpleQueue()
+    handler = QueueHandler(records)
+    listener = QueueListener(records, logging.StreamHandler(sys.stderr))
+    logging.getLogger().addHandler(handler)
+    listener.start()
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(handler)
+        listener.stop()
 
 
 def guard_stderr_tail(folder: str) -> str:

@@ -1,6 +1,7 @@
 """What is recorded can be read by others, also when it was cut."""
 
 import csv
+import errno
 import json
 import math
 import time
@@ -15,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from orchestrator.model.run_log import RunLog
 from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from orchestrator.recording.video import VideoWriter
+from vehicles.background_file import BackgroundFile
 from vehicles.mavlink.tlog import TlogWriter
 from vehicles.setpoints import VelocitySetpoint
 from worlds.frames import Pose
@@ -67,6 +69,29 @@ def test_a_video_whose_writer_was_killed_plays_up_to_the_last_second(tmp_path: P
         # A thread writes it: it gets there, or this test does not end.
         while pictures(path.read_bytes(), tmp_path / "cut.mp4") < 20:
             time.sleep(0.01)
+
+
+def test_a_video_that_a_full_disk_refuses_raises_nothing_but_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The library that encodes it raises errors of its own once its file raised one."""
+
+    def refuse(self: BackgroundFile, _: bytes) -> bool:
+        self._error = OSError(errno.ENOSPC, "No space left on device")
+        return False
+
+    monkeypatch.setattr(BackgroundFile, "_put", refuse)
+    noise, refused = np.random.default_rng(1), []
+    video = VideoWriter(path=tmp_path / "mixed.mp4", rate_hz=10).__enter__()
+    for k in range(30):
+        try:
+            video.write(k / 10, noise.integers(0, 256, (480, 640, 3), np.uint8))
+        except OSError as error:
+            refused.append(error)
+    with pytest.raises(OSError, match="No space left"):
+        video.__exit__()
+    assert len(refused) >= 20
+    assert {error.errno for error in refused} == {errno.ENOSPC}
 
 
 def test_no_picture_leaves_no_file(tmp_path: Path) -> None:

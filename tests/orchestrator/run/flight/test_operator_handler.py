@@ -1,42 +1,37 @@
-"""A run acknowledges each command of an operator that reaches it, at once."""
+"""How an operator's command reaches the guard in flight."""
 
 import asyncio
+from contextlib import suppress
+from typing import Any
 
-from orchestrator.model.progress import Happening, News
+from orchestrator.run.flight.operator_handler import OperatorHandler
 from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.conftest import Fly
 
 
-class Script:
-    """Gives commands when the goal has been given, and takes what the run reports."""
+async def test_a_command_is_with_the_guard_before_it_is_recorded() -> None:
+    done: list[str] = []
+    commands = [OperatorCommand("abort", "anna"), OperatorCommand("hold", "anna")]
 
-    def __init__(self, *commands: OperatorCommand) -> None:
-        self._commands = list(commands)
-        self._has_goal = False
-        self.given_s: list[float] = []
-        self.acknowledged: list[Happening] = []
+    class Stubs:
+        def poll(self) -> OperatorCommand | None:
+            return commands.pop() if commands else None
 
-    def poll(self) -> OperatorCommand | None:
-        if not self._has_goal or not self._commands:
-            return None
-        self.given_s.append(asyncio.get_running_loop().time())
-        return self._commands.pop(0)
+        def command(self, command: OperatorCommand) -> None:
+            done.append(f"{command.kind} to the guard")
 
-    def hear(self, news: News) -> None:
-        if isinstance(news, Happening) and (news.kind, news.word) == ("stage", "goal"):
-            self._has_goal = True
-        if isinstance(news, Happening) and news.kind == "acknowledged":
-            self.acknowledged.append(news)
-
-
-def test_each_command_is_acknowledged_with_its_id_when_it_arrives(fly_run: Fly) -> None:
-    script = Script(
-        OperatorCommand("hold", "anna", command_id="1"),
-        OperatorCommand("abort", "ben", command_id="2"),
+    stubs: Any = Stubs()
+    handler = OperatorHandler(
+        inbox=stubs,
+        guard=stubs,
+        fence_changes=stubs,
+        record=lambda command: done.append(f"{command.kind} recorded"),
+        acknowledge=lambda command: done.append(f"{command.kind} acknowledged"),
     )
-    result, _ = fly_run(mode="sim", inbox=script, report=script.hear)
-    assert result.verdict == "INVALID"  # held after its goal was given
-    seen = [(one.word, one.who, one.command_id) for one in script.acknowledged]
-    assert seen == [("hold", "anna", "1"), ("abort", "ben", "2")]
-    assert [one.t_s for one in script.acknowledged] == script.given_s
-    assert {one.run for one in script.acknowledged} == {"large/sim/1"}
+    with suppress(TimeoutError):
+        async with asyncio.timeout(0.01):
+            await handler.run(lambda: None)
+    assert done == [
+        f"{kind} {what}"
+        for kind in ("hold", "abort")
+        for what in ("to the guard", "recorded", "acknowledged")
+    ]

@@ -14,6 +14,7 @@ import av
 import pytest
 
 from orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
+from orchestrator.model import run_log
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 from orchestrator.recording import run_recorder
@@ -330,6 +331,27 @@ def test_a_full_disk_lands_the_flight_and_is_an_error(
     assert (folder / "trajectory.csv").exists()
 
 
+def test_a_disk_that_fills_up_in_flight_is_no_exception_of_ours(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever writes learns it later: the library that writes the video never does."""
+    full, put = threading.Event(), BackgroundFile._put
+
+    def refused(self: BackgroundFile, data: bytes) -> bool:
+        if not full.is_set():
+            return put(self, data)
+        self._error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return False
+
+    monkeypatch.setattr(BackgroundFile, "_put", refused)
+    filling = at_stage("goal", 0.0, lambda _: full.set())
+    result, _ = fly_run(mode="sim", sets=BRIEF, disturb=filling)
+    assert result.verdict == "ERROR"
+    assert result.reason == "the recording ended early: No space left on device"
+    assert result.exceptions == ()
+    assert "mixed.mp4" in result.artifacts
+
+
 def test_a_disk_that_stands_still_in_flight_delays_nothing_and_loses_nothing(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -340,6 +362,7 @@ def test_a_disk_that_stands_still_in_flight_delays_nothing_and_loses_nothing(
         return released.wait(60.0) and put(self, data)
 
     monkeypatch.setattr(BackgroundFile, "_put", stalled)
+    monkeypatch.setattr(run_log, "_WRITTEN_WITHIN_S", 0.05)
     seen: list[bool] = []
 
     def release(_: Any) -> None:

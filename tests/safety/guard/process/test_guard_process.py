@@ -1,11 +1,15 @@
 import asyncio
 import fcntl
 import json
+import logging
 import os
 import resource
 import signal
 import socket
+import sys
+import threading
 from functools import partial
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +23,9 @@ from safety.guard.core.contingency import Phase
 from safety.guard.core.events import GuardEvent, decisive
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_socket import POINTER
+from safety.guard.process import guard_process
 from safety.guard.process.guard_process import GuardProcess
+from safety.guard.process.guard_stderr import logging_in_thread
 from safety.guard.process.orphaned_processes import reap_orphans, records
 from safety.guard.process.remote_guard import RemoteGuard
 from safety.guard.process.runtime_folder import open_runtime_folder
@@ -332,6 +338,70 @@ class FullLog:
 
     def __exit__(self, *_: object) -> None:
         raise OSError(28, "No space left on device")
+
+
+async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The lines of a traceback are read from a disk that may stand still."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    process: Any = GuardProcess(end=theirs, lifeline=-1)
+    done: list[str] = []
+    process._guarding = True
+    process._shell = SimpleNamespace(bring_down=done.append)
+    monkeypatch.setattr(process, "_event", lambda event: done.append(event.kind))
+
+    def read(_: BaseException) -> list[str]:
+        done.append("read")
+        return ["trace"]
+
+    monkeypatch.setattr(guard_process, "format_exception", read)
+    process._fault(KeyError("of ours"), "a task")
+    assert done == ["guard", "in the guard: KeyError: 'of ours'", "read"]
+    ours.close()
+    theirs.close()
+
+
+def test_who_logs_does_not_wait_for_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stalled(StringIO):
+        def write(self, text: str) -> int:
+            return released.wait(60.0) and super().write(text)
+
+    released, stderr = threading.Event(), Stalled()
+    monkeypatch.setattr(sys, "stderr", stderr)
+    with logging_in_thread():
+        for number in range(100):
+            logging.getLogger("of a link").warning("lost %d", number)
+        assert stderr.getvalue() == ""
+        released.set()
+    assert stderr.getvalue().splitlines() == [f"lost {number}" for number in range(100)]
+
+
+@pytest.mark.parametrize(
+    ("at_rest", "text"),
+    [
+        (True, "the guard's process does not end: the disk takes nothing of its log"),
+        (False, "the guard continues by itself: a vehicle is still in the air"),
+    ],
+)
+async def test_a_guard_that_does_not_end_has_a_vehicle_in_the_air_or_a_slow_disk(
+    folder: Path, text: str, *, at_rest: bool
+) -> None:
+    guard: Any = RemoteGuard(guard_config=guard_config(folder))
+
+    async def wait(_: float) -> None:
+        return None
+
+    rest = asyncio.Event()
+    if at_rest:
+        rest.set()
+    end = SimpleNamespace(close=lambda: None)
+    guard._process = SimpleNamespace(wait=wait, release=lambda: None, running=True)
+    guard._rest, guard._channel, guard._stderr = rest, end, end
+    guard._clock = SimpleNamespace(continue_alone=lambda: None)
+    guard._hold = os.open(folder, os.O_RDONLY)
+    await guard._end_process()
+    assert [(one.kind, one.text) for one in guard.events] == [("guard", text)]
 
 
 @pytest.mark.parametrize("known", [False, True])
