@@ -14,6 +14,7 @@ from worlds.frames import Vec3, norm, subtract
 Check = Literal[
     "failsafe",
     "return_altitude",
+    "takeoff_height",
     "fence",
     "home",
     "battery",

@@ -168,6 +168,11 @@ class Autopilot(ABC):
         VehicleError when the autopilot needs it and it is None.
         """
 
+    def least_takeoff_parameter(self, version: tuple[int, int, int]) -> str | None:
+        """Return the parameter below whose value, in metres, no takeoff command is obeyed."""
+        del version
+        return None
+
     @abstractmethod
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         """Return the ignore bits of yaw and yaw rate for a setpoint; without both it does not turn.

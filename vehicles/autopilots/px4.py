@@ -131,6 +131,13 @@ class Px4(Autopilot):
         unused = (math.nan,) * 6
         return command_long(target, mavlink.MAV_CMD_NAV_TAKEOFF, *unused, amsl_m)
 
+    def least_takeoff_parameter(self, version: tuple[int, int, int]) -> str | None:
+        """Return PX4's minimum takeoff height, which since 1.15 is a default alone.
+
+        Takeoff::set_takeoff_position of navigator/takeoff.cpp: "Using minimum takeoff altitude".
+        """
+        return "MIS_TAKEOFF_ALT" if version < (1, 15, 0) else None
+
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         # With neither it keeps its heading: PositionControl uses the present yaw.
         mask = IGNORE_YAW if yaw_rad is None else 0

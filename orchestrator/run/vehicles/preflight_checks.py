@@ -95,6 +95,7 @@ class Preflight:
         uncertainty_s = context.driver.clock.uncertainty_s
         items = [
             *await self._failsafes(context, vehicle),
+            *await self._least_takeoff(context),
             at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
             without_faults("estimator", name, state.faults),
             _position_item(context, position, wanted.start_tolerance_m),
@@ -178,6 +179,22 @@ class Preflight:
                 at_most("return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what)
             )
         return items
+
+    async def _least_takeoff(self, context: VehicleContext) -> Iterable[Item]:
+        """Return the preflight item of the height to which the autopilot climbs at least."""
+        identity = context.driver.identity
+        autopilot = autopilot_named(identity.autopilot)
+        name = autopilot.least_takeoff_parameter(identity.version)
+        pair = {one.name: one for one in self._setup.vehicles}
+        if name is None or context.name not in pair:
+            return ()
+        known = await first_known(context.driver.parameters, [name])
+        height_m = self._setup.height_m(pair[context.name])
+        what = f"its {name}, to which {autopilot.label} {identity.version_text} climbs at least,"
+        least_m = (
+            round(known[name], 3) if known else None
+        )  # a float of 4 bytes: 1.2 is 1.2000000477
+        return (at_most("takeoff_height", context.name, least_m, height_m, unit="m", what=what),)
 
     def _pair(self, contexts: tuple[VehicleContext, ...]) -> Iterable[Item]:
         if len(contexts) < 2:

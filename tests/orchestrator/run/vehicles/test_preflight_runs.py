@@ -18,6 +18,7 @@ from tests.orchestrator.conftest import BRIEF, Fly, NoCommands
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
+from vehicles.embedded.autopilot.px4 import px4_telemetry
 from vehicles.mavlink.fence_areas import FencePolygon, Place
 
 FENCE = "geofence={box: {north_m: [-3, 3], east_m: [-3, 3], up_m: [-1, 2.4]}}"
@@ -150,6 +151,22 @@ def test_a_return_is_set_beneath_a_low_ceiling(hover: Any, sets: tuple[str, ...]
     item = flight.item("return_altitude")
     assert (item.outcome, item.limit) == ("ok", 2.4)
     assert item.actual == pytest.approx(1.8)
+
+
+def test_an_older_px4_that_climbs_higher_than_the_campaign_wants_never_arms(
+    hover: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(px4_telemetry, "_FLIGHT_VERSION", 1 << 24 | 14 << 16 | 4 << 8 | 255)
+    flight = hover()
+    item = flight.item("takeoff_height")
+    assert (flight.armed, item.outcome, item.actual, item.limit) == (False, "refused", 2.5, 1.2)
+    assert (
+        "twin takeoff_height: its MIS_TAKEOFF_ALT, to which PX4 1.14.4 climbs at least, is 2.5 m, "
+        "and at most 1.2 m is allowed"
+    ) in flight.result.reason
+    shutil.rmtree(flight.folder)
+    flight = hover("vehicles.twin.params={MIS_TAKEOFF_ALT: 1.2}")
+    assert flight.item("takeoff_height").outcome == "ok"
 
 
 def test_a_fence_that_the_autopilot_refuses_is_an_error_before_arming(
