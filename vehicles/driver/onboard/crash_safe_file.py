@@ -19,6 +19,7 @@ class CrashSafeFile:
         self.path = path
         self.document = document
         self._handle: int | None = handle
+        self._is_removed = False
 
     @classmethod
     def write(cls, folder: Path, suffix: str, document: Mapping[str, object]) -> Self:
@@ -69,8 +70,10 @@ class CrashSafeFile:
             raise
 
     def remove(self) -> None:
-        """Remove the crash-safe file: nothing is left to restore."""
-        self.path.unlink(missing_ok=True)
+        """Remove the crash-safe file, once: later another file may have its number."""
+        if not self._is_removed:
+            self.path.unlink(missing_ok=True)
+            self._is_removed = True
 
     def close(self) -> None:
         """Release the crash-safe file's lock."""

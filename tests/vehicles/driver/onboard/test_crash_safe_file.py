@@ -63,3 +63,14 @@ def test_two_threads_write_at_the_same_time(
     assert names == [f"000001{SUFFIX}", f"000002{SUFFIX}"]
     for one in files:
         one.close()
+
+
+def test_a_file_removed_twice_leaves_another_that_has_its_number_by_now(tmp_path: Path) -> None:
+    file = CrashSafeFile.write(tmp_path, SUFFIX, {"a": 1})
+    file.remove()
+    file.close()
+    other = CrashSafeFile.write(tmp_path, SUFFIX, {"a": 2})
+    assert other.path == file.path
+    file.remove()
+    assert json.loads(other.path.read_text()) == {"a": 2}
+    other.close()
