@@ -36,17 +36,25 @@ class WorldImages:
 
 
 class WorldRays:
-    """Views of one scene by the beams of ranging sensors; its tree is built at the first cast."""
+    """Views of one scene by beams; its tree is built by `prepare`, or else at the first cast."""
 
     def __init__(self, *, scene: Scene, events: Mapping[str, float]) -> None:
         self._scene = scene
         self._events = events
         self._caster: RayCaster | None = None
 
+    def prepare(self) -> None:
+        """Build the tree of the scene now, before the flight: it may take seconds."""
+        self._load_caster()
+
     def __call__(self, sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
         """Return what beams hit in the world at t_s. sensor: its pose (FRD, world frame)."""
+        caster = self._load_caster()
+        directions_ned = directions_frd @ matrix_from_quat(sensor.q_wxyz).T
+        hits = caster.cast(sensor.position_ned_m, directions_ned, t_s, self._events)
+        return RayHits(hits.ranges_m.astype(np.float32), hits.object_ids)
+
+    def _load_caster(self) -> RayCaster:
         if self._caster is None:
             self._caster = RayCaster(self._scene)
-        directions_ned = directions_frd @ matrix_from_quat(sensor.q_wxyz).T
-        hits = self._caster.cast(sensor.position_ned_m, directions_ned, t_s, self._events)
-        return RayHits(hits.ranges_m.astype(np.float32), hits.object_ids)
+        return self._caster

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
-from worlds.frames import Pose, Vec3, angle_between
+from worlds.frames import AT_ORIGIN, Pose, Vec3, angle_between
 from worlds.scene.motion import Travel
 from worlds.scene.parts import BoxShape, SphereShape
 from worlds.scene.scene import NO_EVENTS, Placed, RigidBody, Scene, SceneObject
@@ -83,6 +83,16 @@ class ClearanceProbe:
         farther = copy.copy(self)
         farther.within_m = distance_m
         return farther
+
+    def load_kernels(self) -> None:
+        """Load or compile the kernels that the scene's parts need, wherever they are.
+
+        A sweep calls only those that its stretch needs.
+        """
+        for part in (part for target in self._targets for part in target.parts):
+            self._body.gap(AT_ORIGIN, part)
+            if part.tree is not None:
+                self._body.stays_beyond(part.tree, AT_ORIGIN, AT_ORIGIN, 0.0)
 
     def sweep(
         self,

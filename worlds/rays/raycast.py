@@ -74,6 +74,8 @@ class _Group:
             corners = mesh.vertices_m[mesh.faces]
             self._corners.append(corners)
             self._meshes.append(TriangleMesh(self._scene, corners.astype(np.float32)))
+        # Embree builds the tree at its first ray.
+        self._scene.run(np.zeros((1, 3), np.float32), np.eye(1, 3, dtype=np.float32))
 
     def cast(self, origin_m: FloatArray, directions: FloatArray) -> Hits:
         """Return the rays' first hits; origin and directions in this group's frame."""

@@ -34,6 +34,10 @@ class ExpectedViews:
             self._all_images = ThroughLens(WorldImages(scene=everything, events=events))
         self._all_rays = WorldRays(scene=everything, events=events)
 
+    def prepare_rays(self) -> None:
+        """Prepare for `ranges` before the flight; otherwise its first call takes long."""
+        self._all_rays.prepare()
+
     def image(
         self,
         camera: Pose,

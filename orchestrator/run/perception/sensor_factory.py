@@ -280,8 +280,10 @@ class SensorFactory:
         return ThroughLens(WorldImages(scene=self._scene(name), events=self._events))
 
     def _caster(self, name: str) -> WorldRays:
+        """Return the ray caster of a vehicle's world, ready: none is built in the air."""
         if name not in self._rays:
-            self._rays[name] = WorldRays(scene=self._scene(name), events=self._events)
+            rays = self._rays[name] = WorldRays(scene=self._scene(name), events=self._events)
+            rays.prepare()
         return self._rays[name]
 
     def _track(self, name: str) -> TruthHistory:

@@ -31,6 +31,8 @@ from vehicles.sensors.noise_sets import NoiseSetName
 from worlds.frames import Pose
 from worlds.scene.scene import virtual_only
 
+_RANGING_KINDS = frozenset({"lidar", "lidar_points", "rangefinder"})
+
 
 @dataclass(frozen=True, slots=True)
 class NotMeasured:
@@ -76,19 +78,22 @@ class VisibilityProbes:
         why = self._obstacle(combination, virtual, real, twin)
         if why:
             return NotMeasured(why)
+        views = self._views_of_geometry()
+        if combination.sensor.kind in _RANGING_KINDS:
+            views.prepare_rays()
         measured = Measured(
             combination=combination,
             real=real,
             twin=twin,
             virtual=virtual,
-            views=self._views_of_geometry(),
+            views=views,
             body=self._body(real),
             is_like=self._drawn_by_us(twin),
             is_judged=lambda: self._run_state.stage == "goal",
             reach_m=reach_of_twin(twin, setup.profiles["twin"].sensors),
         )
-        mixer.observer = views = MixtureViews()
-        return VisibilityProbe(measured, views=views)
+        mixer.observer = mixture_views = MixtureViews()
+        return VisibilityProbe(measured, views=mixture_views)
 
     def _capture(self, reading: PoseReading) -> None:
         self._captured.add(reading.t_s, reading.pose)

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from campaigns.values.sensor_setups import LidarPointsSetup
+from campaigns.values.sensor_setups import CameraSetup, DepthSetup, LidarPointsSetup
 from orchestrator.state.run_setup import RunSetup
 from recipes.visibility.ranges import nearest_m
 from vehicles.embedded.control.law import load_kernels
@@ -49,10 +49,11 @@ def warm_up(setup: RunSetup) -> None:
     if any(vehicle.embedded for vehicle in setup.vehicles):
         load_kernels()
     probe = ClearanceProbe(setup.judged_scene, BODY, within_m=_FAR_M)
+    probe.load_kernels()
     probe.sweep(Pose((0.0, 0.0, -1.0)), 0.0, Pose((0.1, 0.0, -1.0)), 0.1)
-    if any(vehicle.cameras for vehicle in setup.vehicles):
-        load_rendering()
     sensors = [sensor for vehicle in setup.with_sensors for sensor in vehicle.sensors]
+    if any(isinstance(sensor, CameraSetup | DepthSetup) for sensor in sensors):
+        load_rendering()
     if any(isinstance(sensor, LidarPointsSetup) for sensor in sensors):
         nearest_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))
 

@@ -42,3 +42,9 @@ def test_what_moves_is_met_where_it_is() -> None:
     assert (first.ranges_m[0], first.object_ids[0]) == (pytest.approx(1.75), 9)
     later = caster.cast((0.0, 0.0, -1.0), NORTH[None], 1.0)
     assert (later.ranges_m[0], later.object_ids[0]) == (pytest.approx(3.0), 3)
+
+
+def test_embree_has_built_its_tree_when_the_caster_is_there() -> None:
+    caster = RayCaster(Scene((ROOM,)))
+    assert caster._resting is not None
+    assert caster._resting._scene.is_committed

@@ -6,6 +6,7 @@ A free lock tells the next start that the writer is gone and that the file is to
 import fcntl
 import json
 import os
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -18,15 +19,20 @@ class CrashSafeFile:
         self.path = path
         self.document = document
         self._handle: int | None = handle
+        self._is_removed = False
 
     @classmethod
     def write(cls, folder: Path, suffix: str, document: Mapping[str, object]) -> Self:
-        """Write a crash-safe file and sync it to the disk. Raises OSError."""
+        """Write a crash-safe file and sync it to the disk. Raises OSError.
+
+        A memory card takes seconds for it: a flight calls it in a thread. Several threads may.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         number = (
             max((_number(path, suffix) for path in crash_safe_files(folder, suffix)), default=0) + 1
         )
-        half = folder / f"{number:06d}{suffix}.{os.getpid()}.tmp"
+        writer = f"{os.getpid()}-{threading.get_ident()}"
+        half = folder / f"{number:06d}{suffix}.{writer}.tmp"
         handle = os.open(half, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         try:
             # The lock belongs to the file, whatever its name.
@@ -64,8 +70,10 @@ class CrashSafeFile:
             raise
 
     def remove(self) -> None:
-        """Remove the crash-safe file: nothing is left to restore."""
-        self.path.unlink(missing_ok=True)
+        """Remove the crash-safe file, once: later another file may have its number."""
+        if not self._is_removed:
+            self.path.unlink(missing_ok=True)
+            self._is_removed = True
 
     def close(self) -> None:
         """Release the crash-safe file's lock."""

@@ -5,6 +5,7 @@ at once; PX4 keeps two lists, swaps them when the new one is complete, and refus
 home. Neither ever enforces half a list: either the old areas apply or the new ones.
 """
 
+import asyncio
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -23,6 +24,7 @@ from vehicles.driver.onboard.mission_protocol import MissionItem
 from vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
 from vehicles.driver.onboard.parameters import Parameters
 from vehicles.errors import VehicleError
+from vehicles.tasks import finish
 
 
 class OnboardFence:
@@ -112,10 +114,10 @@ class OnboardFence:
         context = self._parameters.changed(changes, backup_folder=self._backup_folder)
         self._offered = (fence, context)
         if self._backup_folder is not None:
-            ours, vehicle = fence_items(fence.areas), self._parameters.vehicle
-            self._fence_backups.append(
-                back_up_fence(self._backup_folder, vehicle, own=self._original_items, ours=ours)
+            backing_up = self._back_up(
+                self._backup_folder, own=self._original_items, ours=fence_items(fence.areas)
             )
+            await finish(backing_up, name="fence backup")
         await self._fences.upload(fence.areas)
         await context.__aenter__()
 
@@ -141,6 +143,18 @@ class OnboardFence:
         elif self._original_items is not None:
             await self._fences.restore(self._original_items)
         self._offered = None
+
+    async def _back_up(
+        self, folder: Path, *, own: tuple[MissionItem, ...], ours: tuple[MissionItem, ...]
+    ) -> None:
+        """Back up the autopilot's fence; a thread writes, as the disk may stand still.
+
+        To be finished whatever happens to the offer: a backup is released only if it is known.
+        """
+        vehicle = self._parameters.vehicle
+        self._fence_backups.append(
+            await asyncio.to_thread(back_up_fence, folder, vehicle, own=own, ours=ours)
+        )
 
     async def _restore_fence(self, own: tuple[MissionItem, ...]) -> None:
         """Restore the autopilot's fence; on failure the backup stays for the next start."""

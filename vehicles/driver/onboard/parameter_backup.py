@@ -4,6 +4,7 @@ Before the first change a backup file with the original values is written. It st
 writer lives, so that the next start restores only backups of processes that are gone.
 """
 
+import asyncio
 import contextlib
 import math
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from typing import Protocol, Self
 
 from vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
 from vehicles.errors import ParameterError
+from vehicles.tasks import finish
 
 ParameterValue = int | float
 
@@ -85,10 +87,10 @@ class ParameterBackup:
         self._changes = tuple(
             ParameterChange(name, value, self._wanted[name]) for name, value in before
         )
-        if self._folder is not None and self._changes:
-            self._backup = _BackupFile.write(self._folder, self._vehicle, self._changes)
         done: list[ParameterChange] = []
         try:
+            if self._folder is not None and self._changes:
+                await finish(self._back_up(self._folder), name="parameter backup")
             for change in self._changes:
                 done.append(change)
                 await self._access.set(change.name, change.wanted)
@@ -123,6 +125,12 @@ class ParameterBackup:
         self._backup, self._changes = None, ()
         return left
 
+    async def _back_up(self, folder: Path) -> None:
+        """Write the backup, in a thread, as the disk may stand still; to be finished."""
+        self._backup = await asyncio.to_thread(
+            _BackupFile.write, folder, self._vehicle, self._changes
+        )
+
     async def _restore(self) -> None:
         failed: list[str] = []
         try:
@@ -132,7 +140,7 @@ class ParameterBackup:
                 except ParameterError as error:
                     failed.append(f"{change.name} to {change.before} ({error})")
             if not failed and self._backup is not None:
-                self._backup.remove()
+                await asyncio.to_thread(self._backup.remove)
         finally:
             if self._backup is not None:
                 self._backup.close()

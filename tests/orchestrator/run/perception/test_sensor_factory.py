@@ -21,6 +21,7 @@ from tests.recipes.samples import beam
 from vehicles.readings import RangefinderReading
 from vehicles.sensors.truth import Truth
 from worlds.frames import Pose
+from worlds.scene.scene import Scene
 
 NORTH_M_S = 3.0
 
@@ -46,6 +47,21 @@ async def sensed(factory: SensorFactory, setup: RunSetup, telemetry: Any) -> lis
     return taken
 
 
+def factory_of(setup: RunSetup, listeners: list[PoseListener]) -> SensorFactory:
+    """Return the sensor factory of a real vehicle that is known by its telemetry."""
+    context: Any = SimpleNamespace(on_pose=listeners.append)
+    external_io: Any = SimpleNamespace(readings=SimpleNamespace(get=lambda *_: None))
+    faults: Any = None
+    return SensorFactory(
+        setup=setup,
+        contexts={"real": context},
+        feeds={},
+        events={},
+        external_io=external_io,
+        faults=faults,
+    )
+
+
 @pytest.mark.parametrize(("rate_hz", "latency_s"), [(10.0, 0.05), (50.0, 0.02)])
 def test_readings_of_a_vehicle_known_by_telemetry_are_of_the_pose_at_their_stamps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate_hz: float, latency_s: float
@@ -59,17 +75,7 @@ def test_readings_of_a_vehicle_known_by_telemetry_are_of_the_pose_at_their_stamp
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
     listeners: list[PoseListener] = []
-    context: Any = SimpleNamespace(on_pose=listeners.append)
-    external_io: Any = SimpleNamespace(readings=SimpleNamespace(get=lambda *_: None))
-    faults: Any = None
-    factory = SensorFactory(
-        setup=setup,
-        contexts={"real": context},
-        feeds={},
-        events={},
-        external_io=external_io,
-        faults=faults,
-    )
+    factory = factory_of(setup, listeners)
     monkeypatch.setattr(SensorFactory, "_model", lambda *_, **__: NorthSensor())
 
     def telemetry() -> None:
@@ -83,3 +89,24 @@ def test_readings_of_a_vehicle_known_by_telemetry_are_of_the_pose_at_their_stamp
     errors_m = [abs(one.range_m - NORTH_M_S * one.t_s) for one in readings]
     assert len(errors_m) > 50
     assert max(errors_m) < 0.01
+
+
+def test_the_rays_of_a_world_are_built_once_with_its_sensors_before_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[Scene] = []
+    monkeypatch.setattr("vehicles.sensors.world_views.RayCaster", built.append)
+    sets = (
+        "vehicles.real.link=udpin://127.0.0.1:14540",
+        "vehicles.real.pose_source=mavlink",
+        "vehicles.real.sensors.range={type: rangefinder, rate_hz: 20}",
+        "vehicles.real.sensors.scan={type: lidar, rate_hz: 5}",
+    )
+    options = Options(cases=("large",), modes=("wil",), sets=sets)
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="wall"))
+    factory, vehicle = factory_of(setup, []), setup.vehicle("real")
+    for sensor in vehicle.sensors:
+        if sensor.name in {"range", "scan"}:
+            factory.stream(vehicle, sensor)
+            assert built == [setup.real_scene]

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns.expansion.expansion import Options, load_campaign
 from campaigns.values.sensor_setups import (
+    CameraSetup,
     DepthSetup,
     LidarPointsSetup,
     RangefinderSetup,
@@ -15,17 +17,24 @@ from campaigns.values.sensor_setups import (
     SensorSetup,
 )
 from orchestrator.run.perception.visibility import Measured, MixtureViews, VisibilityProbe
-from orchestrator.run.perception.visibility_probes import reach_of_twin, sought_objects
+from orchestrator.run.perception.visibility_probes import (
+    VisibilityProbes,
+    reach_of_twin,
+    sought_objects,
+)
+from orchestrator.state.run_setup import RunOrder, RunSetup
 from recipes.language.recipe_files import load_recipe_file
 from recipes.model.recipe import Combination
 from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
 from recipes.visibility.sampling import sampled_intrinsics
+from tests.orchestrator.conftest import ROOT
 from tests.recipes.samples import CAMERA, depth
 from vehicles.readings import LidarPointsReading, Reading
 from vehicles.sensors.lidar import GridPattern
 from vehicles.sensors.noise_sets import NoiseSetName
 from worlds.camera import CameraMount
 from worlds.frames import AT_ORIGIN
+from worlds.scene.scene import Scene
 
 THINGS = {2: "gate", 3: "intruder", 4: "decoy"}
 RECIPE = """\
@@ -141,3 +150,31 @@ def test_a_lidar_with_a_source_of_its_own_has_the_reach_that_the_campaign_gives(
     )
     assert reach_of_twin(given, "datasheet") == (1.0, 200.0)
     assert reach_of_twin(BELOW, "ideal") == (0.0, np.inf)
+
+
+SEEING = CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())
+
+
+@pytest.mark.parametrize("sensor", [SEEING, STEREO, SPINNING, BELOW], ids=lambda one: one.kind)
+def test_the_rays_of_a_probe_that_casts_some_are_built_before_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensor: SensorSetup
+) -> None:
+    built: list[Scene] = []
+    monkeypatch.setattr("vehicles.sensors.world_views.RayCaster", built.append)
+    text = RECIPE.replace("filter: [FILTER]", "").replace("camera", sensor.kind)
+    text = text.replace("{overlay: {priority: [twin, real]}}", "replace")
+    (tmp_path / "recipe.yaml").write_text(text)
+    options = Options(cases=("large",), modes=("wil",))
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    context: Any = SimpleNamespace(pose_source="mocap", truth=None, poses=None)
+    nothing: Any = SimpleNamespace(stage="goal", cameras={}, simulators={})
+    probes = VisibilityProbes(
+        setup=RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="wall")),
+        contexts={"real": context},
+        events={},
+        external_io=nothing,
+        run_state=nothing,
+    )
+    mixer: Any = SimpleNamespace(combination=_combination(tmp_path), observer=None)
+    assert isinstance(probes.of(mixer, sensor, sensor), VisibilityProbe)
+    assert len(built) == (1 if sensor in {SPINNING, BELOW} else 0)

@@ -1,13 +1,26 @@
-"""What the run server loads before it forks: kernels that are on disk, and none that are not."""
+"""What the run server loads before it forks, and what a run loads before its flight."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from campaigns.expansion.expansion import Options, load_campaign
+from campaigns.values.sensor_setups import CameraSetup, DepthSetup, RangefinderSetup, SensorSetup
 from orchestrator.run.perception import warm_up
+from orchestrator.state.run_setup import RunOrder, RunSetup
+from tests.orchestrator.conftest import ROOT
+from tests.recipes.samples import CAMERA
 from vehicles.embedded.control.law import load_kernels
 from vehicles.embedded.physics.motion_kernel import estimate
 from worlds import jit
+from worlds.camera import CameraMount
+from worlds.clearance.surfaces import surface_distance, swept_beyond
+from worlds.frames import AT_ORIGIN, Pose, Vec3
+from worlds.scene.parts import Part, SurfaceShape
+from worlds.scene.scene import Scene, SceneObject
+from worlds.scene.shapes import Shape, box
 
 
 def test_a_kernel_is_cached_once_it_was_compiled(
@@ -31,3 +44,52 @@ def test_the_run_server_compiles_nothing(
     monkeypatch.setattr(warm_up, "load_rendering", lambda: loaded.append("write_ids"))
     warm_up.load_kept_kernels()
     assert tuple(loaded) == kept
+
+
+def setup_of_gate(folder: Path) -> RunSetup:
+    options = Options(cases=("large",), modes=("sim",))
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    return RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "is_rendered"),
+    [
+        (CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
+        (DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
+        (RangefinderSetup(name="range", rate_hz=10, half_angle_rad=0.0, mount=AT_ORIGIN), False),
+    ],
+    ids=["camera", "depth", "range"],
+)
+def test_rendering_is_loaded_before_the_flight_for_whatever_is_rendered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensor: SensorSetup, is_rendered: bool
+) -> None:
+    loaded: list[str] = []
+    monkeypatch.setattr(warm_up, "load_rendering", lambda: loaded.append("rendering"))
+    setup = setup_of_gate(tmp_path)
+    (vehicle,) = setup.vehicles
+    warm_up.warm_up(replace(setup, vehicles=(replace(vehicle, sensors=(sensor,)),)))
+    assert bool(loaded) is is_rendered
+
+
+@pytest.mark.parametrize(
+    "at", [(8.0, 0.0, -1.0), (0.0, 8.0, -1.0), (0.0, 0.0, -1.0)], ids=["north", "east", "around"]
+)
+def test_what_measures_a_mesh_is_loaded_before_the_flight_wherever_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: Vec3
+) -> None:
+    called: set[str] = set()
+    kernels: tuple[Any, ...] = (surface_distance, swept_beyond)
+    for kernel in kernels:
+
+        def watched(*arguments: Any, kernel: Any = kernel) -> Any:
+            called.add(kernel.__name__)
+            return kernel(*arguments)
+
+        monkeypatch.setattr(f"worlds.clearance.distance.{kernel.__name__}", watched)
+    mesh = box((1.0, 1.0, 1.0)).mesh
+    surface = SurfaceShape(mesh.vertices_m, mesh.faces)
+    shape = Shape("mesh", mesh, (Part("surface", surface, AT_ORIGIN),))
+    scene = Scene((SceneObject(1, "mesh", shape, Pose(at)),))
+    warm_up.warm_up(replace(setup_of_gate(tmp_path), virtual_scene=scene))
+    assert called == {"surface_distance", "swept_beyond"}

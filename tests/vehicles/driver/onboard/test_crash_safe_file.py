@@ -3,6 +3,8 @@
 import errno
 import json
 import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -42,3 +44,33 @@ def test_a_write_that_the_system_cuts_short_is_completed(
         CrashSafeFile.write(tmp_path, SUFFIX, {"a": "b" * 100}).close()
     (path,) = tmp_path.iterdir()
     assert json.loads(path.read_text()) == {"a": "b" * 100}
+
+
+def test_two_threads_write_at_the_same_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    both = threading.Barrier(2)
+
+    def sync(_handle: int) -> None:
+        both.wait(10.0)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    with ThreadPoolExecutor(2) as threads:
+        writing = [threads.submit(CrashSafeFile.write, tmp_path, SUFFIX, {"a": k}) for k in (1, 2)]
+        files = [each.result() for each in writing]
+    assert [json.loads(one.path.read_text()) for one in files] == [{"a": 1}, {"a": 2}]
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [f"000001{SUFFIX}", f"000002{SUFFIX}"]
+    for one in files:
+        one.close()
+
+
+def test_a_file_removed_twice_leaves_another_that_has_its_number_by_now(tmp_path: Path) -> None:
+    file = CrashSafeFile.write(tmp_path, SUFFIX, {"a": 1})
+    file.remove()
+    file.close()
+    other = CrashSafeFile.write(tmp_path, SUFFIX, {"a": 2})
+    assert other.path == file.path
+    file.remove()
+    assert json.loads(other.path.read_text()) == {"a": 2}
+    other.close()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from orchestrator.model.clock import run_virtual
+from tests.vehicles.driver.onboard.slow_disks import SlowDisk
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
 from vehicles.driver.onboard.fence_backup import restore_fence
@@ -217,6 +218,33 @@ def test_an_offer_that_is_cancelled_can_be_put_back(autopilot: AutopilotName) ->
             await asyncio.wait([offer])
             await kept.put_back()
             assert rig.has == (20.0, 12.0), after_s
+
+    with_vehicle(autopilot, script)
+
+
+@BOTH
+@pytest.mark.parametrize("cancelled", [False, True])
+def test_the_loop_runs_on_while_the_disk_takes_the_fences_backup(
+    autopilot: AutopilotName, cancelled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def script(rig: Rig) -> None:
+        async with rig.kept(tmp_path) as kept:
+            disk = SlowDisk(monkeypatch)
+            offer = asyncio.create_task(kept.offer(FIRST))
+            waiting = asyncio.create_task(disk.reached())
+            await asyncio.wait({offer, waiting}, return_when=asyncio.FIRST_COMPLETED)
+            assert rig.radius_m == 90.0
+            if cancelled:
+                offer.cancel()
+                await asyncio.sleep(0)
+            disk.release()
+            await asyncio.wait([offer])
+            assert offer.cancelled() is cancelled
+            assert rig.radius_m == (90.0 if cancelled else 20.0)
+            assert files(tmp_path) == (1 if cancelled else 2)
+            await kept.put_back()
+            assert rig.radius_m == 90.0
+        assert files(tmp_path) == 0
 
     with_vehicle(autopilot, script)
 

@@ -1,5 +1,6 @@
 """Parameters changed for a time: set back in reverse, and after a crash by the next start."""
 
+import asyncio
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.model.clock import run_virtual
+from tests.vehicles.driver.onboard.slow_disks import SlowDisk
 from vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
@@ -119,6 +121,43 @@ def test_the_flight_s_own_error_is_what_is_raised(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="of the flight") as caught:
         run_virtual(scenario())
     assert "could not restore A" in caught.value.__notes__[0]
+
+
+def test_the_loop_runs_on_while_the_disk_takes_the_backup(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        access, disk = Access(A=1), SlowDisk(monkeypatch)
+        backup = context(access, {"A": 5}, tmp_path)
+        entering = asyncio.create_task(backup.__aenter__())
+        waiting = asyncio.create_task(disk.reached())
+        await asyncio.wait({entering, waiting}, return_when=asyncio.FIRST_COMPLETED)
+        assert access.log == []
+        disk.release()
+        await entering
+        assert access.values == {"A": 5}
+        await backup.__aexit__(None, None, None)
+
+    run_virtual(scenario())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_entry_that_is_cancelled_leaves_no_backup(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        access, disk = Access(A=1), SlowDisk(monkeypatch)
+        entering = asyncio.create_task(context(access, {"A": 5}, tmp_path).__aenter__())
+        await disk.reached()
+        entering.cancel()
+        await asyncio.sleep(0)
+        disk.release()
+        with pytest.raises(asyncio.CancelledError):
+            await entering
+        assert access.log == []
+
+    run_virtual(scenario())
+    assert list(tmp_path.iterdir()) == []
 
 
 _KILLED = """
