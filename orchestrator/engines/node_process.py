@@ -54,6 +54,8 @@ from orchestrator.storage.threads import in_thread
 from safety.guard.core.operator_command import OperatorCommand
 
 _REPORT_S = 5.0
+_AT_ONCE_BYTES = select.PIPE_BUF - 4
+"""A pipe that is ready takes so many without blocking, behind the length of the message."""
 _DESERTED = "the node lost its cluster before the run began"
 _LANDED_S = 120.0
 """How long a run may take to land once its cluster is gone."""
@@ -70,6 +72,7 @@ class NodeRuns:
         self._home = home
         self._workers = LocalWorkers[RunOrder, RunResult](fly_order, completed_run)
         self._results: NodeResults | None = None
+        self._sending: asyncio.Future[None] | None = None
 
     async def serve(self) -> None:
         """Carry out the messages until standard input ends."""
@@ -79,9 +82,9 @@ class NodeRuns:
             except (EOFError, OSError):
                 return
             if isinstance(message, CampaignBrought):
-                self._send(CampaignAnswer(await self._take_campaign(message)))
+                await self._send(CampaignAnswer(await self._take_campaign(message)))
             elif isinstance(message, RunOrdered):
-                self._send(await self._fly(message))
+                await self._send(await self._fly(message))
             elif isinstance(message, RunTaken) and self._results is not None:
                 self._results.taken(message)
 
@@ -145,7 +148,7 @@ class NodeRuns:
         while not sending.done():
             await asyncio.wait([sending], timeout=_REPORT_S)
             if not sending.done():
-                self._send(RunSending(sent))
+                await self._report(RunSending(sent))
         return sending.result()
 
     async def _follow(
@@ -161,7 +164,7 @@ class NodeRuns:
                     outcome: RunResult | WorkerLost = message.outcome
                     return outcome
                 if isinstance(message, News) and limiter.passes(message):
-                    self._send(news_message(message))
+                    await self._report(news_message(message))
         except (EOFError, OSError):
             return await worker.outcome_of_lost("")
 
@@ -188,9 +191,42 @@ class NodeRuns:
         await await_message(self._commands)
         return decode_to_node(self._commands.recv_bytes())
 
-    def _send(self, message: ToCampaign) -> None:
+    async def _report(self, news: ToCampaign) -> None:
+        """Send news, unless nobody takes them: a reader that stands still delays no abort."""
+        _, writable, _ = select.select([], [self._reports], [], 0.0)
+        if not writable or self._is_sending:
+            return
+        content = encode_to_campaign(news)
+        if len(content) <= _AT_ONCE_BYTES:
+            self._write(content)
+        else:
+            await self._send(news)
+
+    async def _send(self, message: ToCampaign) -> None:
+        """Send a message that has to arrive, in a thread: its reader may stand still.
+
+        It is given up where standard input has ended, too.
+        """
+        await self._await_sent()
+        if not self._is_sending:
+            self._sending = in_thread(partial(self._write, encode_to_campaign(message)))
+            await self._await_sent()
+
+    @property
+    def _is_sending(self) -> bool:
+        return self._sending is not None and not self._sending.done()
+
+    async def _await_sent(self) -> None:
+        """Wait until the message is sent that a thread sends, or is given up."""
+        while self._sending is not None and not self._sending.done():
+            is_deserted = _is_deserted(self._commands)
+            await asyncio.wait([self._sending], timeout=_REPORT_S)
+            if is_deserted:
+                return
+
+    def _write(self, content: bytes) -> None:
         with suppress(OSError):  # the reader is gone: the run's files have its result
-            self._reports.send_bytes(encode_to_campaign(message))
+            self._reports.send_bytes(content)
 
 
 def _is_deserted(commands: Connection) -> bool:

@@ -1,6 +1,8 @@
 """UDP links: `udpin` listens and replies to its senders, `udpout` sends first."""
 
 import asyncio
+import socket
+from asyncio.trsock import TransportSocket
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self, cast
@@ -26,6 +28,9 @@ _MOST_BESIDE = 8
 _SYSTEM_AT = {0xFD: 5, 0xFE: 3}
 """The offset of the system id in a frame of MAVLink 2 and 1."""
 _NO_MAVLINK = 0
+_MOST_WAITING_BYTES = 16_384
+"""The kernel's send buffer, which Linux doubles: some 40 frames instead of 270. Writes beyond that
+are dropped: a late setpoint is worse than none."""
 
 RIVAL_REMEDY = "switch one off, or give one another id (MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
 """What to do about two vehicles with one system id."""
@@ -110,6 +115,9 @@ class UdpLink(asyncio.DatagramProtocol):
     that is another vehicle. For some seconds, or as long as it had its place, it takes that back at
     once. Bytes written before anything was received are lost. `udpout` sends to its address and
     receives only from that peer.
+    What the network does not take is not kept: while some 40 frames wait, writes are dropped. With
+    a second address there is room for as many as the kernel has by default: what waits for an
+    address that is gone takes room from the others.
     signed: senders are authenticated by signatures instead; a new sender replaces the one that was
     silent longest, but no sender without a correct signature (`confirm_sender`) replaces one with
     it.
@@ -122,6 +130,8 @@ class UdpLink(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._sources: dict[int | _Address, _Source] = {}
+        self._default_waiting_bytes = _MOST_WAITING_BYTES
+        self.dropped_writes = 0
         self._peers: tuple[_Address, ...] = ()
         """The addresses of all sources, the silent ones included."""
         self._sender: _Address | None = None
@@ -169,9 +179,12 @@ class UdpLink(asyncio.DatagramProtocol):
         self._on_change = listener
 
     def write(self, data: bytes) -> None:
-        """Send one UDP datagram to each known peer."""
+        """Send one UDP datagram to each known peer, unless earlier ones are still waiting."""
         transport = self._transport
         if transport is None or transport.is_closing():
+            return
+        if cast("asyncio.WriteTransport", transport).get_write_buffer_size():
+            self.dropped_writes += 1
             return
         if self._address.kind == "udpout":
             transport.sendto(data)
@@ -206,6 +219,9 @@ class UdpLink(asyncio.DatagramProtocol):
         shorten_reads(transport)
         # Python 3.11's own datagram transport is no subclass of DatagramTransport.
         self._transport = cast("asyncio.DatagramTransport", transport)
+        own = cast("TransportSocket", transport.get_extra_info("socket"))
+        self._default_waiting_bytes = own.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) // 2
+        self._limit_waiting(_MOST_WAITING_BYTES)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Pass a UDP datagram on with its time (asyncio calls this)."""
@@ -263,8 +279,17 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def _set_source(self, key: "int | _Address", source: _Source) -> None:
         """Accept a UDP sender, and reply to it from now on."""
+        if self._peers and source.address not in self._peers:
+            # Without an answer to ARP the kernel keeps frames for 3 s: 40 of them, and all wait.
+            self._limit_waiting(self._default_waiting_bytes)
         self._sources[key] = source
         self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
+
+    def _limit_waiting(self, most_bytes: int) -> None:
+        """Limit what waits in the kernel's send buffer of the UDP socket."""
+        if self._transport is not None:
+            own = cast("TransportSocket", self._transport.get_extra_info("socket"))
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, most_bytes)
 
     def _has_place(self, now_s: float) -> bool:
         """Return whether one more UDP peer fits, in a silent one's place if need be."""

@@ -33,6 +33,8 @@ from orchestrator.engines.node_messages import (
 from safety.guard.core.operator_command import OperatorCommand
 
 _POLL_S = 1.0
+_RELAYED_S = 10.0
+"""How long a campaign's machine that stands still may keep the last messages from being relayed."""
 
 
 class BenchServer:
@@ -102,6 +104,8 @@ class BenchServer:
             raise
         finally:
             node.close()
+            relay.join(_RELAYED_S)
+            _shut(connection)
             relay.join()
             self._say(f"bench {self._bench.name} is free")
 
@@ -147,6 +151,6 @@ class BenchServer:
 
 
 def _shut(connection: Connection) -> None:
-    """Shut down a connection that another thread reads from."""
+    """Shut down a connection that another thread reads from or writes to."""
     with suppress(OSError), socket.socket(fileno=os.dup(connection.fileno())) as one:
         one.shutdown(socket.SHUT_RDWR)

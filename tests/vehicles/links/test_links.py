@@ -1,8 +1,9 @@
 """Links: order and latency in memory, sockets over UDP."""
 
 import asyncio
+import socket
 from types import SimpleNamespace
-from typing import Self
+from typing import Literal, Self
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -127,6 +128,56 @@ class Received:
 def _heartbeat(system: int) -> bytes:
     codec = Codec(system_id=system, component_id=1)
     return codec.pack(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
+
+
+class Clogged:
+    """A transport whose socket takes nothing: what is written waits."""
+
+    def __init__(self) -> None:
+        self.waiting: list[bytes] = []
+
+    def is_closing(self) -> bool:
+        return False
+
+    def get_write_buffer_size(self) -> int:
+        return sum(map(len, self.waiting))
+
+    def sendto(self, data: bytes, _: object = None) -> None:
+        self.waiting.append(data)
+
+
+@pytest.mark.parametrize("kind", ["udpin", "udpout"])
+def test_a_clogged_udp_link_keeps_no_late_setpoints(kind: Literal["udpin", "udpout"]) -> None:
+    link, clogged = UdpLink(address=LinkAddress(kind, host="127.0.0.1", port=1)), Clogged()
+    link._transport = clogged  # type: ignore[assignment]
+    link._peers = (("127.0.0.1", 1001),)
+    for number in range(100):
+        link.write(b"setpoint %d" % number)
+    assert clogged.waiting == [b"setpoint 0"]
+    assert link.dropped_writes == 99
+    clogged.waiting.clear()
+    link.write(b"land")
+    assert clogged.waiting == [b"land"]
+
+
+async def test_little_waits_in_the_kernel_until_another_address_would_take_the_room() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
+        default = plain.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+    out = LinkAddress("udpout", host="127.0.0.1", port=free_port())
+    async with UdpLink(address=out) as link:
+        assert _send_buffer_bytes(link) == 32_768  # as Linux counts 16 KiB
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        there.say(1001, _heartbeat(2))  # another system, from the same place
+        assert _send_buffer_bytes(there.link) == 32_768
+        there.say(1002, _heartbeat(3))
+        assert _send_buffer_bytes(there.link) == default
+
+
+def _send_buffer_bytes(link: UdpLink) -> int:
+    assert link._transport is not None
+    own: socket.socket = link._transport.get_extra_info("socket")
+    return own.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
 
 
 async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() -> None:

@@ -1,10 +1,11 @@
-"""A damaged message of the cluster ends the server of a bench in plain words, when all is down."""
+"""What ends the server of a bench, when all is down: a damaged message, in plain words; Ctrl-C."""
 
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from multiprocessing.connection import Client
+from multiprocessing import Pipe
+from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,19 @@ from orchestrator.cli.commands import bench as commands
 from orchestrator.engines import ray_agents
 from orchestrator.engines.bench import bench_server
 from orchestrator.engines.bench.bench_engine import hire_bench
+from orchestrator.engines.bench.bench_server import BenchServer
 from orchestrator.engines.node_messages import (
     CampaignAnswer,
+    CommandSent,
+    ConsentAnswer,
     ConsentAsked,
+    RunSending,
+    ToNode,
+    decode_to_node,
     encode_to_campaign,
     encode_to_node,
 )
+from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.engines.bench.test_bench_engine import write_bench
 from tests.orchestrator.engines.fake_ray import FakeReference
 
@@ -139,3 +147,53 @@ def test_a_node_that_says_nothing_readable_is_dismissed(kind: str) -> None:
             hire()
         assert raised.value.code == 3
     assert ray.killed == 3
+
+
+class TalkingNode:
+    """A process that flies, which has sent more than the campaign's connection takes, and ended."""
+
+    def __init__(self) -> None:
+        self.sent: list[ToNode] = []
+        self._news = [encode_to_campaign(RunSending(1))] * 10_000
+
+    def send(self, content: bytes) -> None:
+        self.sent.append(decode_to_node(content))
+
+    def receive(self, _: float) -> list[bytes]:
+        if not self._news:
+            raise EOFError
+        news, self._news = self._news, []
+        return news
+
+    def close(self) -> None:
+        pass
+
+
+class Interrupted:
+    """A connection to a campaign; Ctrl-C at the bench while its messages are awaited."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.send_bytes, self.fileno = connection.send_bytes, connection.fileno
+
+    def recv_bytes(self) -> bytes:
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_lands_and_ends_the_bench_of_a_campaign_that_stands_still(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench_server, "_RELAYED_S", 0.05)
+    node, shown = TalkingNode(), list[str]()
+    monkeypatch.setattr(bench_server, "NodeAgent", lambda: node)
+    ours, theirs = Pipe()
+    late = threading.Timer(10.0, theirs.close)  # so that a server that waits for it ends as well
+    late.start()
+    server = BenchServer(write_bench(tmp_path), consent=lambda _: ConsentAnswer(), say=shown.append)
+    connection: Any = Interrupted(ours)
+    with pytest.raises(KeyboardInterrupt):
+        server.serve_campaign(connection)
+    assert late.is_alive()
+    late.cancel()
+    abort = OperatorCommand("abort", "Ctrl-C at the terminal of bench hall-a")
+    assert node.sent == [CommandSent(abort)]
+    assert shown == ["bench hall-a is free"]
