@@ -59,6 +59,9 @@ class MessageWatcher:
         """Send a sentence about the campaign."""
         self.send(Message(text=text))
 
+    def settle(self) -> None:
+        """Wait for nothing: a call ends when all is sent."""
+
     def send(self, message: FlightMessage) -> None:
         """Send a message, unless the program has ended."""
         try:

@@ -135,8 +135,8 @@ class CampaignController:
             self.log.write(command, ok=False, text=str(error))
             raise
         self.log.write(command, ok=True, text=done)
-        self._say(f"{command.kind} by {command.who}: {done}")
         self._send_status()
+        self._say(f"{command.kind} by {command.who}: {done}")
         return done
 
     def warn(self, text: str) -> None:
