@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Self
 
 from campaigns.expansion.expansion import Campaign, Options
 from campaigns.setup.bench_file import load_benches
@@ -29,6 +29,7 @@ from orchestrator.api.flight_messages import (
     encode_line,
 )
 from orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
+from orchestrator.campaign.display_thread import DisplayThread
 from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
 from orchestrator.campaign.resuming.resumption import ResumeError
 from orchestrator.campaign.workers.run_engine import EngineError
@@ -48,6 +49,12 @@ class MessageWatcher:
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
     def progress(self, progress: Progress) -> None:
         """Send nothing: programs receive finished runs only."""
 
@@ -58,6 +65,9 @@ class MessageWatcher:
     def say(self, text: str) -> None:
         """Send a sentence about the campaign."""
         self.send(Message(text=text))
+
+    def settle(self) -> None:
+        """Wait for nothing: a call ends when all is sent."""
 
     def send(self, message: FlightMessage) -> None:
         """Send a message, unless the program has ended."""
@@ -135,8 +145,9 @@ def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignO
         arm_actors=request.arm_actors,
         select=partial(_requested_runs, request),
     )
-    with ready_flight(order) as (campaign, settings):
-        return fly_campaign(campaign, settings, watcher)
+    # A program that is slow to read the messages must not keep its campaign from landing.
+    with DisplayThread(watcher) as thread, ready_flight(order) as (campaign, settings):
+        return fly_campaign(campaign, settings, thread)
 
 
 def _requested_runs(request: FlightRequest, campaign: Campaign) -> Campaign:

@@ -73,6 +73,9 @@ class Watcher(Protocol):
     def say(self, text: str) -> None:
         """Show a sentence about the campaign."""
 
+    def settle(self) -> None:
+        """Wait until all is shown, a few seconds at most; raise what could not be shown."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
@@ -252,6 +255,8 @@ class _Flight:
         finally:
             await self._workers.close()
             self._repositioning.end_wait()
+            with self._faults.recording("a message"):
+                self._watcher.settle()
             for number in handled:
                 loop.remove_signal_handler(number)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Protocol, Self
+from typing import Self
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -11,6 +11,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
+from orchestrator.campaign.display_thread import Display, DisplayThread
 from orchestrator.cli.standard_streams import ignore_broken_pipe
 from orchestrator.model.progress import Progress
 from orchestrator.model.results import RunResult
@@ -22,25 +23,6 @@ VERDICT_STYLES = {
     "ERROR": "bold magenta",
     "ABORTED": "bold cyan",
 }
-
-
-class Display(Protocol):
-    """Displays the progress of runs in flight and finished ones; a context manager."""
-
-    def __enter__(self) -> Self:
-        """Start the progress display."""
-
-    def __exit__(self, *_: object) -> None:
-        """End the progress display and restore the terminal."""
-
-    def progress(self, progress: Progress) -> None:
-        """Display the progress of a run in flight."""
-
-    def finished(self, result: RunResult) -> None:
-        """Display a run's verdict."""
-
-    def say(self, text: str) -> None:
-        """Display a message."""
 
 
 class SilentDisplay:
@@ -60,6 +42,9 @@ class SilentDisplay:
 
     def say(self, text: str) -> None:
         """Display no message."""
+
+    def settle(self) -> None:
+        """Wait for nothing: a call ends when all is displayed."""
 
 
 @dataclass(slots=True)
@@ -130,8 +115,8 @@ def display_of(*, json: bool, total: int) -> Display:
     if json:
         return SilentDisplay()
     if ignore_broken_pipe().isatty():
-        return TerminalDisplay(console=plain_console(), total=total)
-    return LineDisplay(console=plain_console(soft_wrap=True), total=total)
+        return DisplayThread(TerminalDisplay(console=plain_console(), total=total))
+    return DisplayThread(LineDisplay(console=plain_console(soft_wrap=True), total=total))
 
 
 def plain_console(*, width: int | None = None, soft_wrap: bool = False) -> Console:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from threading import Thread
 from typing import Any, Protocol
 
 from orchestrator.model.flight_place import FlightPlace
@@ -53,8 +54,9 @@ class Follower(Protocol):
 class CampaignController:
     """Executes operator commands on a campaign: abort, hold, resume, fence.
 
-    An abort is also sent directly to the campaign's guards, because a run may hang. say: prints a
-    message on the terminal.
+    An abort goes to the runs, and then directly to the campaign's guards, because a run may hang. A
+    thread looks for the guards: a home folder on the network may not answer. say: prints a message
+    on the terminal.
     """
 
     def __init__(
@@ -133,8 +135,8 @@ class CampaignController:
             self.log.write(command, ok=False, text=str(error))
             raise
         self.log.write(command, ok=True, text=done)
-        self._say(f"{command.kind} by {command.who}: {done}")
         self._send_status()
+        self._say(f"{command.kind} by {command.who}: {done}")
         return done
 
     def warn(self, text: str) -> None:
@@ -249,15 +251,20 @@ class CampaignController:
         if command.is_partial:
             return self._abort_place(command)
         self._expect(command)
-        for guard in self.guards():
-            tell(guard.socket, "abort", who=command.who)
         self._fleet.abort(command)
+        Thread(
+            target=self._tell_guards, args=(command.who,), name="abort of guards", daemon=True
+        ).start()
         for_all = "; an abort is for all runs, not only for the one that it names"
         more = for_all if command.run else ""
         if self.stopped is not None:
             return f"all vehicles are landing already{more}"
         self.stopped, self.held = stop, False
         return f"all vehicles land, and no further run is flown{more}"
+
+    def _tell_guards(self, who: str) -> None:
+        for guard in self.guards():
+            tell(guard.socket, "abort", who=who)
 
     def _abort_place(self, command: OperatorCommand) -> str:
         """Land the runs on one node or bench, and start no other run there."""

@@ -17,6 +17,7 @@ from orchestrator.campaign.campaign_runner import (
     FlyingSettings,
     fly_campaign,
 )
+from orchestrator.campaign.display_thread import Display
 from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
 from orchestrator.campaign.folder.repetitions import planned
 from orchestrator.campaign.resuming.resumption import ResumeError
@@ -24,7 +25,7 @@ from orchestrator.campaign.workers.run_engine import EngineError
 from orchestrator.cli.arming_consent import RefusedError
 from orchestrator.cli.engine_flight import LOCAL, FlightOrder, ready_flight
 from orchestrator.cli.final_report import write_final_report
-from orchestrator.cli.progress_display import Display, display_of, plain_console
+from orchestrator.cli.progress_display import display_of, plain_console
 from orchestrator.cli.run_selection import ALL, Choice
 from orchestrator.cli.standard_streams import err, out
 from orchestrator.cli.study_text import study_text

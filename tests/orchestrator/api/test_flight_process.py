@@ -3,10 +3,23 @@
 import io
 import os
 import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
-from orchestrator.api.flight_process import _stop_at_end
+from campaigns.expansion.expansion import Campaign
+from orchestrator.api import flight_process
+from orchestrator.api.flight_messages import (
+    CampaignEnded,
+    FlightRequest,
+    Message,
+    encode_line,
+)
+from orchestrator.api.flight_process import MessageWatcher, _fly_to_end, _stop_at_end
+from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, Watcher
 
 
 class BrokenInput(io.BytesIO):
@@ -24,3 +37,62 @@ def test_all_vehicles_land_when_the_input_ends_has_a_line_or_breaks(
     monkeypatch.setattr(os, "kill", lambda pid, number: sent.append((pid, number)))
     _stop_at_end(commands)
     assert sent == [(os.getpid(), signal.SIGINT)]
+
+
+REQUEST = FlightRequest(
+    file="gate.yaml",
+    cases=(),
+    modes=(),
+    repetitions=None,
+    seed=None,
+    sets=(),
+    runs=None,
+    out="out",
+    clock=None,
+    jobs=None,
+    junit=None,
+    resume=False,
+    arm=True,
+    arm_real=False,
+    arm_actors=False,
+    engine="local",
+    store="",
+    bench_files=(),
+)
+TEXTS = [f"{number}: " + 1000 * "x" for number in range(200)]
+"""More than a pipe holds."""
+
+
+def test_a_program_that_does_not_read_keeps_no_campaign_from_landing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = threading.Event()
+
+    @contextmanager
+    def ready(order: object) -> Iterator[tuple[None, None]]:
+        yield None, None
+
+    def fly(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
+        for text in TEXTS:
+            watcher.say(text)
+        flown.set()
+        return CampaignOutcome(summary=None, folder=tmp_path, exit_code=4)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(flight_process, "ready_flight", ready)
+    monkeypatch.setattr(flight_process, "fly_campaign", fly)
+    monkeypatch.setattr(flight_process, "write_final_report", lambda _: None)
+    reader, writer = os.pipe()
+    with os.fdopen(reader, "rb") as messages:
+        with os.fdopen(writer, "wb") as stream:
+            watcher = MessageWatcher(stream)
+            flying = threading.Thread(
+                target=lambda: watcher.send(_fly_to_end(REQUEST, watcher)), daemon=True
+            )
+            flying.start()
+            has_flown = flown.wait(20.0)
+            lines = [messages.readline() for _ in (*TEXTS, "its end")]
+            flying.join(60.0)
+        assert messages.read() == b""
+    assert has_flown
+    ended = CampaignEnded(folder=str(tmp_path), exit_code=4)
+    assert lines == [*(encode_line(Message(text=text)) for text in TEXTS), encode_line(ended)]

@@ -1,6 +1,7 @@
 """Whoever watches a campaign may raise: that is a fault, and all runs are flown."""
 
 import io
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,12 +9,14 @@ import pytest
 from rich.console import Console
 
 from campaigns.expansion.expansion import Options, load_campaign
+from orchestrator.campaign import display_thread
 from orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     FlyingSettings,
     Watcher,
     fly_campaign,
 )
+from orchestrator.campaign.display_thread import DisplayThread
 from orchestrator.campaign.workers import run_engine
 from orchestrator.campaign.workers.run_output import OUTPUT_FILE
 from orchestrator.cli.progress_display import LineDisplay, SilentDisplay
@@ -77,3 +80,46 @@ def test_a_watcher_that_raises_ends_no_campaign_and_is_counted(
     assert outcome.summary.broken is True
     assert outcome.exit_code == 3
     assert "LookupError" in (outcome.folder / "log.jsonl").read_text()
+
+
+@dataclass
+class DeafAtLast(Deaf):
+    """A watcher that cannot show the last line of the last run."""
+
+    def say(self, text: str) -> None:
+        self.tried.append(text)
+        if text.endswith("stopped") and self.tried.count(text) == 3:
+            raise LookupError("no such style")
+
+
+@pytest.mark.parametrize("watcher", [Deaf(), DeafAtLast()])
+def test_a_display_in_a_thread_that_raises_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watcher: Deaf
+) -> None:
+    with DisplayThread(watcher) as display:
+        outcome = fly(tmp_path, monkeypatch, display)
+    assert [run.verdict for run in outcome.summary.runs] == ["FAIL"] * 3
+    assert any("internal error: " in text for text in watcher.tried)
+    assert outcome.summary.broken is True
+    assert outcome.exit_code == 3
+    assert "LookupError" in (outcome.folder / "log.jsonl").read_text()
+
+
+def test_a_terminal_that_takes_nothing_keeps_no_campaign_from_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(display_thread, "_SETTLED_S", 0.01)
+    may = threading.Event()
+    shown: list[int] = []
+
+    class Stopped(SilentDisplay):
+        def finished(self, result: RunResult) -> None:
+            assert may.wait(60.0)
+            shown.append(result.rep)
+
+    with DisplayThread(Stopped()) as display:
+        outcome = fly(tmp_path, monkeypatch, display)
+        assert (outcome.exit_code, shown) == (1, [])
+        assert '"accepted": false' in (outcome.folder / "summary.json").read_text()
+        may.set()
+    assert shown == [1, 2, 3]

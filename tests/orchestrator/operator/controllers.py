@@ -1,7 +1,7 @@
 """A desk without a campaign behind it, for tests of what comes to it."""
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,9 +35,14 @@ class FakeFleet:
 
 
 def make_controller(
-    folder: Path, fleet: FakeFleet, *, said: list[str] | None = None
+    folder: Path,
+    fleet: FakeFleet,
+    *,
+    said: list[str] | None = None,
+    say: Callable[[str], None] = lambda _: None,
 ) -> CampaignController:
-    say = (lambda _: None) if said is None else said.append
+    if said is not None:
+        say = said.append
     return CampaignController(campaign="gate", folder=folder, total=4, fleet=fleet, say=say)
 
 

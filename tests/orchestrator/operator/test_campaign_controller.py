@@ -197,3 +197,28 @@ def test_an_abort_goes_straight_to_the_guards(
     controller.obey(ABORT)
     listener.join(5.0)
     assert json.loads(listener.heard) == {"command": "abort", "who": "anna"}
+
+
+def test_an_abort_reaches_the_runs_before_anyone_looks_for_guards(tmp_path: Path) -> None:
+    """The folders of guards may be on a network that does not answer."""
+    fleet = FakeFleet()
+    controller = make_controller(tmp_path, fleet)
+    aborted_before: list[bool] = []
+    answers, looked = threading.Event(), threading.Event()
+
+    def guards() -> tuple[Place, ...]:
+        aborted_before.append(bool(fleet.aborted))
+        answers.wait(60.0)
+        looked.set()
+        return ()
+
+    controller.guards = guards
+    obeying = threading.Thread(target=controller.obey, args=(ABORT,), daemon=True)
+    obeying.start()
+    obeying.join(30.0)
+    has_returned = not obeying.is_alive()
+    answers.set()
+    assert looked.wait(60.0)
+    assert aborted_before == [True]
+    assert has_returned
+    assert controller.stopped == "command"
