@@ -32,8 +32,13 @@ def test_what_waits_for_a_display_is_bounded_and_in_order(monkeypatch: pytest.Mo
     monkeypatch.setattr(display_thread, "_MOST_LINES", 4)
     monkeypatch.setattr(display_thread, "_SETTLED_S", 0.01)
     stopped, taken = Stopped(), threading.Event()
+
+    def finished(_: object) -> None:
+        taken.set()
+        assert stopped.may.wait(60.0)
+
     with DisplayThread(stopped) as display:
-        monkeypatch.setattr(stopped, "finished", lambda _: (taken.set(), stopped.may.wait(60.0)))
+        monkeypatch.setattr(stopped, "finished", finished)
         display.finished(None)  # type: ignore[arg-type]  # it is only what the thread waits in
         assert taken.wait(60.0)
         for t_s in range(4):
