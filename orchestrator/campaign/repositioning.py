@@ -7,6 +7,7 @@ hall, the next world would reach through the wall.
 import asyncio
 import contextlib
 import sys
+import termios
 from collections.abc import Callable
 
 from orchestrator.operator.campaign_controller import CampaignController
@@ -56,6 +57,9 @@ class Repositioning:
         self.end_wait()
         self._limit = loop.call_later(self._wait_s, self._abort_campaign)
         if terminal:
+            # What was typed during the flight answers nothing.
+            with contextlib.suppress(termios.error):
+                termios.tcflush(sys.stdin, termios.TCIFLUSH)
             loop.add_reader(sys.stdin.fileno(), self._read_entry)
             self._listening = True
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import select
 import sys
 from pathlib import Path
 
@@ -64,8 +65,10 @@ async def test_enter_on_the_terminal_is_enough(
     controller = make_controller(tmp_path, fleet)
     with os.fdopen(follower, encoding="utf-8") as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
+        os.write(leader, b"typed in flight\n")
         Repositioning(vehicles="real", controller=controller, say=said.append).ask()
         assert "press Enter" in said[0]
+        assert select.select([terminal], [], [], 0.0) == ([], [], [])
         os.write(leader, b"\n")
         for _ in range(1000):
             if not controller.held:
