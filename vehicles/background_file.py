@@ -7,7 +7,6 @@ or guards a vehicle must not wait for them.
 import errno
 import os
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
@@ -15,40 +14,31 @@ from queue import SimpleQueue
 _HANDED_OVER_BYTES = 1 << 16
 """What is buffered at most before the thread gets it."""
 _MOST_BEHIND_BYTES = 64 << 20
-_STALLED_S = 12.0
-"""How long a file's end waits for a disk that takes nothing: less than others wait for the end of
-a guard (15 s) or of a run (60 s)."""
 _POLL_S = 0.05
+_MOST_POLLS = 240
+"""Of our own turns, not of time: a process that was stopped must not take a good disk for a dead
+one. 12 s: others wait 15 s for the end of a guard, and 60 s for that of a run."""
+_LEAST_POLLS = 10
 
 
-class _Disk:
-    """What all files of this process wait for, so that their ends wait for it together."""
+class Patience:
+    """How long the ends of all files of a process together wait for a disk that takes nothing."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._waiting = 0
-        self._since_s = 0.0
+        self._polls = 0
 
-    def give(self, amount: int) -> None:
-        """Count what waits for the disk."""
-        with self._lock:
-            if not self._waiting:
-                self._since_s = time.monotonic()
-            self._waiting += amount
+    def renew(self) -> None:
+        """Begin anew: the disk has taken something."""
+        self._polls = 0
 
-    def take(self, amount: int) -> None:
-        """Count what the disk has taken, or refused."""
-        with self._lock:
-            self._waiting -= amount
-            self._since_s = time.monotonic()
-
-    def is_stalled(self) -> bool:
-        """Return whether the disk has taken nothing for too long."""
-        with self._lock:
-            return self._waiting > 0 and time.monotonic() - self._since_s > _STALLED_S
+    def waits_on(self, polls: int) -> bool:
+        """Return whether an end that has polled so often waits for a further one."""
+        self._polls += 1
+        return self._polls <= _MOST_POLLS or polls < _LEAST_POLLS
 
 
-_disk = _Disk()
+patience = Patience()
+"""Of this process."""
 
 
 class BackgroundFile:
@@ -73,6 +63,7 @@ class BackgroundFile:
         """Whether the file was removed by the last write: then it is lost without an error."""
         self._file = path.open("ab" if append else "xb", buffering=0)
         self._waits = waits
+        self._patience = patience
         self._begin = begin
         self._buffer: list[bytes] = []
         self._buffered_bytes = 0
@@ -115,10 +106,11 @@ class BackgroundFile:
             return
         self._hand_over(None)
         self.closed = True
-        _disk.give(1)
         self._queue.put(None)
-        while self._thread.is_alive() and not _disk.is_stalled():
+        polls = 0
+        while self._thread.is_alive() and self._patience.waits_on(polls):
             self._thread.join(_POLL_S)
+            polls += 1
         self._raise_error()
         if self._thread.is_alive():
             text = f"the disk takes nothing, {self._backlog()} are lost"
@@ -138,7 +130,6 @@ class BackgroundFile:
                     return
                 self._taken.wait_for(self._has_caught_up)
             self._behind_bytes += len(data)
-        _disk.give(len(data))
         self._queue.put(data)
 
     def _has_caught_up(self) -> bool:
@@ -159,7 +150,7 @@ class BackgroundFile:
         is_refused = False
         while (data := self._queue.get()) is not None:
             is_refused = is_refused or not self._put(data)
-            _disk.take(len(data))
+            self._patience.renew()
             with self._taken:
                 self._behind_bytes -= len(data)
                 self._is_late = self._is_late and self._behind_bytes > 0
@@ -169,7 +160,7 @@ class BackgroundFile:
                 self._look()
         except Exception as error:  # noqa: BLE001  # `close` raises it
             self._error = self._error or error
-        _disk.take(1)
+        self._patience.renew()
 
     def _put(self, data: bytes) -> bool:
         rest = memoryview(data)

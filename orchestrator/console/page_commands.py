@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast, get_args
 
 from orchestrator.console.console_access import AccessError
@@ -78,6 +79,7 @@ class CommandSender:
 
     def __init__(self, scope: FlightScope) -> None:
         self._scope = scope
+        self._logs: dict[Path, OperatorLog] = {}
         self._threads = ThreadPoolExecutor(_THREADS, thread_name_prefix="command")
 
     async def send(self, command: PageCommand, who: str) -> CommandOutcome:
@@ -112,7 +114,8 @@ class CommandSender:
         except OSError:
             return
         for campaign in flying:
-            OperatorLog(path=campaign.folder / "operator.jsonl").refused(text, who="console")
+            path = campaign.folder / "operator.jsonl"
+            self._logs.setdefault(path, OperatorLog(path=path)).refused(text, who="console")
 
 
 def _change_fences(flying: Places, document: str, who: str) -> CommandReply:

@@ -3,26 +3,29 @@
 import contextlib
 import json
 import time
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Lock, Thread
 
 from safety.guard.core.operator_command import OperatorCommand
 
 _WRITTEN_WITHIN_S = 0.05
+_MOST_LINES = 10_000
 
 
 class OperatorLog:
     """The operator log: one line for each command, executed or refused.
 
     A full disk must not prevent an abort: the line is lost then. A stalled one must not delay the
-    next command: a thread of its own writes the lines.
+    next command: a thread writes the lines while there are any. Used by any thread.
     """
 
     def __init__(self, *, path: Path) -> None:
         self._path = path
-        self._last: Future[None] | None = None
-        self._writer = ThreadPoolExecutor(1, thread_name_prefix=f"writer {path.name}")
+        self._lock = Lock()
+        self._lines: deque[bytes] = deque(maxlen=_MOST_LINES)
+        self._writer: Thread | None = None
 
     def write(self, command: OperatorCommand, *, ok: bool, text: str) -> None:
         """Append a command and its reply to the operator log."""
@@ -39,13 +42,21 @@ class OperatorLog:
     def _append(self, **fields: str | bool) -> None:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"utc": stamp, **fields}, ensure_ascii=False)
-        data = (line + "\n").encode("utf-8", "backslashreplace")
-        before, self._last = self._last, self._writer.submit(self._append_line, data)
-        if before is None or before.done():  # else the disk is slow, and each line would wait
-            wait([self._last], _WRITTEN_WITHIN_S)
-        if self._last.done():
-            self._last.result()
+        with self._lock:
+            self._lines.append((line + "\n").encode("utf-8", "backslashreplace"))
+            if self._writer is not None:
+                return  # the disk is slow, and each line would wait
+            # A daemon: a process that ends must not wait for a disk.
+            self._writer = writer = Thread(target=self._write_lines, name="operator", daemon=True)
+        writer.start()
+        writer.join(_WRITTEN_WITHIN_S)
 
-    def _append_line(self, line: bytes) -> None:
-        with contextlib.suppress(OSError), self._path.open("ab") as stream:
-            stream.write(line)
+    def _write_lines(self) -> None:
+        while True:
+            with self._lock:
+                if not self._lines:
+                    self._writer = None
+                    return
+                line = self._lines.popleft()
+            with contextlib.suppress(OSError), self._path.open("ab") as stream:
+                stream.write(line)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from vehicles import background_file
-from vehicles.background_file import BackgroundFile
+from vehicles.background_file import BackgroundFile, Patience
 
 BLOCK = b"." * 1000
 
@@ -225,9 +225,10 @@ def test_who_may_wait_waits_at_the_limit_and_loses_nothing(
 def test_an_end_that_no_disk_takes_is_an_error(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(background_file, "_disk", background_file._Disk())
-    monkeypatch.setattr(background_file, "_STALLED_S", 0.05)
+    monkeypatch.setattr(background_file, "_MOST_POLLS", 2)
+    monkeypatch.setattr(background_file, "_LEAST_POLLS", 2)
     file = BackgroundFile(stalled.path, append=True)
+    monkeypatch.setattr(file, "_patience", Patience())
     file.write(10 * BLOCK)
     with pytest.raises(TimeoutError, match=r"the disk takes nothing, 0\.0 MB are lost"):
         file.close()
@@ -235,25 +236,15 @@ def test_an_end_that_no_disk_takes_is_an_error(
     assert len(stalled.data()) == 10_000
 
 
-def test_a_slow_disk_is_waited_for_as_long_as_it_takes_something(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All files of a process wait together, so that each further one adds no wait."""
-    disk, now_s = background_file._Disk(), [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
-    assert not disk.is_stalled()
-    disk.give(5)
-    for _ in range(10):
-        now_s[0] += 10.0
-        assert not disk.is_stalled()
-        disk.give(1)
-        disk.take(1)
-    now_s[0] += 13.0
-    assert disk.is_stalled()
-    disk.give(1)
-    assert disk.is_stalled()
-    disk.take(6)
-    now_s[0] += 100.0
-    assert not disk.is_stalled()
-    disk.give(1)
-    assert not disk.is_stalled()
+def test_a_slow_disk_is_waited_for_as_long_as_it_takes_something() -> None:
+    """All files of a process wait together: after a first one the others add half a second each."""
+    patience = Patience()
+    for _ in range(5):
+        assert all(patience.waits_on(poll) for poll in range(240))
+        patience.renew()
+    assert all(patience.waits_on(poll) for poll in range(240))
+    assert not patience.waits_on(240)
+    for _ in range(3):
+        assert [patience.waits_on(poll) for poll in range(11)] == 10 * [True] + [False]
+    patience.renew()
+    assert all(patience.waits_on(poll) for poll in range(240))

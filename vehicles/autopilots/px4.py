@@ -134,9 +134,10 @@ class Px4(Autopilot):
     def least_takeoff_parameter(self, version: tuple[int, int, int]) -> str | None:
         """Return PX4's minimum takeoff height, which since 1.15 is a default alone.
 
-        Takeoff::set_takeoff_position of navigator/takeoff.cpp: "Using minimum takeoff altitude".
+        Takeoff::set_takeoff_position of navigator/takeoff.cpp: "Using minimum takeoff altitude". A
+        build without a version, (0, 0, 0), counts as new.
         """
-        return "MIS_TAKEOFF_ALT" if version < (1, 15, 0) else None
+        return "MIS_TAKEOFF_ALT" if (0, 0, 0) < version < (1, 15, 0) else None
 
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         # With neither it keeps its heading: PositionControl uses the present yaw.

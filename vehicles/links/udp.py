@@ -32,6 +32,9 @@ _MOST_WAITING_BYTES = 16_384
 """The kernel's send buffer, which Linux doubles: some 40 frames instead of 270. Writes beyond that
 are dropped: a late setpoint is worse than none."""
 
+_ARP_S = 5.0
+"""When what waited for an address that is gone is dropped by the kernel, and a margin."""
+
 RIVAL_REMEDY = "switch one off, or give one another id (MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
 """What to do about two vehicles with one system id."""
 
@@ -279,15 +282,21 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def _set_source(self, key: "int | _Address", source: _Source) -> None:
         """Accept a UDP sender, and reply to it from now on."""
-        if self._peers and source.address not in self._peers:
+        if self._peers and source.address not in self._peers and self._loop is not None:
             # Without an answer to ARP the kernel keeps frames for 3 s: 40 of them, and all wait.
             self._limit_waiting(self._default_waiting_bytes)
+            self._loop.call_later(_ARP_S, self._limit_waiting_of_one)
         self._sources[key] = source
         self._peers = tuple(dict.fromkeys(one.address for one in self._sources.values()))
 
+    def _limit_waiting_of_one(self) -> None:
+        """Let little wait again where the other address was that of a vehicle which moved."""
+        if len(self._peers) == 1:
+            self._limit_waiting(_MOST_WAITING_BYTES)
+
     def _limit_waiting(self, most_bytes: int) -> None:
         """Limit what waits in the kernel's send buffer of the UDP socket."""
-        if self._transport is not None:
+        if self._transport is not None and not self._transport.is_closing():
             own = cast("TransportSocket", self._transport.get_extra_info("socket"))
             own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, most_bytes)
 

@@ -11,6 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Self
@@ -21,6 +22,7 @@ from orchestrator.recording.mcap.mcap_file import ChunkedFile
 from orchestrator.recording.mcap.mcap_json import plain
 from orchestrator.recording.mcap.mcap_schemas import schema_of
 from orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from vehicles.background_file import patience
 from vehicles.readings import Reading
 from worlds.camera import CameraMount
 
@@ -28,6 +30,7 @@ SCHEMA = "wil/recording/1"
 
 _SMALL_BYTES = 1024
 """The size of a reading without arrays, or of a note, in the backlog."""
+_POLL_S = 0.05
 _IDLE_FLUSH_S = 0.5
 """Wall time after which a chunk is written although no message came to end it."""
 
@@ -174,9 +177,13 @@ class McapRecorder:
         """Wait until all is written, close the MCAP file, and return the report."""
         if self._report is None:
             self._incoming.put(None)
-            while self._backlog_items:
-                self._collect(self._done.get())
-            size_bytes = self._done.get()
+            size_bytes = 0
+            try:
+                while self._backlog_items:
+                    self._collect(self._await_done())
+                size_bytes = self._await_done()
+            except Empty:
+                self._fault = "the disk takes nothing"
             dropped = tuple(sorted(self._dropped.items()))
             self._report = RecordingReport(
                 self._written,
@@ -188,6 +195,19 @@ class McapRecorder:
                 self._losses(),
             )
         return self._report
+
+    def _await_done(self) -> int:
+        """Return the size of the next message that is written. Raises Empty: the disk is dead."""
+        for poll in count():
+            try:
+                size_bytes = self._done.get(timeout=_POLL_S)
+            except Empty:
+                if not patience.waits_on(poll):
+                    raise
+            else:
+                patience.renew()
+                break
+        return size_bytes
 
     def _losses(self) -> tuple[TopicLoss, ...]:
         lost = self._dropped + self._unwritten

@@ -443,13 +443,15 @@ class GuardProcess:
         kind = type(error).__name__
         now_s = asyncio.get_running_loop().time()
         event = GuardEvent(now_s, "guard", "", f"in the guard: {kind}: {error}")
-        self._event(event)
-        if self._guarding:
-            self._shell.bring_down(event.text)
-        # Only now: the source of the lines of a traceback is read from the disk.
-        trace = "".join(format_exception(error))
-        _log.error(trace)
-        self._note("error", where=where, type=kind, message=str(error), trace=trace)
+        try:
+            self._event(event)
+            if self._guarding:
+                self._shell.bring_down(event.text)
+        finally:
+            # Only now: the source of the lines of a traceback is read from the disk.
+            trace = "".join(format_exception(error))
+            _log.error(trace)
+            self._note("error", where=where, type=kind, message=str(error), trace=trace)
 
     def _record_frame(self, name: str, t_s: float, frame: bytes) -> None:
         self._tlogs[name].write(t_s, frame)

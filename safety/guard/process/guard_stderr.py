@@ -10,6 +10,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import IO
 
+from vehicles.processes.linux import rise_above_load
+
 _NAME = "guard.stderr"
 _LONGEST = 2000
 
@@ -19,12 +21,25 @@ def open_stderr(folder: str) -> IO[bytes]:
     return (Path(folder) / _NAME).open("w+b")
 
 
+class _Listener(QueueListener):
+    """Writes log records in a thread that has the guard's priority (see `guard_file`)."""
+
+    _has_risen = False
+
+    def dequeue(self, block: bool) -> logging.LogRecord:
+        """Return the next record, in the listener's thread."""
+        if not self._has_risen:
+            self._has_risen = True
+            rise_above_load()
+        return super().dequeue(block)
+
+
 @contextmanager
 def logging_in_thread() -> Iterator[None]:
     """Have a thread write this process's log records to stderr, which is a file on a disk."""
     records: SimpleQueue[logging.LogRecord] = SimpleQueue()
     handler = QueueHandler(records)
-    listener = QueueListener(records, logging.StreamHandler(sys.stderr))
+    listener = _Listener(records, logging.StreamHandler(sys.stderr))
     logging.getLogger().addHandler(handler)
     listener.start()
     try:

@@ -430,7 +430,8 @@ class RemoteGuard:
             now_s = asyncio.get_running_loop().time()
             text = "the guard continues by itself: a vehicle is still in the air"
             if self._rest.is_set():
-                text = "the guard's process does not end: the disk takes nothing of its log"
+                text = "nothing is armed, but the guard's process does not end: a vehicle's "
+                text += "process hangs, or the disk takes nothing of its log"
             self._dispatch_event(GuardEvent(now_s, "guard", "", text))
         self._process.release()
         if not self._process.running:

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Literal, Self
 
@@ -102,7 +103,11 @@ class Received:
 
     async def __aenter__(self) -> Self:
         await self.link.__aenter__()
-        self.link._loop = SimpleNamespace(time=lambda: self.now_s)  # type: ignore[assignment]
+        self.later: list[Callable[[], None]] = []
+        loop = SimpleNamespace(
+            time=lambda: self.now_s, call_later=lambda _, call: self.later.append(call)
+        )
+        self.link._loop = loop  # type: ignore[assignment]
         self.link._transport.sendto = lambda _, addr: self.sent.append(addr[1])  # type: ignore[method-assign, union-attr]
         return self
 
@@ -172,6 +177,19 @@ async def test_little_waits_in_the_kernel_until_another_address_would_take_the_r
         assert _send_buffer_bytes(there.link) == 32_768
         there.say(1002, _heartbeat(3))
         assert _send_buffer_bytes(there.link) == default
+        there.later.pop()()
+        assert _send_buffer_bytes(there.link) == default  # there are two
+
+
+async def test_of_a_vehicle_that_has_moved_little_waits_in_the_kernel_again() -> None:
+    async with Received() as there:
+        there.say(1001, _heartbeat(1))
+        there.now_s += 60.0
+        there.say(1002, _heartbeat(1))
+        assert there.answered() == [1002]
+        assert _send_buffer_bytes(there.link) > 32_768  # frames for where it was may wait
+        there.later.pop()()
+        assert _send_buffer_bytes(there.link) == 32_768
 
 
 def _send_buffer_bytes(link: UdpLink) -> int:

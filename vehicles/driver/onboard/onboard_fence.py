@@ -161,7 +161,7 @@ class OnboardFence:
         try:
             await self._fences.restore(own)
             for backup in self._fence_backups:
-                backup.remove()
+                await finish(asyncio.to_thread(backup.remove), name="fence backup")
         finally:
             for backup in self._fence_backups:
                 backup.close()

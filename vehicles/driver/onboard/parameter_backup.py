@@ -140,7 +140,7 @@ class ParameterBackup:
                 except ParameterError as error:
                     failed.append(f"{change.name} to {change.before} ({error})")
             if not failed and self._backup is not None:
-                await asyncio.to_thread(self._backup.remove)
+                await finish(asyncio.to_thread(self._backup.remove), name="parameter backup")
         finally:
             if self._backup is not None:
                 self._backup.close()

@@ -36,6 +36,7 @@ from tests.orchestrator.mcap_runs import (
     read,
     recorder,
 )
+from vehicles import background_file
 from vehicles.readings import Reading
 
 
@@ -249,6 +250,30 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(
     assert len(found) > 10
     assert recording.end is not None
     assert not recording.end.whole
+
+
+def test_the_end_of_a_recording_does_not_wait_for_ever_for_a_disk_that_takes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background_file, "_MOST_POLLS", 2)
+    monkeypatch.setattr(background_file, "_LEAST_POLLS", 2)
+    monkeypatch.setattr(mcap_writer, "patience", background_file.Patience())
+    released = threading.Event()
+
+    class Stalled(FileIO):
+        def write(self, data: Any) -> int:
+            assert released.wait(60.0)
+            return super().write(data)
+
+    monkeypatch.setattr(mcap_file, "FileIO", Stalled)
+    with recorder(tmp_path / "run.mcap") as run:
+        run.reading("camera", camera())
+        report = run.close()
+    assert (report.fault, report.complete) == ("the disk takes nothing", False)
+    released.set()
+    for thread in threading.enumerate():
+        if thread.name == "recorder run.mcap":
+            thread.join()
 
 
 def test_what_comes_after_the_end_is_not_waited_for(tmp_path: Path) -> None:

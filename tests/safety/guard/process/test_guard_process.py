@@ -11,6 +11,7 @@ import threading
 from functools import partial
 from io import StringIO
 from pathlib import Path
+from threading import get_ident
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,7 +24,7 @@ from safety.guard.core.contingency import Phase
 from safety.guard.core.events import GuardEvent, decisive
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_socket import POINTER
-from safety.guard.process import guard_process
+from safety.guard.process import guard_process, guard_stderr
 from safety.guard.process.guard_process import GuardProcess
 from safety.guard.process.guard_stderr import logging_in_thread
 from safety.guard.process.messages import AnchorAt
@@ -358,16 +359,28 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
     monkeypatch.setattr(guard_process, "format_exception", read)
     process._fault(KeyError("of ours"), "a task")
     assert done == ["guard", "in the guard: KeyError: 'of ours'", "read"]
+
+    def broken(_: str) -> None:
+        raise ValueError("of its core")
+
+    process._shell = SimpleNamespace(bring_down=broken)
+    with pytest.raises(ValueError, match="of its core"):
+        process._fault(KeyError("once more"), "a task")
+    assert done[3:] == ["guard", "read"]
     ours.close()
     theirs.close()
 
 
-def test_who_logs_does_not_wait_for_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_logs_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Stalled(StringIO):
         def write(self, text: str) -> int:
             return released.wait(60.0) and super().write(text)
 
     released, stderr = threading.Event(), Stalled()
+    risen: list[int] = []
+    monkeypatch.setattr(guard_stderr, "rise_above_load", lambda: risen.append(get_ident()))
     monkeypatch.setattr(sys, "stderr", stderr)
     with logging_in_thread():
         for number in range(100):
@@ -375,12 +388,14 @@ def test_who_logs_does_not_wait_for_stderr(monkeypatch: pytest.MonkeyPatch) -> N
         assert stderr.getvalue() == ""
         released.set()
     assert stderr.getvalue().splitlines() == [f"lost {number}" for number in range(100)]
+    assert len(risen) == 1
+    assert risen[0] != get_ident()
 
 
 @pytest.mark.parametrize(
     ("at_rest", "text"),
     [
-        (True, "the guard's process does not end: the disk takes nothing of its log"),
+        (True, "nothing is armed, but the guard's process does not end"),
         (False, "the guard continues by itself: a vehicle is still in the air"),
     ],
 )
@@ -401,7 +416,8 @@ async def test_a_guard_that_does_not_end_has_a_vehicle_in_the_air_or_a_slow_disk
     guard._clock = SimpleNamespace(continue_alone=lambda: None)
     guard._hold = os.open(folder, os.O_RDONLY)
     await guard._end_process()
-    assert [(one.kind, one.text) for one in guard.events] == [("guard", text)]
+    (event,) = guard.events
+    assert (event.kind, event.text.partition(":")[0]) == ("guard", text.partition(":")[0])
 
 
 @pytest.mark.parametrize("known", [False, True])
