@@ -8,14 +8,9 @@ from campaigns.expansion.case_reader import collect_problems
 from campaigns.schema import CampaignPart, Mode
 from campaigns.schema.controls import ControlPart
 from campaigns.schema.vehicles import VEHICLES
-from campaigns.setup.case_files import (
-    CaseFiles,
-    Override,
-    case_files,
-    overrides_at,
-    overrides_of_case,
-)
+from campaigns.setup.case_files import CaseFiles, case_files
 from campaigns.setup.case_setup import Setup
+from campaigns.setup.overrides import Override, overrides_at, overrides_of_case
 from campaigns.values.expectation import Expectation
 from safety.evaluation.judge import ALWAYS_JUDGED
 from worlds.files.documents import Document, Problem, closest

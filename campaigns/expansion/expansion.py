@@ -25,15 +25,10 @@ from campaigns.schema.between_runs import BetweenRunsPart
 from campaigns.schema.composition import CompositionPart
 from campaigns.setup.bench_file import Bench
 from campaigns.setup.bench_resolution import bench_request, choose_bench, completion_of
-from campaigns.setup.case_files import (
-    CaseFiles,
-    Override,
-    case_files,
-    override_from_option,
-    overrides_of_case,
-)
+from campaigns.setup.case_files import CaseFiles, case_files
 from campaigns.setup.case_setup import Setup
 from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
+from campaigns.setup.overrides import Override, override_from_option, overrides_of_case
 from campaigns.statistics.sequential_test import SequentialTest
 from campaigns.values.acceptance import Requirement, Share
 from campaigns.values.expectation import Expectation

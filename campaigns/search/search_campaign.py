@@ -13,8 +13,9 @@ from campaigns.search.objective import Objective
 from campaigns.search.space import Space, Values
 from campaigns.setup.bench_file import Bench
 from campaigns.setup.bench_resolution import completion_of
-from campaigns.setup.case_files import CaseFiles, Override, case_files
+from campaigns.setup.case_files import CaseFiles, case_files
 from campaigns.setup.case_setup import Setup
+from campaigns.setup.overrides import Override
 from campaigns.values.seeds import run_seed
 from worlds.files.documents import BadInput, Document, parse_value
 

@@ -22,13 +22,8 @@ from campaigns.search.objective import Objective, fails_no_flight, lacks_margin
 from campaigns.search.search_campaign import SearchCampaign
 from campaigns.search.space import Parameter, Space
 from campaigns.setup.bench_resolution import completion_of
-from campaigns.setup.case_files import (
-    CaseFiles,
-    Override,
-    case_files,
-    override_from_option,
-    overrides_of_case,
-)
+from campaigns.setup.case_files import CaseFiles, case_files
+from campaigns.setup.overrides import Override, override_from_option, overrides_of_case
 from safety.stl.formula import StlError
 from safety.stl.units import SignalKind
 from worlds.files.documents import BadInput, Document, Entry, Path, Problem, check, closest, load

@@ -5,13 +5,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from campaigns.schema import MATRIX_KEYS
+from campaigns.setup.overrides import OVERRIDDEN_FILES, Override, apply_overrides
 from recipes.language.recipe_files import load_recipe_document
 from worlds.files.documents import (
     BadInput,
     Data,
     Document,
-    Entry,
     Problem,
     closest,
     load,
@@ -20,29 +19,8 @@ from worlds.files.documents import (
 from worlds.files.documents import Path as DocumentPath
 from worlds.files.paths import exists, is_folder
 
-_INTO = ("world", "recipe")
 _SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".json", ".geojson", ".xml"})
 """Of files that a campaign may name."""
-
-
-@dataclass(frozen=True, slots=True)
-class Override:
-    """An override of a value in a case's files: its dotted key, and the new entry."""
-
-    dotted_key: str
-    entry: Entry
-
-    @property
-    def file(self) -> str:
-        """Return which file of the case the override changes: "world", "recipe" or "campaign"."""
-        head, dot, _ = self.dotted_key.partition(".")
-        return head if dot and head in _INTO else "campaign"
-
-    @property
-    def key_in_file(self) -> str:
-        """Return the override's dotted key inside that file."""
-        is_campaign = self.file == "campaign"
-        return self.dotted_key if is_campaign else self.dotted_key.partition(".")[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,37 +66,6 @@ def _draws_speeds(objects: Data) -> bool:
     return any(isinstance(one, dict) and one.get("speed_sd_m_s") for one in motions)
 
 
-def override_from_option(option: str, text: str) -> Override:
-    """Return the override of an option such as `--set KEY=VALUE`. Raises BadInput."""
-    name = f"{option} {text}"
-    key, equals, value = text.partition("=")
-    if not equals or not all(key.strip().split(".")):
-        raise BadInput([Problem(name, 0, 0, "must be KEY=VALUE, like goal.altitude_m=1.5")])
-    return Override(key.strip(), parse_value(value, name=name))
-
-
-def overrides_of_case(campaign: Document, case: str) -> tuple[Override, ...]:
-    """Return the overrides of a case. Raises BadInput for overrides of the matrix itself."""
-    return overrides_at(campaign, ("cases", case))
-
-
-def overrides_at(campaign: Document, path: DocumentPath) -> tuple[Override, ...]:
-    """Return the overrides at a path of the campaign file. Raises BadInput like a case's."""
-    given = campaign.get(path)
-    value = campaign.entry(path).node.value if given is not None else None
-    if not isinstance(value, dict):
-        return ()
-    found = tuple(Override(key, entry) for key, entry in value.items())
-    problems = [
-        override.entry.key.problem(f"'{override.dotted_key}' is the same for all cases")
-        for override in found
-        if override.dotted_key.partition(".")[0] in MATRIX_KEYS
-    ]
-    if problems:
-        raise BadInput(problems)
-    return found
-
-
 def case_files(
     campaign: Document,
     overrides: Iterable[Override],
@@ -131,17 +78,17 @@ def case_files(
     """
     problems: list[Problem] = []
     ordered = tuple(overrides)
-    campaign = _apply_overrides(campaign, (o for o in ordered if o.file == "campaign"), problems)
+    campaign = apply_overrides(campaign, (o for o in ordered if o.file == "campaign"), problems)
     try:
         campaign = complete(campaign)
     except BadInput as error:
         problems += error.problems
     found: dict[str, Document | None] = {}
-    for key in _INTO:
+    for key in OVERRIDDEN_FILES:
         inner = [override for override in ordered if override.file == key]
         document = _named_file(campaign, (key,), problems)
         if document is not None:
-            document = _apply_overrides(document, inner, problems)
+            document = apply_overrides(document, inner, problems)
         elif campaign.get((key,)) is None:
             problems += [
                 override.entry.key.problem(f"'{override.dotted_key}': the campaign has no {key}")
@@ -150,18 +97,6 @@ def case_files(
         found[key] = document
     fences = fence_files(campaign, problems)
     return CaseFiles(campaign, found["world"], found["recipe"], fences), problems
-
-
-def _apply_overrides(
-    document: Document, overrides: Iterable[Override], problems: list[Problem]
-) -> Document:
-    """Return a document of the case with its overrides applied; problems are collected."""
-    for override in overrides:
-        try:
-            document = document.override(override.key_in_file, override.entry)
-        except BadInput as error:
-            problems += error.problems
-    return document
 
 
 def fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Document]:

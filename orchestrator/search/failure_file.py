@@ -10,7 +10,7 @@ from campaigns.schema import MATRIX_KEYS
 from campaigns.search.model import FailingCase
 from campaigns.search.search import failure_name
 from campaigns.search.search_campaign import SearchCampaign, override_of
-from campaigns.setup.case_files import Override
+from campaigns.setup.overrides import Override
 from worlds.files.documents import Data
 from worlds.files.yaml_nodes import plain
 

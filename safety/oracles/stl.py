@@ -29,10 +29,10 @@ from safety.oracles.stl_signals import (
 from safety.oracles.stl_trace import Trace
 from safety.stl.arithmetic import written
 from safety.stl.deciding import part_of
-from safety.stl.evaluation import Unevaluable
 from safety.stl.formula import Formula, StlError, first_needed_s, names_of
+from safety.stl.monitor import Robustness, StlMonitor
 from safety.stl.parser import parse_stl
-from safety.stl.robustness import Robustness, StlMonitor
+from safety.stl.robustness import Unevaluable
 from safety.stl.units import has_several_units, require_sound
 
 _CHECK_EVERY_S = 1.0

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from safety.stl.arithmetic import difference_of, limit_side, value_of, written
-from safety.stl.evaluation import Occurrence
 from safety.stl.formula import Comparison, Term
+from safety.stl.robustness import Occurrence
 from safety.stl.steps import Values
 from safety.stl.units import SignalKind, unit_text
 

@@ -20,8 +20,8 @@ from worlds.render.arrays import (
     Triangles,
     View,
 )
-from worlds.render.coverage import NEAR_M, cover, gather
 from worlds.render.packing import pack_geometry, pack_looks
+from worlds.render.rasterizer import NEAR_M, cover, gather
 from worlds.render.shading import clear, shade, write_depth, write_ids, write_image
 from worlds.scene.scene import NO_EVENTS, Scene
 

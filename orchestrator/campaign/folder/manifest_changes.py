@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from campaigns.setup.case_files import override_from_option
+from campaigns.setup.overrides import override_from_option
 
 _MAX_LENGTH = 80
 """Of a value in a sentence about a changed key, in characters."""

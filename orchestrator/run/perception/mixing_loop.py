@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from orchestrator.run.perception.mixing_statistics import MixingStatistics
 from orchestrator.run.perception.visibility import VisibilityProbe
 from orchestrator.state.mixtures import MixedFrame
-from recipes.pipeline.alignment import align_pose
 from recipes.pipeline.mixture import Mixed
 from recipes.pipeline.pipeline import Mixer
+from recipes.pipeline.pose_alignment import align_pose
 from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
 from vehicles.poses.pose_history import PoseHistory
 from vehicles.readings import (

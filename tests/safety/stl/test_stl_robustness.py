@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safety.stl.arithmetic import written
-from safety.stl.evaluation import Unevaluable
+from safety.stl.monitor import Robustness, StlMonitor
 from safety.stl.parser import parse_stl
-from safety.stl.robustness import Robustness, StlMonitor
+from safety.stl.robustness import Unevaluable
 from tests.safety.stl_definition import GRID_S, defined, formulas, signals, times
 
 FUTURE = ("always", "eventually")

@@ -20,8 +20,8 @@ from safety.stl.formula import (
     Temporal,
     Until,
 )
+from safety.stl.monitor import Robustness, StlMonitor
 from safety.stl.parser import parse_stl
-from safety.stl.robustness import Robustness, StlMonitor
 from tests.safety.stl_definition import formulas, horizon_s
 
 # antlr4 4.7, which rtamt needs, imports typing.io: it warns in Python 3.12 and is gone in 3.13.

@@ -9,7 +9,7 @@ import pytest
 from worlds.camera import Intrinsics
 from worlds.frames import Pose, matrix_from_quat
 from worlds.rays.raycast import RayCaster
-from worlds.render.coverage import NEAR_M
+from worlds.render.rasterizer import NEAR_M
 from worlds.render.renderer import Renderer, RenderOutput
 from worlds.scene import meshes, shapes
 from worlds.scene.motion import Motion, StartOn, Waypoint

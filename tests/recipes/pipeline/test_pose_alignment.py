@@ -2,7 +2,7 @@
 
 import pytest
 
-from recipes.pipeline.alignment import align_pose
+from recipes.pipeline.pose_alignment import align_pose
 from recipes.working import Align, PoseRequest
 from vehicles.poses.pose_history import PoseHistory
 from worlds.frames import Pose

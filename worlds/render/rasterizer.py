@@ -1,4 +1,4 @@
-"""From triangles in space to a visibility buffer: exact, deterministic, with no gaps.
+"""The rasteriser: from triangles in space to a visibility buffer, exact, deterministic, no gaps.
 
 A visibility buffer (Burns and Hunt 2013) holds 1/z and the triangle of each pixel; colour is
 looked up once per pixel afterwards, in shading.py. Coverage is solved in integers of 1/256 pixel
