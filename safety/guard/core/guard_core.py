@@ -217,6 +217,7 @@ class GuardCore:
         self.paused = False
         for supervised in self._supervised_vehicles.values():
             supervised.contingency.resume(t_s)
+            supervised.seen.note_resume(t_s)
         return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
 
     def propose_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:

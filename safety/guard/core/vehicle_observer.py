@@ -62,6 +62,7 @@ class ObservedVehicle:
         self._mode_name = ""
         self._critical = False
         self._requested_s: float | None = None
+        self._resumed_s: float | None = None
         self._arm_requested_s: float | None = None
         self._armed_s: float | None = None
         self._up_m: float | None = None
@@ -115,6 +116,10 @@ class ObservedVehicle:
     def note_pause(self) -> None:
         """Record that earlier setpoints no longer count: the vehicle is commanded to hold."""
         self._commanded.forget()
+
+    def note_resume(self, t_s: float) -> None:
+        """Record that the guard's own hold has ended; its effect may be reported only now."""
+        self._resumed_s = t_s
 
     def doubt(
         self, position_ned_m: Vec3, velocity_ned_m_s: Vec3, t_s: float, *, reported: bool
@@ -236,7 +241,9 @@ class ObservedVehicle:
             lands_from_hold = new is Mode.LAND and old is Mode.HOLD
             late = requested and new is not Mode.RTL and not lands_from_hold
             return new not in commanded and new is not Mode.GUIDED and not late
-        if requested:
+        resumed_s = self._resumed_s
+        is_held = resumed_s is not None and t_s - resumed_s <= self._settings.asked_s
+        if requested or (new is Mode.HOLD and is_held):
             return False
         if new in {Mode.LAND, Mode.RTL}:
             return old not in _LAND_AFTERWARDS

@@ -226,6 +226,30 @@ def test_hold_and_resume(pair: Any) -> None:
     assert pair.kinds() == ["hold", "dropped", "resume"]
 
 
+def test_a_hold_that_is_seen_only_after_the_resume_is_no_failsafe(pair: Any) -> None:
+    """Heartbeats come once a second, and a radio is late."""
+    for kind in ("hold", "resume"):
+        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
+    pair.fly(2.0)
+    assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
+    assert (pair.core.latched, pair.kinds()) == (None, ["hold", "resume"])
+    for name in pair.vehicles:
+        to_orchestrator(pair, name, mode_command(Mode.GUIDED))
+    pair.fly(5.0)
+    pair.vehicles["real"].mode = Mode.HOLD
+    pair.fly(1.1)
+    assert pair.core.latched == "failsafe"
+
+
+@pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
+def test_a_failsafe_right_after_a_resume_is_seen(pair: Any, mode: Mode) -> None:
+    for kind in ("hold", "resume"):
+        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
+    pair.vehicles["real"].mode = mode
+    pair.fly(1.1)
+    assert pair.core.latched == "failsafe"
+
+
 @pytest.mark.parametrize("name", ["real", "twin"])
 @pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
 def test_a_failsafe_of_a_held_vehicle_is_supervised_not_fought(
