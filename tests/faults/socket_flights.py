@@ -40,6 +40,7 @@ from tests.faults.signals import (
 from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay
 from tests.orchestrator.wall_runs import ROOT, stages
 from tests.ports import free_port
+from tests.vehicles.embedded.running_vehicle import running_vehicle
 from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.mavlink.framing import Frame
@@ -85,9 +86,15 @@ def draw_on_sockets(seed: int) -> SignalFault:
     )
 
 
-async def inject(fault: SignalFault, folder: Path, *, disturbed: bool = True) -> Outcome:
-    """Fly a flight that must fail with a fault in it, or without; the folder is there."""
-    flight = _Flight(fault, folder, disturbed=disturbed)
+async def inject(
+    fault: SignalFault, folder: Path, *, disturbed: bool = True, stall_s: float | None = None
+) -> Outcome:
+    """Fly a flight that must fail with a fault in it, or without; the folder is there.
+
+    stall_s: for how long motion capture may miss the vehicle, or repeat a pose; by default as long
+    as in every campaign.
+    """
+    flight = _Flight(fault, folder, disturbed=disturbed, stall_s=stall_s)
     result = await flight.fly()
     exempt = disturbed and shown_by_none(fault)
     wrong = result.verdict == "PASS" and not exempt
@@ -97,8 +104,11 @@ async def inject(fault: SignalFault, folder: Path, *, disturbed: bool = True) ->
 class _Flight:
     """One flight: relays, the vehicle behind them, and the program before them."""
 
-    def __init__(self, fault: SignalFault, folder: Path, *, disturbed: bool) -> None:
+    def __init__(
+        self, fault: SignalFault, folder: Path, *, disturbed: bool, stall_s: float | None
+    ) -> None:
         self._fault, self._folder, self._disturbed = fault, folder, disturbed
+        self._stall_s = stall_s
         self._active = self._position_is_lost = False
         self._vehicle: asyncio.subprocess.Process | None = None
 
@@ -115,6 +125,8 @@ class _Flight:
                 return _Result("ERROR", f"the program had not ended after {_ENDS_WITHIN_S} s", "")
             finally:
                 begin.cancel()
+                with contextlib.suppress(asyncio.CancelledError):
+                    await begin
         try:
             (run,) = json.loads(out)["runs"]
         except (ValueError, KeyError):
@@ -141,9 +153,8 @@ class _Flight:
         vehicle: dict[str, Any] = {"link": f"udpin://127.0.0.1:{mavlink_port}"}
         if fault.judged_by == "mocap":
             vehicle["mocap"] = {"address": f"udp://127.0.0.1:{capture_port}"}
-            if not self._disturbed:
-                # A busy machine, which may hold up the poses, is no fault in them.
-                vehicle["mocap"]["stall_s"] = 5
+            if self._stall_s is not None:
+                vehicle["mocap"]["stall_s"] = self._stall_s
         path = write_mission(
             self._folder,
             fault.cause,
@@ -258,16 +269,8 @@ async def _vehicle(
         parameters=dict(SILENCE_PARAMETERS[fault.autopilot]),
         feed_port=feed_port,
     )
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    try:
+    async with running_vehicle(settings) as process:
         yield process
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()
 
 
 @asynccontextmanager
@@ -279,6 +282,7 @@ async def _simulator(world: Path) -> AsyncIterator[str]:
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=asyncio.subprocess.PIPE,
+        start_new_session=True,
     )
     try:
         assert process.stdout is not None

@@ -21,11 +21,13 @@ WALL = replace(
     alteration=Alteration("freeze", (0.0, 0.0, 0.0), 0.0),
 )
 """Motion capture that repeats its last pose with new stamps, before a wall is touched."""
+STALL_S = 5.0
+"""A busy machine, which may hold up the poses, is no fault in them."""
 
 
 @pytest.mark.timeout(400)
 async def test_a_wall_is_touched_over_relays_that_alter_nothing(tmp_path: Path) -> None:
-    outcome = await inject(WALL, tmp_path, disturbed=False)
+    outcome = await inject(WALL, tmp_path, disturbed=False, stall_s=STALL_S)
     assert (outcome.verdict, outcome.reason) == ("FAIL", "twin touched wall.box")
 
 
@@ -33,9 +35,9 @@ async def test_a_wall_is_touched_over_relays_that_alter_nothing(tmp_path: Path) 
 async def test_motion_capture_that_repeats_itself_before_a_wall_proves_nothing(
     tmp_path: Path,
 ) -> None:
-    outcome = await inject(WALL, tmp_path)
+    outcome = await inject(WALL, tmp_path, stall_s=STALL_S)
     assert outcome.verdict == "INVALID", outcome.reason
-    assert outcome.reason.startswith("pose of twin from mocap: ")
+    assert outcome.reason.startswith("pose of twin from mocap: it "), outcome.reason
 
 
 @pytest.mark.no_turn("flies nothing")

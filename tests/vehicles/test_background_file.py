@@ -209,12 +209,17 @@ def test_who_may_wait_waits_at_the_limit_and_loses_nothing(
 ) -> None:
     monkeypatch.setattr(background_file, "_MOST_BEHIND_BYTES", 10_000)
     file = BackgroundFile(stalled.path, append=True)
+    waits, wait_for = threading.Event(), file._taken.wait_for
+
+    def report(predicate: Callable[[], bool]) -> bool:
+        waits.set()
+        return wait_for(predicate)
+
+    monkeypatch.setattr(file._taken, "wait_for", report)
     writer = threading.Thread(target=write, args=(file, 100))
     writer.start()
-    while not file._behind_bytes:
-        time.sleep(0.01)
-    time.sleep(0.05)
-    assert file._behind_bytes <= 10_000
+    assert waits.wait(60.0)
+    assert 0 < file._behind_bytes <= 10_000
     assert writer.is_alive()
     stalled.release()
     writer.join()

@@ -191,9 +191,8 @@ class Preflight:
         known = await first_known(context.driver.parameters, [name])
         height_m = self._setup.height_m(pair[context.name])
         what = f"its {name}, to which {autopilot.label} {identity.version_text} climbs at least,"
-        least_m = (
-            round(known[name], 3) if known else None
-        )  # a float of 4 bytes: 1.2 is 1.2000000477
+        # A float of 4 bytes: 1.2 is 1.2000000477.
+        least_m = round(known[name], 3) if known else None
         return (at_most("takeoff_height", context.name, least_m, height_m, unit="m", what=what),)
 
     def _pair(self, contexts: tuple[VehicleContext, ...]) -> Iterable[Item]:

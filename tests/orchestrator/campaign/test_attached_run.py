@@ -2,9 +2,7 @@
 
 import asyncio
 import json
-import os
 import socket
-import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,8 +13,9 @@ import pytest
 
 from tests.faults.inspection import processes_of
 from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, make_tree
-from tests.orchestrator.wall_runs import ROOT, SHORT, Program, lines, stages
+from tests.orchestrator.wall_runs import SHORT, Program, lines, stages
 from tests.ports import free_port
+from tests.vehicles.embedded.running_vehicle import running_vehicle
 from vehicles.driver import Driver
 from vehicles.embedded.process.process_settings import ProcessSettings
 from vehicles.links.link_factory import open_link
@@ -46,20 +45,13 @@ def await_listening(pid: int, port: int) -> None:
 async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
     """A vehicle that is there before the program is, and after it."""
     settings = ProcessSettings(autopilot=autopilot, link=link, seed=1, running_s=60.0)  # type: ignore[arg-type]  # one of the two
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    try:
+    async with running_vehicle(settings) as process:
         port = int(link.rpartition(":")[2])
         if link.startswith("udpout:"):
             await asyncio.to_thread(await_datagram, port)
         elif link.startswith("tcpin:"):
             await asyncio.to_thread(await_listening, process.pid, port)
         yield
-    finally:
-        process.terminate()
-        await process.wait()
 
 
 def words(**sets: str) -> list[str]:

@@ -5,7 +5,6 @@ so that none takes longer than it must.
 """
 
 import asyncio
-import os
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -17,6 +16,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
+from tests.vehicles.embedded.running_vehicle import running_vehicle
 from vehicles.embedded.process.process_settings import ProcessSettings
 
 HERE = Path(__file__).parent
@@ -36,15 +36,8 @@ async def vehicle(link: str, autopilot: str) -> AsyncIterator[None]:
         # Else it disarms on the ground 10 s after it was armed: by the wall, in 1.25 s.
         parameters={"COM_DISARM_PRFLT" if autopilot == "px4" else "DISARM_DELAY": 60.0},
     )
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    try:
+    async with running_vehicle(settings):
         yield
-    finally:
-        process.terminate()
-        await process.wait()
 
 
 async def flown_by(program: str, *arguments: str) -> str:

@@ -81,6 +81,7 @@ def vehicle_at(port: int) -> Iterator[None]:
     process = subprocess.Popen(  # noqa: S603  # our own interpreter
         [sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
+        start_new_session=True,
     )
     try:
         await_datagram(port)

@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import socket
-import sys
 from asyncio.subprocess import Process
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -15,8 +14,9 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.sitl_programs import make_arducopter
-from tests.orchestrator.wall_runs import ROOT, Landed, Program, lines, until
+from tests.orchestrator.wall_runs import Landed, Program, lines, until
 from tests.ports import free_port
+from tests.vehicles.embedded.running_vehicle import running_vehicle
 from vehicles.driver import Driver
 from vehicles.embedded.process.process_settings import ProcessSettings, Start
 from vehicles.links.link_factory import open_link
@@ -54,17 +54,8 @@ async def vehicle(port: int, *, system_id: int, start: Start) -> AsyncIterator[P
         longitude_deg=8.545594,
         altitude_m=488.0,
     )
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    try:
+    async with running_vehicle(settings) as process:
         yield process
-    finally:
-        if process.returncode is None:
-            process.send_signal(signal.SIGCONT)
-            process.terminate()
-        await process.wait()
 
 
 class Hall:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.clock import run_virtual
+from orchestrator.model.clock import Clock, run_virtual
 from orchestrator.run.perception.sensor_factory import SensorFactory
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from orchestrator.state.vehicle_context import PoseListener
@@ -24,6 +24,8 @@ from worlds.frames import Pose
 from worlds.scene.scene import Scene
 
 NORTH_M_S = 3.0
+RANGE = "vehicles.real.sensors.range={type: rangefinder, rate_hz: 20}"
+SCAN = "vehicles.real.sensors.scan={type: lidar, rate_hz: 5}"
 
 
 class NorthSensor:
@@ -47,6 +49,14 @@ async def sensed(factory: SensorFactory, setup: RunSetup, telemetry: Any) -> lis
     return taken
 
 
+def setup_of(folder: Path, *sets: str, clock: Clock) -> RunSetup:
+    """Return the set-up of a run whose real vehicle is known by its telemetry."""
+    known = ("vehicles.real.link=udpin://127.0.0.1:14540", "vehicles.real.pose_source=mavlink")
+    options = Options(cases=("large",), modes=("wil",), sets=(*known, *sets))
+    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
+    return RunSetup.of(RunOrder(plan=plan, folder=folder, clock=clock))
+
+
 def factory_of(setup: RunSetup, listeners: list[PoseListener]) -> SensorFactory:
     """Return the sensor factory of a real vehicle that is known by its telemetry."""
     context: Any = SimpleNamespace(on_pose=listeners.append)
@@ -66,14 +76,7 @@ def factory_of(setup: RunSetup, listeners: list[PoseListener]) -> SensorFactory:
 def test_readings_of_a_vehicle_known_by_telemetry_are_of_the_pose_at_their_stamps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rate_hz: float, latency_s: float
 ) -> None:
-    sets = (
-        "vehicles.real.link=udpin://127.0.0.1:14540",
-        "vehicles.real.pose_source=mavlink",
-        "vehicles.real.sensors.range={type: rangefinder, rate_hz: 20}",
-    )
-    options = Options(cases=("large",), modes=("wil",), sets=sets)
-    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
-    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
+    setup = setup_of(tmp_path, RANGE, clock="virtual")
     listeners: list[PoseListener] = []
     factory = factory_of(setup, listeners)
     monkeypatch.setattr(SensorFactory, "_model", lambda *_, **__: NorthSensor())
@@ -96,15 +99,7 @@ def test_the_rays_of_a_world_are_built_once_with_its_sensors_before_the_flight(
 ) -> None:
     built: list[Scene] = []
     monkeypatch.setattr("vehicles.sensors.world_views.RayCaster", built.append)
-    sets = (
-        "vehicles.real.link=udpin://127.0.0.1:14540",
-        "vehicles.real.pose_source=mavlink",
-        "vehicles.real.sensors.range={type: rangefinder, rate_hz: 20}",
-        "vehicles.real.sensors.scan={type: lidar, rate_hz: 5}",
-    )
-    options = Options(cases=("large",), modes=("wil",), sets=sets)
-    plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
-    setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="wall"))
+    setup = setup_of(tmp_path, RANGE, SCAN, clock="wall")
     factory, vehicle = factory_of(setup, []), setup.vehicle("real")
     for sensor in vehicle.sensors:
         if sensor.name in {"range", "scan"}:
