@@ -125,8 +125,10 @@ MOST_WAITING = 2
 """How many workers begin with what waits."""
 YIELDING = 5
 """What workers add to their niceness once they are at tests that wait for nothing."""
-YIELDING_SESSION = 10
-"""The niceness of the workers' session, beside the sessions of programs that fly."""
+YIELDING_SESSION = 5
+"""The niceness of the workers' session: programs that fly, in others, have three times its share.
+
+So has whatever else is busy on the machine: with 10 it left a tenth, and tests ran out of time."""
 _WEIGHED = pytest.StashKey[int]()
 
 

@@ -39,8 +39,8 @@ from vehicles.setpoints import VelocitySetpoint
 
 LinkKind = Literal["memory", "impaired", "udp", "tcp"]
 BAD = Impairment(latency_s=0.08, jitter_s=0.04, loss=0.05)
-UNTIL_READY, IN_FLIGHT = 16.0, 4.0
-"""How fast time goes with mavsdk: a loaded machine must keep up while it flies."""
+UNTIL_READY, IN_FLIGHT, EXCHANGE = 16.0, 4.0, 1.0
+"""How fast time goes with mavsdk: a loaded machine must keep up while it flies, and for replies."""
 AUTOPILOTS: tuple[AutopilotName, ...] = get_args(AutopilotName)
 LINKS: dict[DriverName, tuple[LinkKind, ...]] = {
     "mavlink": get_args(LinkKind),
@@ -188,8 +188,12 @@ def test_the_whole_of_a_flight(
             7,
             True,
         )
+        if voice == "mavsdk":
+            go_at(EXCHANGE)
         await driver.parameters.set(name, value)
         assert await driver.parameters.get(name) == value
+        if voice == "mavsdk":
+            go_at(UNTIL_READY)
         await up(flown)
         assert driver.state.mode is Mode.GUIDED
         for _ in range(200):

@@ -115,5 +115,6 @@ def test_a_run_whose_autonomy_spins_ends_within_the_campaigns_time_for_a_call(
         mode="sim", sets=(limited, "oracles={landed: {}, reached: {}}"), has_cameras=False
     )
     assert result.verdict == "FAIL"
-    said = "the autonomy of twin gave no answer within 0.3 s, its limit (autonomy.limits.call_s) ("
+    # On a busy machine it may be an earlier call, of `perceive`, that takes as long.
+    said = "the autonomy of twin gave no answer within 0.3 s, its limit (autonomy.limits.call_s)"
     assert result.reason.startswith(said)
