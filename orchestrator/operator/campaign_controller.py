@@ -251,16 +251,22 @@ class CampaignController:
         if command.is_partial:
             return self._abort_place(command)
         self._expect(command)
+        was_stopped, self.stopped, self.held = self.stopped, self.stopped or stop, False
         self._fleet.abort(command)
-        Thread(
-            target=self._tell_guards, args=(command.who,), name="abort of guards", daemon=True
-        ).start()
+        self._begin_telling_guards(command.who)
         for_all = "; an abort is for all runs, not only for the one that it names"
         more = for_all if command.run else ""
-        if self.stopped is not None:
+        if was_stopped is not None:
             return f"all vehicles are landing already{more}"
-        self.stopped, self.held = stop, False
         return f"all vehicles land, and no further run is flown{more}"
+
+    def _begin_telling_guards(self, who: str) -> None:
+        """Tell the guards of an abort in a thread; at once where the system starts none."""
+        telling = Thread(target=self._tell_guards, args=(who,), name="abort of guards", daemon=True)
+        try:
+            telling.start()
+        except RuntimeError:
+            self._tell_guards(who)
 
     def _tell_guards(self, who: str) -> None:
         for guard in self.guards():

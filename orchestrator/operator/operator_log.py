@@ -48,7 +48,12 @@ class OperatorLog:
                 return  # the disk is slow, and each line would wait
             # A daemon: a process that ends must not wait for a disk.
             self._writer = writer = Thread(target=self._write_lines, name="operator", daemon=True)
-        writer.start()
+        try:
+            writer.start()
+        except RuntimeError:  # the system starts no thread: the next line's writer writes this one
+            with self._lock:
+                self._writer = None
+            return
         writer.join(_WRITTEN_WITHIN_S)
 
     def _write_lines(self) -> None:

@@ -222,3 +222,25 @@ def test_an_abort_reaches_the_runs_before_anyone_looks_for_guards(tmp_path: Path
     assert aborted_before == [True]
     assert has_returned
     assert controller.stopped == "command"
+
+
+def test_an_abort_needs_no_thread(
+    tmp_path: Path, short_folder: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A system that starts no thread lands the vehicles all the same, and tells the guards."""
+    fleet = FakeFleet()
+    controller = make_controller(tmp_path, fleet)
+    controller.guards = lambda: (Place("large/wil/1", tmp_path, short_folder / "guard.sock"),)
+
+    def refuse(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", refuse)
+        assert controller.obey(ABORT).startswith("all vehicles land")
+    assert [one.kind for one in fleet.aborted] == ["abort"]
+    assert controller.stopped == "command"
+    listener.join(5.0)
+    assert json.loads(listener.heard) == {"command": "abort", "who": "anna"}
+    controller.obey(ABORT)
+    assert log(tmp_path) == [("abort", "anna", True)] * 2
