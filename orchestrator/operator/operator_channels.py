@@ -30,6 +30,7 @@ async def open_operator_channels(
     """
     controller.guards = lambda: _guards(controller)
     async with AsyncExitStack() as stack:
+        stack.callback(_close_log, controller)
         try:
             await _serve_socket(stack, controller)
         except OSError as error:
@@ -37,6 +38,15 @@ async def open_operator_channels(
         if mqtt is not None:
             await _connect(stack, controller, mqtt)
         yield
+
+
+def _close_log(controller: CampaignController) -> None:
+    """Have a slow disk take the last lines of the operator log; say which are lost."""
+    if lost := controller.log.close():
+        controller.warn(
+            f"operator.jsonl: the disk takes nothing; {lost} of its lines are lost, and with them "
+            "commands that operators gave"
+        )
 
 
 async def _connect(stack: AsyncExitStack, controller: CampaignController, mqtt: MqttSetup) -> None:

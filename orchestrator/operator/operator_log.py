@@ -11,6 +11,7 @@ from threading import Lock, Thread
 from safety.guard.core.operator_command import OperatorCommand
 
 _WRITTEN_WITHIN_S = 0.05
+_CLOSED_WITHIN_S = 5.0
 _MOST_LINES = 10_000
 
 
@@ -38,6 +39,15 @@ class OperatorLog:
     def note(self, text: str) -> None:
         """Append an event of an operator channel to the operator log."""
         self._append(who="", command="", ok=True, text=text)
+
+    def close(self) -> int:
+        """Wait for the lines that a slow disk has not taken yet; return how many are lost."""
+        with self._lock:
+            writer = self._writer
+        if writer is not None:
+            writer.join(_CLOSED_WITHIN_S)
+        with self._lock:
+            return len(self._lines) + (self._writer is not None)
 
     def _append(self, **fields: str | bool) -> None:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")

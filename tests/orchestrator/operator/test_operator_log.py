@@ -34,6 +34,8 @@ def test_a_disk_that_stands_still_delays_one_line_and_gets_all_in_order(
     for number in range(50):
         log.note(f"line {number}")
     assert waits == [0.01]
+    monkeypatch.setattr(operator_log, "_CLOSED_WITHIN_S", 0.01)
+    assert log.close() == 51
     monkeypatch.undo()
     assert log._writer is not None
     os.set_blocking(end, True)
@@ -41,6 +43,7 @@ def test_a_disk_that_stands_still_delays_one_line_and_gets_all_in_order(
     while data.count(b"\n") < 51:
         data += os.read(end, 65536)
     os.close(end)
+    assert log.close() == 0
     texts = [json.loads(line)["text"] for line in data.splitlines()]
     assert texts[1:] == [f"line {k}" for k in range(50)]
 
