@@ -17,24 +17,43 @@ _MOST_BEHIND_BYTES = 64 << 20
 _POLL_S = 0.05
 _MOST_POLLS = 240
 """Of our own turns, not of time: a process that was stopped must not take a good disk for a dead
-one. 12 s: others wait 15 s for the end of a guard, and 60 s for that of a run."""
+one. 12 s for a disk that takes nothing, and in all for a guard's end: others wait 15 s for that."""
+_MOST_POLLS_IN_ALL = 800
+"""40 s for a slow disk at the end of a run: others wait 60 s for it."""
 _LEAST_POLLS = 10
+_KEPT_POLLS = 40
+"""Of those in all: what slow files leave to later ones, for their least polls."""
 
 
 class Patience:
-    """How long the ends of all files of a process together wait for a disk that takes nothing."""
+    """How long the ends of all files of a process together wait for the disk.
+
+    So long as it takes something, they wait on, but not for more than so many polls in all.
+    """
 
     def __init__(self) -> None:
         self._polls = 0
+        self._polls_in_all = 0
+
+    def begin(self) -> None:
+        """Begin anew, also with the polls in all: what is opened now is of a later run."""
+        self._polls = self._polls_in_all = 0
 
     def renew(self) -> None:
-        """Begin anew: the disk has taken something."""
+        """Begin anew to wait for a disk that takes nothing: it has taken something."""
         self._polls = 0
 
-    def waits_on(self, polls: int) -> bool:
-        """Return whether an end that has polled so often waits for a further one."""
+    def waits_on(self, polls: int, *, is_brief: bool = False) -> bool:
+        """Return whether an end that has polled so often waits for a further one.
+
+        is_brief: of a guard, for whose end others do not wait as long as for that of a run.
+        """
         self._polls += 1
-        return self._polls <= _MOST_POLLS or polls < _LEAST_POLLS
+        self._polls_in_all += 1
+        left = (_MOST_POLLS if is_brief else _MOST_POLLS_IN_ALL) - self._polls_in_all
+        if polls < _LEAST_POLLS:
+            return left >= 0
+        return self._polls <= _MOST_POLLS and left >= _KEPT_POLLS
 
 
 patience = Patience()
@@ -45,9 +64,10 @@ class BackgroundFile:
     """A binary file that a thread of its own writes, in order; used by one other thread.
 
     path: a new file; append: or one that is there. waits: at 64 MiB that the disk has not taken
-    yet, `write` waits for it; otherwise the file ends there with an error. begin: called first in
-    the thread, as to give it a priority. What the disk refuses is raised by a later `flush`, and
-    by `close`; the file ends there. Raises OSError where the file cannot be opened.
+    yet, `write` waits for it; otherwise the file ends there with an error, and its end waits for
+    a slow disk no longer than for a dead one. begin: called first in the thread, as to give it a
+    priority. What the disk refuses is raised by a later `flush`, and by `close`; the file ends
+    there. Raises OSError where the file cannot be opened.
     """
 
     def __init__(
@@ -62,8 +82,10 @@ class BackgroundFile:
         self.is_removed = False
         """Whether the file was removed by the last write: then it is lost without an error."""
         self._file = path.open("ab" if append else "xb", buffering=0)
+        self._name = path.name
         self._waits = waits
         self._patience = patience
+        self._patience.begin()
         self._begin = begin
         self._buffer: list[bytes] = []
         self._buffered_bytes = 0
@@ -77,7 +99,12 @@ class BackgroundFile:
         self._thread.start()
 
     def write(self, data: bytes) -> int:
-        """Append data; the thread gets it with `flush`, or when much is buffered."""
+        """Append data; the thread gets it with `flush`, or when much is buffered.
+
+        Raises ValueError once the file is closed.
+        """
+        if self.closed:
+            raise ValueError(f"{self._name} is closed")
         self._buffer.append(bytes(data))
         self._buffered_bytes += len(data)
         if self._buffered_bytes >= _HANDED_OVER_BYTES:
@@ -100,20 +127,24 @@ class BackgroundFile:
     def close(self) -> None:
         """Write all and close the file; may be called more than once.
 
-        Raises what the disk refused, and TimeoutError where it takes nothing for 12 s.
+        Raises what the disk refused, and TimeoutError where it takes nothing for 12 s, or not all
+        within what the ends of all files of this process wait for it.
         """
         if self.closed:
             return
         self._hand_over(None)
         self.closed = True
         self._queue.put(None)
-        polls = 0
-        while self._thread.is_alive() and self._patience.waits_on(polls):
+        behind_bytes, polls = self._behind_bytes, 0
+        # Once before it asks: where others have used up all patience, a good disk is not dead.
+        self._thread.join(_POLL_S)
+        while self._thread.is_alive() and self._patience.waits_on(polls, is_brief=not self._waits):
             self._thread.join(_POLL_S)
             polls += 1
         self._raise_error()
         if self._thread.is_alive():
-            text = f"the disk takes nothing, {self._backlog()} are lost"
+            much = "too little" if self._behind_bytes < behind_bytes else "nothing"
+            text = f"the disk takes {much}, {self._backlog()} are lost"
             raise TimeoutError(errno.ETIMEDOUT, text)
 
     def _hand_over(self, most_bytes: int | None) -> None:

@@ -253,18 +253,18 @@ class CampaignController:
         self._expect(command)
         was_stopped, self.stopped, self.held = self.stopped, self.stopped or stop, False
         self._fleet.abort(command)
-        self._begin_telling_guards(command.who)
+        self._begin_abort_of_guards(command.who)
         for_all = "; an abort is for all runs, not only for the one that it names"
         more = for_all if command.run else ""
         if was_stopped is not None:
             return f"all vehicles are landing already{more}"
         return f"all vehicles land, and no further run is flown{more}"
 
-    def _begin_telling_guards(self, who: str) -> None:
+    def _begin_abort_of_guards(self, who: str) -> None:
         """Tell the guards of an abort in a thread; at once where the system starts none."""
-        telling = Thread(target=self._tell_guards, args=(who,), name="abort of guards", daemon=True)
+        thread = Thread(target=self._tell_guards, args=(who,), name="abort of guards", daemon=True)
         try:
-            telling.start()
+            thread.start()
         except RuntimeError:
             self._tell_guards(who)
 

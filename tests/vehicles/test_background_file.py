@@ -241,15 +241,89 @@ def test_an_end_that_no_disk_takes_is_an_error(
     assert len(stalled.data()) == 10_000
 
 
-def test_a_slow_disk_is_waited_for_as_long_as_it_takes_something() -> None:
+def test_a_slow_disk_is_waited_for_while_it_takes_something() -> None:
     """All files of a process wait together: after a first one the others add half a second each."""
     patience = Patience()
-    for _ in range(5):
-        assert all(patience.waits_on(poll) for poll in range(240))
-        patience.renew()
+    assert all(patience.waits_on(poll) for poll in range(240))
+    patience.renew()
     assert all(patience.waits_on(poll) for poll in range(240))
     assert not patience.waits_on(240)
     for _ in range(3):
         assert [patience.waits_on(poll) for poll in range(11)] == 10 * [True] + [False]
     patience.renew()
     assert all(patience.waits_on(poll) for poll in range(240))
+
+
+@pytest.mark.parametrize(("is_brief", "in_all"), [(False, 800), (True, 240)])
+def test_a_slow_disk_is_not_waited_for_without_end(*, is_brief: bool, in_all: int) -> None:
+    """The pool kills the process of a run after 60 s, and a guard's end is waited for 15 s."""
+    patience = Patience()
+    waits = []
+    for poll in range(1000):
+        waits.append(patience.waits_on(poll, is_brief=is_brief))
+        patience.renew()
+    assert waits == (in_all - 40) * [True] + (1040 - in_all) * [False]
+
+    patience = Patience()
+    polls = 0
+    while polls < 1000 and patience.waits_on(polls, is_brief=is_brief):
+        patience.renew()
+        polls += 1
+    # Later ones have their half second each of what is left, and then nothing.
+    later = [[patience.waits_on(poll, is_brief=is_brief) for poll in range(10)] for _ in range(5)]
+    assert polls == in_all - 40
+    assert [sum(waits) for waits in later] == [10, 10, 10, 9, 0]
+
+
+def test_the_files_of_a_later_run_have_patience_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patience = Patience()
+    monkeypatch.setattr(background_file, "patience", patience)
+    for _ in range(1000):
+        patience.waits_on(0)
+    assert not patience.waits_on(0)
+    file = BackgroundFile(tmp_path / "file")
+    assert all(patience.waits_on(poll) for poll in range(240))
+    file.close()
+
+
+def test_a_good_disk_is_waited_for_when_others_have_used_up_all_patience(tmp_path: Path) -> None:
+    file = BackgroundFile(tmp_path / "file")
+    for _ in range(1000):
+        file._patience.waits_on(0)
+    file.write(BLOCK)
+    file.close()
+    assert (tmp_path / "file").read_bytes() == BLOCK
+
+
+def test_an_end_that_the_disk_takes_too_slowly_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(background_file, "_MOST_POLLS", 4)
+    monkeypatch.setattr(background_file, "_LEAST_POLLS", 4)
+    released, put = threading.Event(), BackgroundFile._put
+
+    def slowly(self: BackgroundFile, data: bytes) -> bool:
+        released.wait(0.02)
+        return put(self, data)
+
+    monkeypatch.setattr(BackgroundFile, "_put", slowly)
+    file = BackgroundFile(tmp_path / "file", waits=False)
+    monkeypatch.setattr(file, "_patience", Patience())
+    write(file, 500)
+    with pytest.raises(TimeoutError, match=r"the disk takes too little, 0\.[1-5] MB are lost"):
+        file.close()
+    assert file._thread.is_alive()
+    released.set()
+    file._thread.join()
+    assert (tmp_path / "file").read_bytes() == 500 * BLOCK
+
+
+def test_what_is_written_after_the_end_is_refused(tmp_path: Path) -> None:
+    file = BackgroundFile(tmp_path / "file")
+    file.write(BLOCK)
+    file.close()
+    with pytest.raises(ValueError, match="file is closed"):
+        file.write(BLOCK)
+    assert (tmp_path / "file").read_bytes() == BLOCK

@@ -5,15 +5,19 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from logging.handlers import QueueHandler, QueueListener
+from logging.handlers import QueueHandler
 from pathlib import Path
 from queue import SimpleQueue
-from typing import IO
+from threading import Thread
+from typing import IO, TextIO
 
 from vehicles.processes.linux import rise_above_load
 
 _NAME = "guard.stderr"
 _LONGEST = 2000
+_POLL_S = 0.05
+_MOST_POLLS = 20
+"""1 s of our own turns that its end waits for the disk, after the 12 s for the guard's files."""
 
 
 def open_stderr(folder: str) -> IO[bytes]:
@@ -21,32 +25,37 @@ def open_stderr(folder: str) -> IO[bytes]:
     return (Path(folder) / _NAME).open("w+b")
 
 
-class _Listener(QueueListener):
-    """Writes log records in a thread that has the guard's priority (see `guard_file`)."""
-
-    _has_risen = False
-
-    def dequeue(self, block: bool) -> logging.LogRecord:
-        """Return the next record, in the listener's thread."""
-        if not self._has_risen:
-            self._has_risen = True
-            rise_above_load()
-        return super().dequeue(block)
-
-
 @contextmanager
 def logging_in_thread() -> Iterator[None]:
     """Have a thread write this process's log records to stderr, which is a file on a disk."""
-    records: SimpleQueue[logging.LogRecord] = SimpleQueue()
+    records: SimpleQueue[logging.LogRecord | None] = SimpleQueue()
     handler = QueueHandler(records)
-    listener = _Listener(records, logging.StreamHandler(sys.stderr))
+    stream = open(  # noqa: SIM115  # a dead disk holds it for ever
+        sys.stderr.fileno(), "w", encoding="utf-8", errors="backslashreplace", closefd=False
+    )
+    thread = Thread(target=_write, args=(records, stream), name=f"writer {_NAME}", daemon=True)
     logging.getLogger().addHandler(handler)
-    listener.start()
+    thread.start()
     try:
         yield
     finally:
         logging.getLogger().removeHandler(handler)
-        listener.stop()
+        records.put(None)
+        for _ in range(_MOST_POLLS):
+            if not thread.is_alive():
+                break
+            thread.join(_POLL_S)
+
+
+def _write(records: "SimpleQueue[logging.LogRecord | None]", stream: TextIO) -> None:
+    """Write log records until the end, with the guard's priority (see `guard_file`).
+
+    Not by a log handler, nor to sys.stderr: a process that ends waits for the locks of both.
+    """
+    rise_above_load()
+    while (record := records.get()) is not None:
+        with contextlib.suppress(OSError):
+            print(record.getMessage(), file=stream, flush=True)
 
 
 def guard_stderr_tail(folder: str) -> str:

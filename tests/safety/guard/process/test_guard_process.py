@@ -6,10 +6,9 @@ import os
 import resource
 import signal
 import socket
+import subprocess
 import sys
-import threading
 from functools import partial
-from io import StringIO
 from pathlib import Path
 from threading import get_ident
 from types import SimpleNamespace
@@ -47,6 +46,14 @@ from vehicles.processes.identity import ProcessId
 
 RR = os.SCHED_RR
 TOKEN = "of the test"  # noqa: S105 - opens nothing
+LOGS_TO_ITS_END = """
+import logging, sys
+from safety.guard.process.guard_stderr import logging_in_thread
+with logging_in_thread():
+    for _ in range(100):
+        logging.getLogger("of a link").warning("." * 10_000)
+sys.exit(7)
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -374,22 +381,33 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
 def test_who_logs_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    class Stalled(StringIO):
-        def write(self, text: str) -> int:
-            return released.wait(60.0) and super().write(text)
-
-    released, stderr = threading.Event(), Stalled()
+    """A full pipe is the disk that stands still, until it is read."""
     risen: list[int] = []
     monkeypatch.setattr(guard_stderr, "rise_above_load", lambda: risen.append(get_ident()))
-    monkeypatch.setattr(sys, "stderr", stderr)
-    with logging_in_thread():
-        for number in range(100):
-            logging.getLogger("of a link").warning("lost %d", number)
-        assert stderr.getvalue() == ""
-        released.set()
-    assert stderr.getvalue().splitlines() == [f"lost {number}" for number in range(100)]
+    monkeypatch.setattr(guard_stderr, "_MOST_POLLS", 1200)
+    read_end, write_end = os.pipe()
+    full = b"." * fcntl.fcntl(write_end, fcntl.F_SETPIPE_SZ, 4096)
+    os.write(write_end, full)
+    with os.fdopen(read_end, "rb") as printed:
+        with os.fdopen(write_end, "w") as stderr:
+            monkeypatch.setattr(sys, "stderr", stderr)
+            with logging_in_thread():
+                for number in range(100):
+                    logging.getLogger("of a link").warning("lost %d", number)
+                assert printed.read(len(full)) == full
+        lines = printed.read().decode().splitlines()
+    assert lines == [f"lost {number}" for number in range(100)]
     assert len(risen) == 1
     assert risen[0] != get_ident()
+
+
+def test_a_stderr_that_takes_nothing_keeps_no_guard_from_its_end() -> None:
+    program = [sys.executable, "-c", LOGS_TO_ITS_END]
+    with subprocess.Popen(program, stderr=subprocess.PIPE) as process:  # noqa: S603 - ours
+        try:
+            assert process.wait(30.0) == 7
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize(
