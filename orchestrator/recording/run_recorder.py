@@ -152,8 +152,12 @@ class RunRecorder:
         dropped = ", ".join(f"{count} of {topic}" for topic, count in report.dropped)
         self.note("recording", fault=report.fault, failed=report.failed, dropped=dropped or None)
         self.losses = report.losses
-        if why := excessive_loss(report.losses, max_loss=self._max_loss):
-            self._incomplete(why + (f" ({report.fault})" if report.fault else ""))
+        why = excessive_loss(report.losses, max_loss=self._max_loss)
+        if report.fault is not None:
+            # A disk that fails takes what was written before with it: the chunk that was not full.
+            why = f"{why or 'run.mcap is cut off'} ({report.fault})"
+        if why:
+            self._incomplete(why)
 
     @property
     def epoch_ns(self) -> int:

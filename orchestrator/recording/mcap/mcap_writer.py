@@ -6,7 +6,6 @@ so that equal runs give equal bytes. A full disk, or an image that cannot be enc
 the flight: it is counted in the report.
 """
 
-import asyncio
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -83,9 +82,8 @@ class McapRecorder:
     """Writes one run's recording as MCAP; a context manager, used by one thread.
 
     epoch_s: UTC at which the run clock was zero. facts: metadata for the file's first record,
-    before all readings. mounts: of the cameras, as of the Encoder. Leaving the context waits for
-    the thread; within a running loop under a wall clock, await `aclose()` before. Raises OSError
-    when the file cannot be created.
+    before all readings. mounts: of the cameras, as of the Encoder. Leaving the context closes the
+    file. Raises OSError when the file cannot be created.
     """
 
     def __init__(
@@ -174,23 +172,26 @@ class McapRecorder:
         self._enqueue(item)
 
     def close(self) -> RecordingReport:
-        """Wait until all is written, close the MCAP file, and return the report."""
+        """Wait until all is written, close the MCAP file, and return the report.
+
+        Gives up on a disk that takes nothing; the thread goes on, should the disk come back.
+        """
         if self._report is None:
             self._incoming.put(None)
-            size_bytes = 0
+            size_bytes, stalled = 0, None
             try:
                 while self._backlog_items:
                     self._collect(self._await_done())
                 size_bytes = self._await_done()
             except Empty:
-                self._fault = "the disk takes nothing"
+                stalled = f"the disk takes nothing, {self._backlog_items} messages wait for it"
             dropped = tuple(sorted(self._dropped.items()))
             self._report = RecordingReport(
                 self._written,
                 dropped,
                 self._unwritten.total(),
                 size_bytes,
-                self._fault,
+                self._fault or stalled,
                 tuple(self._errors),
                 self._losses(),
             )
@@ -212,10 +213,6 @@ class McapRecorder:
     def _losses(self) -> tuple[TopicLoss, ...]:
         lost = self._dropped + self._unwritten
         return tuple(TopicLoss(topic, self._offered[topic], lost[topic]) for topic in sorted(lost))
-
-    async def aclose(self) -> RecordingReport:
-        """Close the MCAP writer without blocking the loop."""
-        return await asyncio.get_running_loop().run_in_executor(None, self.close)
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -63,7 +63,7 @@ def test_it_records_within_a_virtual_run(tmp_path: Path) -> None:
     async def run() -> RecordingReport:
         with recorder(tmp_path / "run.mcap") as one:
             one.event(0.0, "info", "stage", "ready")
-            return await one.aclose()
+            return one.close()
 
     assert run_virtual(run()).complete
     assert len(read(tmp_path / "run.mcap")[0]) == 1
@@ -269,11 +269,16 @@ def test_the_end_of_a_recording_does_not_wait_for_ever_for_a_disk_that_takes_not
     with recorder(tmp_path / "run.mcap") as run:
         run.reading("camera", camera())
         report = run.close()
-    assert (report.fault, report.complete) == ("the disk takes nothing", False)
+    said = "the disk takes nothing, 2 messages wait for it"
+    assert (report.fault, report.complete) == (said, False)
     released.set()
     for thread in threading.enumerate():
         if thread.name == "recorder run.mcap":
             thread.join()
+    found, recording = read(tmp_path / "run.mcap")
+    assert len(found) == 1
+    assert recording.end is not None
+    assert recording.end.whole, "a disk that comes back gets all"
 
 
 def test_what_comes_after_the_end_is_not_waited_for(tmp_path: Path) -> None:

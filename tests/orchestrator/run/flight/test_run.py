@@ -18,6 +18,8 @@ from orchestrator.model import run_log
 from orchestrator.model.document_writer import to_json
 from orchestrator.model.results import RunResult
 from orchestrator.recording import run_recorder
+from orchestrator.recording.mcap import mcap_writer
+from orchestrator.recording.mcap.mcap_file import ChunkedFile
 from orchestrator.run.vehicles.pair import Pair
 from orchestrator.state.run_state import RunState, Stage
 from safety.guard.core.operator_command import OperatorCommand
@@ -25,7 +27,7 @@ from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
 from vehicles.autonomy import Command, Telemetry
-from vehicles.background_file import BackgroundFile
+from vehicles.background_file import BackgroundFile, Patience
 from vehicles.readings import Reading
 from vehicles.setpoints import VelocitySetpoint
 
@@ -350,6 +352,33 @@ def test_a_disk_that_fills_up_in_flight_is_no_exception_of_ours(
     assert result.reason == "the recording ended early: No space left on device"
     assert result.exceptions == ()
     assert "mixed.mp4" in result.artifacts
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+def test_a_run_whose_recording_is_cut_off_at_its_end_proves_nothing(
+    fly_run: Fly, monkeypatch: pytest.MonkeyPatch, is_full: bool
+) -> None:
+    """The disk takes the last of run.mcap never, or refuses it; no message counts as lost."""
+    finish, reached, released = ChunkedFile.finish, threading.Event(), threading.Event()
+
+    def last(self: ChunkedFile, metadata: dict[str, str]) -> None:
+        if is_full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        reached.set()
+        assert released.wait(60.0)
+        finish(self, metadata)
+
+    class Brief(Patience):
+        def waits_on(self, polls: int, *, is_brief: bool = False) -> bool:
+            return not reached.is_set()
+
+    monkeypatch.setattr(ChunkedFile, "finish", last)
+    monkeypatch.setattr(mcap_writer, "patience", Brief())
+    result, _ = fly_run(mode="sim", sets=BRIEF)
+    released.set()
+    why = "run.mcap: No space left on device; recording ended" if is_full else "the disk takes"
+    assert result.verdict == "INVALID"
+    assert result.reason.startswith(f"run.mcap is cut off ({why}")
 
 
 def test_a_disk_that_stands_still_in_flight_delays_nothing_and_loses_nothing(
