@@ -75,6 +75,13 @@ class CrashSafeFile:
             self.path.unlink(missing_ok=True)
             self._is_removed = True
 
+    def discard(self) -> None:
+        """Remove and close the crash-safe file: nobody needs it any more."""
+        try:
+            self.remove()
+        finally:
+            self.close()
+
     def close(self) -> None:
         """Release the crash-safe file's lock."""
         if self._handle is not None:

@@ -28,10 +28,15 @@ def back_up_fence(
     try:
         return CrashSafeFile.write(folder, FENCE_SUFFIX, document)
     except OSError as error:
-        raise MissionError(
-            f"the fence backup in {folder} cannot be written ({error.strerror}); without it the "
-            "vehicle would keep the campaign's fence after a crash"
-        ) from error
+        raise unwritten(folder, error) from error
+
+
+def unwritten(folder: Path, error: OSError) -> MissionError:
+    """Return the error that a fence backup could not be written."""
+    return MissionError(
+        f"the fence backup in {folder} cannot be written ({error.strerror}); without it the "
+        "vehicle would keep the campaign's fence after a crash"
+    )
 
 
 async def restore_fence(folder: Path, *, fences: FenceProtocol, vehicle: str) -> bool:

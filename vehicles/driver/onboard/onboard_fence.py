@@ -5,22 +5,23 @@ at once; PX4 keeps two lists, swaps them when the new one is complete, and refus
 home. Neither ever enforces half a list: either the old areas apply or the new ones.
 """
 
-import asyncio
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
+from functools import partial
 from pathlib import Path
 from typing import Self
 
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
-from vehicles.driver.onboard.fence_backup import back_up_fence
+from vehicles.driver.onboard.disk_access import access_disk
+from vehicles.driver.onboard.fence_backup import back_up_fence, unwritten
 from vehicles.driver.onboard.fence_protocol import (
     AutopilotFence,
     FenceProtocol,
     fence_items,
     fence_parameters,
 )
-from vehicles.driver.onboard.mission_protocol import MissionItem
+from vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
 from vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
 from vehicles.driver.onboard.parameters import Parameters
 from vehicles.errors import VehicleError
@@ -151,17 +152,25 @@ class OnboardFence:
 
         To be finished whatever happens to the offer: a backup is released only if it is known.
         """
-        vehicle = self._parameters.vehicle
-        self._fence_backups.append(
-            await asyncio.to_thread(back_up_fence, folder, vehicle, own=own, ours=ours)
-        )
+        write = partial(back_up_fence, folder, self._parameters.vehicle, own=own, ours=ours)
+        try:
+            backup = await access_disk(write, name="fence backup", late=CrashSafeFile.discard)
+        except OSError as error:
+            raise unwritten(folder, error) from error
+        self._fence_backups.append(backup)
 
     async def _restore_fence(self, own: tuple[MissionItem, ...]) -> None:
         """Restore the autopilot's fence; on failure the backup stays for the next start."""
         try:
             await self._fences.restore(own)
             for backup in self._fence_backups:
-                await finish(asyncio.to_thread(backup.remove), name="fence backup")
+                try:
+                    await access_disk(backup.remove, name="fence backup")
+                except OSError as error:
+                    raise MissionError(
+                        f"the vehicle's fence is restored, but its backup {backup.path} cannot be "
+                        f"removed ({error.strerror}); remove it"
+                    ) from error
         finally:
             for backup in self._fence_backups:
                 backup.close()

@@ -4,16 +4,17 @@ Before the first change a backup file with the original values is written. It st
 writer lives, so that the next start restores only backups of processes that are gone.
 """
 
-import asyncio
 import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 from vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
+from vehicles.driver.onboard.disk_access import access_disk
 from vehicles.errors import ParameterError
 from vehicles.tasks import finish
 
@@ -127,9 +128,16 @@ class ParameterBackup:
 
     async def _back_up(self, folder: Path) -> None:
         """Write the backup, in a thread, as the disk may stand still; to be finished."""
-        self._backup = await asyncio.to_thread(
-            _BackupFile.write, folder, self._vehicle, self._changes
-        )
+        write = partial(_BackupFile.write, folder, self._vehicle, self._changes)
+        try:
+            self._backup = await access_disk(
+                write, name="parameter backup", late=lambda backup: backup.discard()
+            )
+        except OSError as error:
+            raise ParameterError(
+                f"the parameter backup in {folder} cannot be written ({error.strerror}); "
+                "without it the parameters would stay changed after a crash"
+            ) from error
 
     async def _restore(self) -> None:
         failed: list[str] = []
@@ -140,7 +148,7 @@ class ParameterBackup:
                 except ParameterError as error:
                     failed.append(f"{change.name} to {change.before} ({error})")
             if not failed and self._backup is not None:
-                await finish(asyncio.to_thread(self._backup.remove), name="parameter backup")
+                await self._remove(self._backup)
         finally:
             if self._backup is not None:
                 self._backup.close()
@@ -148,6 +156,15 @@ class ParameterBackup:
             path = self._backup.path if self._backup is not None else None
             later = f"; the next start tries again, from {path}" if path else ""
             raise ParameterError(f"could not restore {'; '.join(failed)}{later}")
+
+    async def _remove(self, backup: "_BackupFile") -> None:
+        try:
+            await access_disk(backup.remove, name="parameter backup")
+        except OSError as error:
+            raise ParameterError(
+                f"the parameters are restored, but their backup {backup.path} cannot be removed "
+                f"({error.strerror}); remove it"
+            ) from error
 
 
 async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:
@@ -187,23 +204,17 @@ class _BackupFile:
     def __init__(self, file: CrashSafeFile, changes: tuple[ParameterChange, ...]) -> None:
         self.path = file.path
         self.changes = changes
-        self.remove, self.close = file.remove, file.close
+        self.remove, self.close, self.discard = file.remove, file.close, file.discard
 
     @classmethod
     def write(cls, folder: Path, vehicle: str, changes: tuple[ParameterChange, ...]) -> Self:
-        """Write a parameter backup, synced to the disk. Raises ParameterError."""
+        """Write a parameter backup, synced to the disk. Raises OSError."""
         document = {
             "schema": _SCHEMA,
             "vehicle": vehicle,
             "changes": [[change.name, change.before, change.wanted] for change in changes],
         }
-        try:
-            return cls(CrashSafeFile.write(folder, PARAMETERS_SUFFIX, document), changes)
-        except OSError as error:
-            raise ParameterError(
-                f"the parameter backup in {folder} cannot be written ({error.strerror}); "
-                "without it the parameters would stay changed after a crash"
-            ) from error
+        return cls(CrashSafeFile.write(folder, PARAMETERS_SUFFIX, document), changes)
 
     @classmethod
     def take(cls, path: Path, vehicle: str) -> Self | None:

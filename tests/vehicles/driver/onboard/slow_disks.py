@@ -31,3 +31,10 @@ class SlowDisk:
             raise AssertionError("the event loop waits for the disk")
         self._loop.call_soon_threadsafe(self._reached.set)
         assert self._released.wait(_HANGING_S), "nobody released the disk"
+
+
+def end_threads(name: str) -> None:
+    """Wait for the threads of a name, to which the disk was released."""
+    for thread in threading.enumerate():
+        if thread.name == name:
+            thread.join(_HANGING_S)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from orchestrator.model.clock import run_virtual
-from tests.vehicles.driver.onboard.slow_disks import SlowDisk
+from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
+from vehicles.driver.onboard import disk_access
 from vehicles.driver.onboard.fence_backup import restore_fence
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
 from vehicles.driver.onboard.mission_protocol import MissionError
@@ -247,6 +248,25 @@ def test_the_loop_runs_on_while_the_disk_takes_the_fences_backup(
         assert files(tmp_path) == 0
 
     with_vehicle(autopilot, script)
+
+
+def test_a_disk_that_is_dead_ends_the_offer_and_the_vehicle_keeps_its_fence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)
+
+    async def script(rig: Rig) -> None:
+        async with rig.kept(tmp_path) as kept:
+            disk = SlowDisk(monkeypatch)
+            with pytest.raises(MissionError, match=r"written \(the disk takes nothing\)"):
+                await kept.offer(FIRST)
+            await kept.put_back()
+            assert rig.radius_m == 90.0
+            disk.release()
+            await asyncio.to_thread(end_threads, "fence backup")
+            assert files(tmp_path) == 0
+
+    with_vehicle("ardupilot", script)
 
 
 def test_a_parameter_that_is_refused_leaves_all_as_it_was() -> None:

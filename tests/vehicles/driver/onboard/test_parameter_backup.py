@@ -4,6 +4,7 @@ import asyncio
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.model.clock import run_virtual
-from tests.vehicles.driver.onboard.slow_disks import SlowDisk
+from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
+from vehicles.driver.onboard import disk_access
+from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
@@ -157,6 +160,49 @@ def test_an_entry_that_is_cancelled_leaves_no_backup(
         assert access.log == []
 
     run_virtual(scenario())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dead_disk_is_an_error_and_what_it_takes_after_all_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        access, disk = Access(A=1), SlowDisk(monkeypatch)
+        said = f"the parameter backup in {tmp_path} cannot be written .the disk takes nothing"
+        with pytest.raises(ParameterError, match=said):
+            await context(access, {"A": 5}, tmp_path).__aenter__()
+        assert access.log == []
+        disk.release()
+        await asyncio.to_thread(end_threads, "parameter backup")
+
+    monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)
+    run_virtual(scenario())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_dies_before_the_backup_is_removed_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    removed, released = CrashSafeFile.remove, threading.Event()
+
+    def remove(file: CrashSafeFile) -> None:
+        assert released.wait(20.0)
+        removed(file)
+
+    async def scenario() -> None:
+        access = Access(A=1)
+        backup = await context(access, {"A": 5}, tmp_path).__aenter__()
+        said = "are restored, but their backup .*000001.* cannot be removed .the disk takes nothing"
+        with pytest.raises(ParameterError, match=said):
+            await backup.__aexit__(None, None, None)
+        assert access.values == {"A": 1}
+
+    monkeypatch.setattr(CrashSafeFile, "remove", remove)
+    monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)
+    run_virtual(scenario())
+    assert len(list(tmp_path.iterdir())) == 1
+    released.set()
+    end_threads("parameter backup")
     assert list(tmp_path.iterdir()) == []
 
 
