@@ -25,13 +25,11 @@ STALL_S = 5.0
 """A busy machine, which may hold up the poses, is no fault in them."""
 
 
-@pytest.mark.timeout(400)
 async def test_a_wall_is_touched_over_relays_that_alter_nothing(tmp_path: Path) -> None:
     outcome = await inject(WALL, tmp_path, disturbed=False, stall_s=STALL_S)
     assert (outcome.verdict, outcome.reason) == ("FAIL", "twin touched wall.box")
 
 
-@pytest.mark.timeout(400)
 async def test_motion_capture_that_repeats_itself_before_a_wall_proves_nothing(
     tmp_path: Path,
 ) -> None:

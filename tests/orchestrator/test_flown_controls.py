@@ -51,7 +51,6 @@ def fly(folder: Path, controls: str) -> tuple[int, dict[str, Any]]:
     return code, document
 
 
-@pytest.mark.timeout(300)
 def test_controls_of_each_kind_end_as_they_must(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -72,7 +71,6 @@ def test_controls_of_each_kind_end_as_they_must(
     assert "fault injected" not in capsys.readouterr().out, "the runs that count have none"
 
 
-@pytest.mark.timeout(300)
 def test_a_campaign_whose_control_passes_is_not_accepted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

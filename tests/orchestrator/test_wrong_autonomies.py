@@ -92,7 +92,6 @@ EXPECTED = {
 """Of each wrong autonomy what decides, and a part of the reason."""
 
 
-@pytest.mark.timeout(900)
 @pytest.mark.usefixtures("forked_workers")
 def test_the_right_one_passes_and_each_wrong_one_fails_by_the_right_oracle(tmp_path: Path) -> None:
     """All are flown by one campaign."""

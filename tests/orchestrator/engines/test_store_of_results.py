@@ -33,7 +33,6 @@ from tests.orchestrator.engines.test_ray_engine import Acting, MortalAgent, cont
 from tests.orchestrator.hover import write_hover
 
 pytest.importorskip("fsspec", reason="needs the extra storage")
-pytestmark = pytest.mark.timeout(400)
 
 LIMITS = StoreLimits(tries=2, pauses_s=(0.1,), answer_s=5.0)
 

@@ -36,7 +36,6 @@ def flown_height_m(result: Path) -> Any:
     return next(one["actual"] for one in oracles if one["name"] == "altitude")
 
 
-@pytest.mark.timeout(400)
 def test_a_failure_is_found_confirmed_made_smaller_and_flown_from_its_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -116,7 +115,6 @@ class KilledEngine:
         raise KilledError
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.usefixtures("forked_workers")
 def test_a_search_killed_after_a_flight_had_failed_comes_to_the_same(tmp_path: Path) -> None:
     engine = BatchEngine(clock="virtual", jobs=1, real_kind="embedded", watcher=SilentDisplay())

@@ -41,7 +41,6 @@ def document_of(out: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.timeout(400)
 def test_a_search_over_a_cluster_finds_the_same_with_workers_that_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,14 +11,12 @@ from tests.orchestrator.conftest import SMALL_CAMERAS
 Fly = Callable[..., tuple[RunResult, Path]]
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize(("campaign", "case"), [("follow", "walk"), ("avoid", "slow")])
 def test_the_scenario_passes_in_simulation(fly_run: Fly, campaign: str, case: str) -> None:
     result, _ = fly_run(campaign, case, "sim", cameras=SMALL_CAMERAS)
     assert (result.verdict, result.reason) == ("PASS", "")
 
 
-@pytest.mark.timeout(300)
 def test_the_twin_follows_an_evasion_within_its_fence(fly_run: Fly) -> None:
     result, _ = fly_run("avoid", "slow", "wil", cameras=SMALL_CAMERAS)
     assert (result.verdict, result.reason) == ("PASS", "")
