@@ -156,6 +156,8 @@ class RunRecorder:
         if report.fault is not None:
             # A disk that fails takes what was written before with it: the chunk that was not full.
             why = f"{why or 'run.mcap is cut off'} ({report.fault})"
+        if report.unfinished:
+            why += f"; check the disk of {self._folder}"
         if why:
             self._incomplete(why)
 

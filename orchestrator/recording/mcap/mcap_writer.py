@@ -50,7 +50,8 @@ class RecordingReport:
     written: readings and notes in the file. dropped: by topic, messages for which the backlog was
     full. failed: messages that could not be encoded, or came after the file had failed. fault: why
     it failed, in words; None if it did not. errors: internal errors, not those of the disk. losses:
-    the topics with missing messages, for any reason.
+    the topics with missing messages, for any reason. unfinished: whether the end gave up on a disk
+    that took nothing; what waits for it counts as neither failed nor lost.
     """
 
     written: int
@@ -60,6 +61,7 @@ class RecordingReport:
     fault: str | None
     errors: tuple[BaseException, ...] = ()
     losses: tuple[TopicLoss, ...] = ()
+    unfinished: bool = False
 
     @property
     def complete(self) -> bool:
@@ -184,7 +186,9 @@ class McapRecorder:
                     self._collect(self._await_done())
                 size_bytes = self._await_done()
             except Empty:
-                stalled = f"the disk takes nothing, {self._backlog_items} messages wait for it"
+                stalled = "the disk takes nothing"
+                if self._backlog_items:
+                    stalled += f", {self._backlog_items} messages wait for it"
             dropped = tuple(sorted(self._dropped.items()))
             self._report = RecordingReport(
                 self._written,
@@ -194,6 +198,7 @@ class McapRecorder:
                 self._fault or stalled,
                 tuple(self._errors),
                 self._losses(),
+                unfinished=stalled is not None,
             )
         return self._report
 
@@ -211,7 +216,8 @@ class McapRecorder:
         return size_bytes
 
     def _losses(self) -> tuple[TopicLoss, ...]:
-        lost = self._dropped + self._unwritten
+        # A copy: after an end that gave up, the thread still counts.
+        lost = self._dropped + self._unwritten.copy()
         return tuple(TopicLoss(topic, self._offered[topic], lost[topic]) for topic in sorted(lost))
 
     def __exit__(self, *_: object) -> None:

@@ -1,5 +1,7 @@
 """What run.mcap lacks is counted by topic, and beyond a limit the run proves nothing."""
 
+import threading
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -7,13 +9,19 @@ import pytest
 
 from orchestrator.model.caveats import loss_texts
 from orchestrator.model.results import Loss
+from orchestrator.recording.mcap import mcap_file, mcap_writer
 from orchestrator.recording.mcap.mcap_encode import Encoder
+from orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
+from orchestrator.recording.mcap_reader import RecordedReading
 from orchestrator.recording.recording_losses import excessive_loss
+from orchestrator.recording.run_recorder import RunRecorder
 from orchestrator.run.judging.run_outcome import also_of
 from safety.model.verdict import Decision, DecisiveEvent
+from tests.orchestrator.mcap_runs import read
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from tests.recipes.samples import beam
+from vehicles.background_file import Patience
 
 
 @pytest.mark.parametrize(
@@ -56,6 +64,70 @@ def test_readings_that_cannot_be_encoded_are_counted_by_topic(
     assert report.losses == (TopicLoss("/twin/range", 7, 7),)
     assert report.failed == 7
     assert "lacks 7 of 7 of /twin/range" in excessive_loss(report.losses, max_loss=0.01)
+
+
+@pytest.mark.parametrize(
+    ("stalls_at_end", "waiting"), [(False, ", 3 messages wait for it"), (True, "")]
+)
+def test_a_recording_that_a_dead_disk_leaves_unfinished_is_incomplete_until_it_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stalls_at_end: bool, waiting: str
+) -> None:
+    """No message counts as lost: all of them still wait, or only the end of the file does."""
+    reached, released = threading.Event(), threading.Event()
+    finish = mcap_file.ChunkedFile.finish
+
+    def stall() -> None:
+        reached.set()
+        assert released.wait(60.0)
+
+    class Stalled(FileIO):
+        def write(self, data: Any) -> int:
+            if not stalls_at_end:
+                stall()
+            return super().write(data)
+
+    def last(self: mcap_file.ChunkedFile, metadata: dict[str, str]) -> None:
+        if stalls_at_end:
+            stall()
+        finish(self, metadata)
+
+    class Brief(Patience):
+        def waits_on(self, polls: int, *, is_brief: bool = False) -> bool:
+            return not reached.is_set()
+
+    monkeypatch.setattr(mcap_file, "FileIO", Stalled)
+    monkeypatch.setattr(mcap_file.ChunkedFile, "finish", last)
+    monkeypatch.setattr(mcap_writer, "patience", Brief())
+    said: list[str] = []
+    faults: list[BaseException] = []
+    with RunRecorder(
+        folder=tmp_path,
+        time=lambda: 1.0,
+        epoch_s=0.0,
+        vehicles=(),
+        video_rate_hz=None,
+        collision_oracles=frozenset(),
+        clock="virtual",
+        settings=LOSSLESS,
+        broken=said.append,
+        facts={},
+        fault=lambda error, _: faults.append(error),
+        incomplete=said.append,
+        max_loss=1.0,
+    ) as run:
+        run.reading(beam(1.0))
+        run.stage("goal", 1.0)
+    why = f"run.mcap is cut off (the disk takes nothing{waiting}); check the disk of {tmp_path}"
+    assert (said, faults, run.losses) == ([why], [], ())
+    assert "the disk takes nothing" in (tmp_path / "log.jsonl").read_text()
+    released.set()
+    for thread in threading.enumerate():
+        if thread.name == "recorder run.mcap":
+            thread.join()
+    found, recording = read(tmp_path / "run.mcap")
+    assert [type(one) for one in found].count(RecordedReading) == 1
+    assert recording.end is not None
+    assert recording.end.whole, "a disk that comes back gets all"
 
 
 def test_losses_stand_under_the_table() -> None:

@@ -244,6 +244,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_flight(
     path = tmp_path / "run.mcap"
     report = a_run(path, clock=clock, settings=SMALL_CHUNKS)
     assert report.fault == "run.mcap: No space left on device; recording ended"
+    assert not report.unfinished
     assert report.failed > 0
     assert path.stat().st_size == 60_000
     found, recording = read(path)
@@ -270,7 +271,7 @@ def test_the_end_of_a_recording_does_not_wait_for_ever_for_a_disk_that_takes_not
         run.reading("camera", camera())
         report = run.close()
     said = "the disk takes nothing, 2 messages wait for it"
-    assert (report.fault, report.complete) == (said, False)
+    assert (report.fault, report.unfinished, report.complete) == (said, True, False)
     released.set()
     for thread in threading.enumerate():
         if thread.name == "recorder run.mcap":
