@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
 from vehicles.driver.onboard import disk_access
+from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from vehicles.driver.onboard.fence_backup import restore_fence
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
 from vehicles.driver.onboard.mission_protocol import MissionError
@@ -267,6 +269,33 @@ def test_a_disk_that_is_dead_ends_the_offer_and_the_vehicle_keeps_its_fence(
             assert files(tmp_path) == 0
 
     with_vehicle("ardupilot", script)
+
+
+def test_a_disk_that_dies_before_the_fences_backup_is_removed_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    removed, released = CrashSafeFile.remove, threading.Event()
+
+    def remove(file: CrashSafeFile) -> None:
+        if file.path.name.endswith(".fence.json"):
+            assert released.wait(20.0)
+        removed(file)
+
+    async def script(rig: Rig) -> None:
+        kept = rig.kept(tmp_path)
+        await kept.keep(FIRST)
+        said = r"is restored, but its backup .*000001.* cannot be removed .the disk takes nothing"
+        with pytest.raises(MissionError, match=said):
+            await kept.__aexit__(None, None, None)
+        assert rig.radius_m == 90.0
+
+    monkeypatch.setattr(CrashSafeFile, "remove", remove)
+    monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)
+    with_vehicle("ardupilot", script)
+    assert files(tmp_path) == 1
+    released.set()
+    end_threads("fence backup")
+    assert files(tmp_path) == 0
 
 
 def test_a_parameter_that_is_refused_leaves_all_as_it_was() -> None:
