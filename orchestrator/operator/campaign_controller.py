@@ -252,8 +252,13 @@ class CampaignController:
             return self._abort_place(command)
         self._expect(command)
         was_stopped, self.stopped, self.held = self.stopped, self.stopped or stop, False
-        self._fleet.abort(command)
-        self._begin_abort_of_guards(command.who)
+        try:
+            self._fleet.abort(command)
+        except BaseException:
+            self.stopped = was_stopped  # a further abort tries again
+            raise
+        finally:
+            self._begin_abort_of_guards(command.who)
         for_all = "; an abort is for all runs, not only for the one that it names"
         more = for_all if command.run else ""
         if was_stopped is not None:

@@ -266,8 +266,8 @@ class McapRecorder:
         size_bytes = 0
         try:
             size_bytes = self._file.close()
-        except OSError:
-            pass
+        except OSError as error:  # a network folder reports a lost write here
+            self._fault = self._fault or f"{self._path.name}: {error.strerror or error}"
         except Exception as error:  # noqa: BLE001  # `close` waits for this thread
             self._errors.append(error)
         self._done.put(size_bytes)

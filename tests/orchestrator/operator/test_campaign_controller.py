@@ -244,3 +244,24 @@ def test_an_abort_needs_no_thread(
     assert json.loads(listener.heard) == {"command": "abort", "who": "anna"}
     controller.obey(ABORT)
     assert log(tmp_path) == [("abort", "anna", True)] * 2
+
+
+def test_an_abort_that_fails_reaches_the_guards_and_can_be_given_again(
+    tmp_path: Path, short_folder: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fleet = FakeFleet()
+    controller = make_controller(tmp_path, fleet)
+    controller.guards = lambda: (Place("large/wil/1", tmp_path, short_folder / "guard.sock"),)
+
+    def fail(command: OperatorCommand) -> None:
+        raise ValueError("filedescriptor out of range in select()")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fleet, "abort", fail)
+        with pytest.raises(ValueError, match="filedescriptor"):
+            controller.obey(ABORT)
+    listener.join(5.0)
+    assert json.loads(listener.heard) == {"command": "abort", "who": "anna"}
+    assert controller.stopped is None
+    controller.signal("Ctrl-C")
+    assert [one.who for one in fleet.aborted] == ["Ctrl-C"]

@@ -282,6 +282,20 @@ def test_the_end_of_a_recording_does_not_wait_for_ever_for_a_disk_that_takes_not
     assert recording.end.whole, "a disk that comes back gets all"
 
 
+def test_a_write_that_is_reported_as_lost_when_the_file_is_closed_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Remote(FileIO):
+        def close(self) -> None:
+            if not self.closed:
+                super().close()
+                raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(mcap_file, "FileIO", Remote)
+    report = a_run(tmp_path / "run.mcap")
+    assert (report.fault, report.complete) == ("run.mcap: Input/output error", False)
+
+
 def test_what_comes_after_the_end_is_not_waited_for(tmp_path: Path) -> None:
     with recorder(tmp_path / "run.mcap") as run:
         first = run.close()
