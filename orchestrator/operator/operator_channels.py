@@ -41,11 +41,11 @@ async def open_operator_channels(
 
 
 def _close_log(controller: CampaignController) -> None:
-    """Have a slow disk take the last lines of the operator log; say which are lost."""
+    """Have a slow disk take the last lines of the operator log; say how many are lost."""
     if lost := controller.log.close():
         controller.warn(
-            f"operator.jsonl: the disk takes nothing; {lost} of its lines are lost, and with them "
-            "commands that operators gave"
+            f"operator.jsonl: {lost} of its lines were not written, and with them commands that "
+            f"operators gave; check the disk of {controller.folder}"
         )
 
 

@@ -1,6 +1,5 @@
 """operator.jsonl: every operator command with its time, its operator and its result."""
 
-import contextlib
 import json
 import time
 from collections import deque
@@ -27,6 +26,7 @@ class OperatorLog:
         self._lock = Lock()
         self._lines: deque[bytes] = deque(maxlen=_MOST_LINES)
         self._writer: Thread | None = None
+        self._unwritten_lines = 0
 
     def write(self, command: OperatorCommand, *, ok: bool, text: str) -> None:
         """Append a command and its reply to the operator log."""
@@ -41,29 +41,32 @@ class OperatorLog:
         self._append(who="", command="", ok=True, text=text)
 
     def close(self) -> int:
-        """Wait for the lines that a slow disk has not taken yet; return how many are lost."""
+        """Wait for the lines that a slow disk has not taken yet; return how many are lost.
+
+        Also counts those that the disk refused, and those for which there was no room.
+        """
         with self._lock:
             writer = self._writer
         if writer is not None:
             writer.join(_CLOSED_WITHIN_S)
         with self._lock:
-            return len(self._lines) + (self._writer is not None)
+            return self._unwritten_lines + len(self._lines) + (self._writer is not None)
 
     def _append(self, **fields: str | bool) -> None:
         stamp = datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"utc": stamp, **fields}, ensure_ascii=False)
         with self._lock:
+            self._unwritten_lines += len(self._lines) == _MOST_LINES
             self._lines.append((line + "\n").encode("utf-8", "backslashreplace"))
             if self._writer is not None:
                 return  # the disk is slow, and each line would wait
             # A daemon: a process that ends must not wait for a disk.
             self._writer = writer = Thread(target=self._write_lines, name="operator", daemon=True)
-        try:
-            writer.start()
-        except RuntimeError:  # the system starts no thread: the next line's writer writes this one
-            with self._lock:
+            try:
+                writer.start()
+            except RuntimeError:  # the system starts none: the next line's writer writes this one
                 self._writer = None
-            return
+                return
         writer.join(_WRITTEN_WITHIN_S)
 
     def _write_lines(self) -> None:
@@ -73,5 +76,9 @@ class OperatorLog:
                     self._writer = None
                     return
                 line = self._lines.popleft()
-            with contextlib.suppress(OSError), self._path.open("ab") as stream:
-                stream.write(line)
+            try:
+                with self._path.open("ab") as stream:
+                    stream.write(line)
+            except OSError:
+                with self._lock:
+                    self._unwritten_lines += 1

@@ -167,9 +167,11 @@ class LocalWorker(Generic[Order, Outcome]):
 
     def send(self, command: OperatorCommand) -> None:
         """Pass a command on to the process, unless its pipe is full."""
-        _, writable, _ = select.select([], [self._connection], [], 0.0)
-        if writable:
-            with contextlib.suppress(OSError):
+        # Not `select`, which raises for descriptors above 1023: a campaign of many runs has them.
+        poll = select.poll()
+        with contextlib.suppress(OSError):
+            poll.register(self._connection, select.POLLOUT)
+            if poll.poll(0):
                 self._connection.send(command)
 
     def kill(self) -> None:

@@ -122,6 +122,7 @@ class McapRecorder:
         return self._encoder.stamps.epoch_ns
 
     def __enter__(self) -> Self:
+        patience.begin()
         self._file = ChunkedFile(
             path=self._path,
             compression=self._settings.compression,

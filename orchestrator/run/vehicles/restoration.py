@@ -4,6 +4,8 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Protocol
 
+from vehicles.errors import VehicleError
+
 
 class Change(Protocol):
     """A change of a vehicle's onboard configuration, in force while it is entered (protocol)."""
@@ -29,15 +31,29 @@ class Restoration:
     def __init__(self) -> None:
         self._stack = AsyncExitStack()
         self._changes: list[Change] = []
+        self._failures: list[str] = []
 
     async def enter(self, change: Change) -> None:
         """Make a change, to be restored. Raises VehicleError."""
-        await self._stack.enter_async_context(change)
+        await change.__aenter__()
+        self._stack.push_async_callback(self._restore, change)
         self._changes.append(change)
 
     async def restore(self) -> None:
-        """Restore all changes, last first. Raises VehicleError, once all were tried."""
+        """Restore all changes, last first.
+
+        Raises VehicleError, once all were tried, with all that failed: of several errors an exit
+        stack raises only the last.
+        """
         await self._stack.aclose()
+        if self._failures:
+            raise VehicleError("; ".join(self._failures))
+
+    async def _restore(self, change: Change) -> None:
+        try:
+            await change.__aexit__(None, None, None)
+        except VehicleError as error:
+            self._failures += [str(error), *getattr(error, "__notes__", ())]
 
     def leave(self) -> bool:
         """Leave all changes to the next start, which restores them; return whether there is any."""

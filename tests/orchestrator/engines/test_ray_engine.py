@@ -25,8 +25,6 @@ from orchestrator.model.progress import Progress
 from tests.orchestrator.engines.fake_ray import FakeRay
 from tests.orchestrator.hover import write_hover
 
-"""Each node is a process that prepares itself as a campaign does, before one flies by it."""
-
 NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from orchestrator.model.progress import Progress
 from orchestrator.model.results import RunResult, SyncResult
+from orchestrator.operator.campaign_controller import CampaignController
 from orchestrator.operator.campaign_records import Place, places
 from orchestrator.operator.errors import OperatingError
 from orchestrator.operator.operator_channels import open_operator_channels
@@ -224,13 +225,19 @@ def test_an_abort_reaches_the_runs_before_anyone_looks_for_guards(tmp_path: Path
     assert controller.stopped == "command"
 
 
+def with_guard(folder: Path, fleet: FakeFleet, short_folder: Path) -> CampaignController:
+    """Return a controller of a run whose guard has the socket of `listener`."""
+    controller = make_controller(folder, fleet)
+    controller.guards = lambda: (Place("large/wil/1", folder, short_folder / "guard.sock"),)
+    return controller
+
+
 def test_an_abort_needs_no_thread(
     tmp_path: Path, short_folder: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A system that starts no thread lands the vehicles all the same, and tells the guards."""
     fleet = FakeFleet()
-    controller = make_controller(tmp_path, fleet)
-    controller.guards = lambda: (Place("large/wil/1", tmp_path, short_folder / "guard.sock"),)
+    controller = with_guard(tmp_path, fleet, short_folder)
 
     def refuse(thread: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
@@ -250,8 +257,7 @@ def test_an_abort_that_fails_reaches_the_guards_and_can_be_given_again(
     tmp_path: Path, short_folder: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fleet = FakeFleet()
-    controller = make_controller(tmp_path, fleet)
-    controller.guards = lambda: (Place("large/wil/1", tmp_path, short_folder / "guard.sock"),)
+    controller = with_guard(tmp_path, fleet, short_folder)
 
     def fail(command: OperatorCommand) -> None:
         raise ValueError("filedescriptor out of range in select()")

@@ -56,4 +56,6 @@ def test_a_line_is_written_before_the_command_goes_on(tmp_path: Path) -> None:
         assert len(lines) == number + 1
     log.note("still here")
     (tmp_path / "operator.jsonl").unlink()
-    OperatorLog(path=tmp_path / "gone" / "operator.jsonl").note("lost, and no error")
+    gone = OperatorLog(path=tmp_path / "gone" / "operator.jsonl")
+    gone.note("lost, and no error")
+    assert (log.close(), gone.close()) == (0, 1)

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 from vehicles.tasks import finish
@@ -27,6 +28,15 @@ async def access_disk(
     raises, and TimeoutError, an OSError, where the disk takes nothing for 12 s.
     """
     return await finish(asyncio.to_thread(partial(_result, call, name, late)), name=name)
+
+
+async def remove_backup(path: Path, remove: Callable[[], None], *, name: str) -> str:
+    """Remove a backup file; return in words why it is left, empty where it is not."""
+    try:
+        await access_disk(remove, name=name)
+    except OSError as error:
+        return f"backup {path} cannot be removed ({error.strerror}); remove it"
+    return ""
 
 
 def _result(call: Callable[[], T], name: str, late: Callable[[T], object] | None) -> T:

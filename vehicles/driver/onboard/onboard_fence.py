@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import Self
 
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
-from vehicles.driver.onboard.disk_access import access_disk
+from vehicles.driver.onboard.disk_access import access_disk, remove_backup
 from vehicles.driver.onboard.fence_backup import back_up_fence, unwritten
 from vehicles.driver.onboard.fence_protocol import (
     AutopilotFence,
@@ -108,7 +109,7 @@ class OnboardFence:
         """
         if self._original_items is None:
             self._original_items = await self._fences.items()
-            self._stack.push_async_callback(self._restore_fence, self._original_items)
+            self._stack.push_async_exit(partial(self._restore_fence, self._original_items))
         present = {} if self.fence is None else fence_parameters(self._autopilot, self.fence)
         wanted = {**fence_parameters(self._autopilot, fence), **(also or {})}
         changes = {name: value for name, value in wanted.items() if present.get(name) != value}
@@ -134,16 +135,24 @@ class OnboardFence:
     async def put_back(self) -> None:
         """Restore the fence from before the offer, and read it back. Raises VehicleError.
 
-        After an error it may be called again; without an offer it does nothing.
+        The fence is restored also where the parameters are not. After an error it may be called
+        again, unless only a backup file is left; without an offer it does nothing.
         """
         if self._offered is None:
             return
-        await self._offered[1].__aexit__(None, None, None)
+        failure: VehicleError | None = None
+        try:
+            await self._offered[1].__aexit__(None, None, None)
+        except VehicleError as error:
+            failure = error
         if self.fence is not None:
             await self._fences.upload(self.fence.areas)
         elif self._original_items is not None:
             await self._fences.restore(self._original_items)
-        self._offered = None
+        if not self._offered[1].changes:
+            self._offered = None
+        if failure is not None:
+            raise failure
 
     async def _back_up(
         self, folder: Path, *, own: tuple[MissionItem, ...], ours: tuple[MissionItem, ...]
@@ -159,18 +168,31 @@ class OnboardFence:
             raise unwritten(folder, error) from error
         self._fence_backups.append(backup)
 
-    async def _restore_fence(self, own: tuple[MissionItem, ...]) -> None:
-        """Restore the autopilot's fence; on failure the backup stays for the next start."""
+    async def _restore_fence(
+        self,
+        own: tuple[MissionItem, ...],
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Restore the autopilot's fence; on failure the backup stays for the next start.
+
+        error: of a parameter that was to be restored before, which gets a failure as a note.
+        """
+        del kind, trace
+        try:
+            await self._restore_items(own)
+        except VehicleError as second:
+            if error is None:
+                raise
+            error.add_note(str(second))
+
+    async def _restore_items(self, own: tuple[MissionItem, ...]) -> None:
         try:
             await self._fences.restore(own)
             for backup in self._fence_backups:
-                try:
-                    await access_disk(backup.remove, name="fence backup")
-                except OSError as error:
-                    raise MissionError(
-                        f"the vehicle's fence is restored, but its backup {backup.path} cannot be "
-                        f"removed ({error.strerror}); remove it"
-                    ) from error
+                if left := await remove_backup(backup.path, backup.remove, name="fence backup"):
+                    raise MissionError(f"the vehicle's fence is restored, but its {left}")
         finally:
             for backup in self._fence_backups:
                 backup.close()

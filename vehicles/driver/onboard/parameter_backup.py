@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
-from vehicles.driver.onboard.disk_access import access_disk
+from vehicles.driver.onboard.disk_access import access_disk, remove_backup
 from vehicles.errors import ParameterError
 from vehicles.tasks import finish
 
@@ -79,7 +79,7 @@ class ParameterBackup:
 
     @property
     def changes(self) -> tuple[ParameterChange, ...]:
-        """Return the changed parameters."""
+        """Return the changed parameters; empty once they are restored."""
         return self._changes
 
     async def __aenter__(self) -> Self:
@@ -141,14 +141,17 @@ class ParameterBackup:
 
     async def _restore(self) -> None:
         failed: list[str] = []
+        left = ""
         try:
             for change in reversed(self._changes):
                 try:
                     await self._access.set(change.name, change.before)
                 except ParameterError as error:
                     failed.append(f"{change.name} to {change.before} ({error})")
-            if not failed and self._backup is not None:
-                await self._remove(self._backup)
+            if not failed:
+                self._changes = ()
+                if (backup := self._backup) is not None:
+                    left = await remove_backup(backup.path, backup.remove, name="parameter backup")
         finally:
             if self._backup is not None:
                 self._backup.close()
@@ -156,15 +159,8 @@ class ParameterBackup:
             path = self._backup.path if self._backup is not None else None
             later = f"; the next start tries again, from {path}" if path else ""
             raise ParameterError(f"could not restore {'; '.join(failed)}{later}")
-
-    async def _remove(self, backup: "_BackupFile") -> None:
-        try:
-            await access_disk(backup.remove, name="parameter backup")
-        except OSError as error:
-            raise ParameterError(
-                f"the parameters are restored, but their backup {backup.path} cannot be removed "
-                f"({error.strerror}); remove it"
-            ) from error
+        if left:
+            raise ParameterError(f"the parameters are restored, but their {left}")
 
 
 async def restore_backups(folder: Path, *, access: ParameterAccess, vehicle: str) -> Restored:

@@ -4,16 +4,24 @@ import asyncio
 import contextlib
 import multiprocessing
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from orchestrator.campaign.workers.limited_loading import LoadingTimeoutError, limited_loading
-from orchestrator.campaign.workers.local_workers import LocalWorkers, PipeInbox, await_message
+from orchestrator.campaign.workers.local_workers import (
+    LocalWorker,
+    LocalWorkers,
+    PipeInbox,
+    await_message,
+)
 from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from orchestrator.campaign.workers.worker_pool import Pool
 from orchestrator.model.flight_place import FlightPlace
@@ -538,3 +546,19 @@ async def test_an_abort_of_a_node_lands_its_run_and_bars_it_for_the_rest() -> No
     )
     late = [name for name in after if outcomes[name] == f"flown on {barred}"]
     assert not late
+
+
+def test_an_abort_reaches_a_worker_by_any_descriptor_and_one_that_is_gone_is_no_error() -> None:
+    """`select` refuses descriptors above 1023, and so would the abort of all further workers."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), limits[1]))
+    ours, theirs = multiprocessing.Pipe()
+    with ours, theirs, Connection(os.dup2(ours.fileno(), 2000)) as high:
+        process: Any = multiprocessing.Process()
+        worker = LocalWorker[str, str](process, high, lambda _: None)
+        worker.send(OperatorCommand("abort", "anna"))
+        assert theirs.poll(5.0)
+        assert theirs.recv() == OperatorCommand("abort", "anna")
+        high.close()
+        worker.send(OperatorCommand("abort", "anna"))
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)

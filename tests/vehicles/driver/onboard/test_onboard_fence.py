@@ -1,6 +1,8 @@
 """An autopilot's own fence is exchanged: offered, confirmed or put back, given back at the end."""
 
 import asyncio
+import errno
+import os
 import shutil
 import threading
 from collections.abc import Awaitable, Callable
@@ -296,6 +298,38 @@ def test_a_disk_that_dies_before_the_fences_backup_is_removed_is_an_error(
     released.set()
     end_threads("fence backup")
     assert files(tmp_path) == 0
+
+
+@BOTH
+def test_a_backup_that_cannot_be_removed_does_not_keep_the_fence_from_being_put_back(
+    autopilot: AutopilotName, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A memory card that fails is mounted read-only, in flight."""
+
+    removed, is_read_only = CrashSafeFile.remove, threading.Event()
+
+    def remove(file: CrashSafeFile) -> None:
+        if is_read_only.is_set():
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        removed(file)
+
+    async def script(rig: Rig) -> None:
+        kept = rig.kept(tmp_path)
+        await kept.keep(FIRST)
+        await kept.offer(SECOND)
+        is_read_only.set()
+        said = r"are restored, but their backup .* cannot be removed \(Read-only"
+        with pytest.raises(ParameterError, match=said):
+            await kept.put_back()
+        assert rig.has == (20.0, 12.0)
+        assert not kept.unsettled
+        with pytest.raises(VehicleError, match="their backup") as caught:
+            await kept.__aexit__(None, None, None)
+        assert any("its backup" in note for note in caught.value.__notes__), "none hides the other"
+        assert rig.radius_m == 90.0
+
+    monkeypatch.setattr(CrashSafeFile, "remove", remove)
+    with_vehicle(autopilot, script)
 
 
 def test_a_parameter_that_is_refused_leaves_all_as_it_was() -> None:
