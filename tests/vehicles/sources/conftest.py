@@ -19,17 +19,23 @@ RATE_HZ = 50
 
 
 def known_picture(k: int, width: int = 160, height: int = 120) -> Picture:
-    """Return picture k: its brightness at the left says k, the rest moves; again after 60."""
+    """Return picture k: two brightnesses at the left say k modulo 3600, the rest moves."""
     rows, columns = np.mgrid[0:height, 0:width]
     wave = 128 + 80 * np.sin((2 * columns + rows + 9 * (k % 60)) / 12.0)
     picture = np.stack((wave, wave, wave - 40), axis=-1).astype(np.uint8)
-    picture[:, : width // 4] = 40 + 3 * (k % 60)
+    picture[: height // 2, : width // 4] = 40 + 3 * (k % 60)
+    picture[height // 2 :, : width // 4] = 40 + 3 * (k // 60 % 60)
     return picture
 
 
 def number_of(picture: Picture) -> int:
-    """Return k modulo 60 of a picture that came back."""
-    return round((float(picture[:, : picture.shape[1] // 8].mean()) - 40) / 3)
+    """Return k modulo 3600 of a picture that came back."""
+    height, width = picture.shape[:2]
+    ones, sixties = (
+        round((float(picture[rows, : width // 8].mean()) - 40) / 3)
+        for rows in (slice(3 * height // 8), slice(5 * height // 8, None))
+    )
+    return ones + 60 * sixties
 
 
 class Sender:
