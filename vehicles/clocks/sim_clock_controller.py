@@ -31,6 +31,10 @@ _SLEW = 4.0
 _FASTEST = 2.0
 _STEPS_TO_STALL = round(STALL_S / STEP_S / 2)
 """So many own steps must have been made meanwhile: a suspended machine has stalled no simulator."""
+_REBOOT_S = 1.0
+_OVERTAKEN_S = 0.1
+"""A stamp that is older than the newest by more is of a reboot: `_REBOOT_S`, or what the fastest
+simulation makes in so much wall time, in which a packet may overtake another."""
 _BASE_S = 2.0
 _LASTS_S = 1.0
 
@@ -62,9 +66,11 @@ class BootTrack:
     """Tracks a simulated vehicle's time since boot against the wall, from late stamps.
 
     Of several stamps within a few milliseconds the last one counts: buffered ones arrive together.
+    nominal: the requested pace.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, nominal: float) -> None:
+        self._reboot_s = max(_REBOOT_S, _OVERTAKEN_S * _FASTEST * nominal)
         self._samples: deque[tuple[float, float]] = deque()
         self._began_s = -math.inf
         self._advanced_s: float | None = None
@@ -97,7 +103,7 @@ class BootTrack:
 
     def received(self, wall_s: float, boot_s: float) -> None:
         """Take a simulation's stamp that arrived at a wall time."""
-        if self._samples and boot_s < self._samples[-1][1] - 1.0:
+        if self._samples and boot_s < self._samples[-1][1] - self._reboot_s:
             self._samples.clear()
             self._began_s, self.first_s = -math.inf, None
             self.reboots += 1
@@ -138,7 +144,7 @@ class SimClockController:
         self._steps_still = 0
         self._cruise = nominal
         self.stalled = False
-        self.track = BootTrack()
+        self.track = BootTrack(nominal=nominal)
 
     @property
     def segment(self) -> Segment:

@@ -29,6 +29,8 @@ from orchestrator.model.progress import News, ProgressLimiter
 from safety.guard.core.operator_command import OperatorCommand
 
 _PROGRESS_S = 0.1
+_KILLED_S = 20.0
+"""A killed process that has not ended after so long never ends: a device holds it."""
 _ORPHANED = "the run itself: its parent process died"
 
 
@@ -197,8 +199,11 @@ class LocalWorker(Generic[Order, Outcome]):
                 f"worker process {self._process.pid} did not exit; killing it", file=sys.stderr
             )
             self._process.kill()
-            await loop.run_in_executor(None, self._process.join)
-            return f"worker process {self._process.pid} did not exit; it was killed"
+            await loop.run_in_executor(None, self._process.join, _KILLED_S)
+            how = "; it was killed"
+            if self._process.is_alive():
+                how = ", nor when killed: it waits for a device, such as a disk"
+            return f"worker process {self._process.pid} did not exit{how}"
         if self._process.exitcode:
             return _exit_text(self._process.exitcode, "after its last verdict")
         return ""

@@ -124,19 +124,28 @@ class Pool(Generic[Order, Outcome]):
         self._stopped = command
         self._going.set()
         self._needless.set()
-        self.pass_on(command)
         for busy in self._busy:
             busy.shorten_limit()
+        self.pass_on(command)
 
     def pass_on(self, command: OperatorCommand) -> int:
-        """Pass an operator command to every worker's run that it addresses; return how many."""
+        """Pass an operator command to every worker's run that it addresses; return how many.
+
+        An exception of one worker keeps it from no other; raises an ExceptionGroup of them then.
+        """
         addressed = [
             busy
             for busy in self._busy
             if command.is_for(busy.run) and _is_for(command, busy.worker.place)
         ]
+        errors = []
         for busy in addressed:
-            busy.worker.send(command)
+            try:
+                busy.worker.send(command)
+            except Exception as error:  # noqa: BLE001  # raised below
+                errors.append(error)
+        if errors:
+            raise ExceptionGroup(f"{command.kind} was not passed to {len(errors)} runs", errors)
         return len(addressed)
 
     def pause(self) -> None:

@@ -53,9 +53,8 @@ class ClockFollower(RunClock):
         self._leader = leader
         self._systems = systems
         self._controller = SimClockController(nominal=setup.nominal)
-        self._tracks = {
-            name: self._controller.track if name == leader else BootTrack() for name in systems
-        }
+        self._tracks = {name: BootTrack(nominal=setup.nominal) for name in systems}
+        self._tracks[leader] = self._controller.track
         self._apart = {name: ClockDivergence() for name in systems if name != leader}
         self._links: dict[str, Link] = {}
         self._pace_frames = dict(pace_frames or {})

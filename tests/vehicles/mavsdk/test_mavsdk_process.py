@@ -89,8 +89,8 @@ async def test_all_that_is_sent_arrives_as_it_was_meant(
     link, peer = fake_pair("px4")
     voice = MavsdkBackend(name="real")
     async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
-        await driver.identify(10.0)
-        await driver.ready(20.0)
+        await driver.identify(60.0)
+        await driver.ready(60.0)
         for message in SAID:
             driver.send_message(message)
         driver.send(setpoint)
@@ -122,7 +122,7 @@ async def test_a_negative_integer_arrives_bit_by_bit(fake_pair: Callable[..., An
     peer.parameters["COM_FLTMODE1"] = (encode_parameter(3, INT32, bytewise=True), INT32)
     voice = MavsdkBackend(name="real")
     async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
-        await driver.identify(10.0)
+        await driver.identify(60.0)
         for value in (-1, -8_388_608, 7, -2):
             await driver.parameters.set("COM_FLTMODE1", value)
             assert await driver.parameters.get("COM_FLTMODE1") == value
@@ -150,7 +150,7 @@ async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable
         mavlink.MAVLink_mission_ack_message(245, 190, mavlink.MAV_MISSION_DENIED, 0)
     )
     async with peer, Driver(name="real", link=link, backend=MavsdkBackend(name="real")) as driver:
-        await driver.identify(10.0)
+        await driver.identify(60.0)
         with pytest.raises(CommandError, match=r"Action\.land: mavsdk reports COMMAND_DENIED"):
             await driver.land()
         with pytest.raises(MissionError, match="it was refused: mavsdk reports DENIED"):
@@ -164,8 +164,8 @@ async def test_a_process_that_is_killed_is_an_error_at_once(fake_pair: Callable[
     failures: list[VehicleError] = []
     async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
         driver.on_failure(failures.append)
-        await driver.identify(10.0)
-        await driver.ready(20.0)
+        await driver.identify(60.0)
+        await driver.ready(60.0)
         peer.armed = True
         peer.heartbeat()
         await until(lambda: driver.state.armed)
@@ -194,8 +194,8 @@ async def test_a_process_that_hangs_is_an_error_and_killed(fake_pair: Callable[.
     async with peer, Driver(name="real", link=link, system_id=1, backend=voice) as driver:
         failed = asyncio.get_running_loop().create_future()
         driver.on_failure(failed.set_result)
-        await driver.identify(10.0)
-        await driver.ready(20.0)
+        await driver.identify(60.0)
+        await driver.ready(60.0)
         driver.keep_still()
         pid = voice.client.pid or 0
         os.kill(pid, signal.SIGSTOP)

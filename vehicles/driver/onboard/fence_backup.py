@@ -35,7 +35,8 @@ def unwritten(folder: Path, error: OSError) -> MissionError:
     """Return the error that a fence backup could not be written."""
     return MissionError(
         f"the fence backup in {folder} cannot be written ({error.strerror}); without it the "
-        "vehicle would keep the campaign's fence after a crash"
+        "vehicle would keep the campaign's fence after a crash. Make room there, or give the right "
+        "to write there, and start again"
     )
 
 

@@ -136,7 +136,8 @@ class ParameterBackup:
         except OSError as error:
             raise ParameterError(
                 f"the parameter backup in {folder} cannot be written ({error.strerror}); "
-                "without it the parameters would stay changed after a crash"
+                "without it the parameters would stay changed after a crash. Make room there, or "
+                "give the right to write there, and start again"
             ) from error
 
     async def _restore(self) -> None:

@@ -204,6 +204,75 @@ def test_an_abort_ends_what_waits_for_a_place() -> None:
     assert (outcomes, workers.given_up) == ({}, 2)
 
 
+class BrokenWorkers(ScarceWorkers):
+    """Has two workers, of which the first raises for each command."""
+
+    def __init__(self) -> None:
+        super().__init__(2)
+        self.aborted = asyncio.Event()
+
+    async def start(self) -> QuickWorker:
+        worker = BrokenWorker(self, raises=self.free == 2)
+        self.free -= 1
+        return worker
+
+
+class BrokenWorker(QuickWorker):
+    def __init__(self, workers: BrokenWorkers, *, raises: bool) -> None:
+        super().__init__(workers)
+        self._aborted = workers.aborted
+        self._raises = raises
+
+    async def receive(self) -> object:
+        await self._aborted.wait()
+        return OrderDone(f"flown {self._order}")
+
+    def send(self, command: OperatorCommand) -> None:
+        if self._raises:
+            raise RuntimeError("a fault of ours")
+        self._aborted.set()
+
+
+def test_a_worker_that_raises_keeps_an_abort_from_no_other_and_is_no_secret() -> None:
+    outcomes: Outcomes = {}
+    workers = BrokenWorkers()
+
+    async def main() -> None:
+        pool = Pool[str, str](
+            jobs=2, workers=workers, report=lambda _: None, done=outcomes.__setitem__
+        )
+        async with asyncio.timeout(60), asyncio.TaskGroup() as group:
+            group.create_task(pool.fly(["a", "b", "never"]))
+            await asyncio.sleep(0.05)
+            with pytest.raises(ExceptionGroup, match="abort was not passed to 1 runs") as raised:
+                pool.abort(OperatorCommand("abort", "tester"))
+            assert raised.group_contains(RuntimeError, match="a fault of ours")
+
+    asyncio.run(main())
+    assert outcomes == {"a": "flown a", "b": "flown b"}
+
+
+async def test_a_process_that_no_kill_ends_is_not_waited_for() -> None:
+    waited: list[float | None] = []
+
+    class StuckProcess:
+        pid = 7
+
+        def join(self, timeout_s: float | None = None) -> None:
+            waited.append(timeout_s)
+
+        def is_alive(self) -> bool:
+            return True
+
+        def kill(self) -> None: ...
+
+    ours, _ = multiprocessing.Pipe()
+    worker = LocalWorker[str, str](StuckProcess(), ours, lambda _: None)  # type: ignore[arg-type]
+    words = "worker process 7 did not exit, nor when killed: it waits for a device, such as a disk"
+    assert await worker.end() == words
+    assert None not in waited
+
+
 def test_while_paused_no_order_is_begun() -> None:
     outcomes: Outcomes = {}
     begun: list[str] = []
