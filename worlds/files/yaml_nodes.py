@@ -25,8 +25,9 @@ MAX_DEPTH = 40
 MAX_NODES = 100_000
 _C_LOADER: Any = getattr(yaml, "CSafeLoader", None)
 """The parser of libyaml, seven times as fast as PyYAML's own; None where PyYAML lacks it."""
-_PARSED_DIFFERENTLY = re.compile(r"[^\n -~\u00a1-\ud7ff]|[?\u2028\u2029]")
-"""Characters that libyaml parses differently from PyYAML: tabs, `?`, BOMs, other line breaks."""
+_PARSED_DIFFERENTLY = re.compile(r"[^\n -~\u00a1-\ud7ff]|[?\u2028\u2029]|[|>][-+0-9]*#")
+"""What libyaml parses differently from PyYAML: tabs, `?`, BOMs, other line breaks, and a comment
+directly behind the header of a block scalar."""
 _CACHED_TEXTS = 64
 _LARGEST_CACHED = 50_000
 """The cache of parsed texts: how many, and the most characters of each."""

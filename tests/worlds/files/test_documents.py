@@ -449,6 +449,8 @@ def test_text_that_looks_like_yaml_loads_or_is_bad_input(text: str) -> None:
 @example("? a")
 @example("a: {b: 1? }")
 @example("a: &b\nc: *b\nd: {<<: {e: 'f'}}")
+@example(" |#")
+@example("a: >-#\n b")
 def test_libyaml_reads_values_and_places_as_pyyaml_does(text: str) -> None:
     assert yaml_nodes._C_LOADER is not None
 
