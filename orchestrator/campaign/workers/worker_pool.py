@@ -138,14 +138,15 @@ class Pool(Generic[Order, Outcome]):
             for busy in self._busy
             if command.is_for(busy.run) and _is_for(command, busy.worker.place)
         ]
-        errors = []
+        missed, errors = [], []
         for busy in addressed:
             try:
                 busy.worker.send(command)
             except Exception as error:  # noqa: BLE001  # raised below
+                missed.append(busy.run)
                 errors.append(error)
         if errors:
-            raise ExceptionGroup(f"{command.kind} was not passed to {len(errors)} runs", errors)
+            raise ExceptionGroup(f"{command.kind} was not passed to {', '.join(missed)}", errors)
         return len(addressed)
 
     def pause(self) -> None:

@@ -36,7 +36,7 @@ def unwritten(folder: Path, error: OSError) -> MissionError:
     return MissionError(
         f"the fence backup in {folder} cannot be written ({error.strerror}); without it the "
         "vehicle would keep the campaign's fence after a crash. Make room there, or give the right "
-        "to write there, and start again"
+        "to write there"
     )
 
 

@@ -137,7 +137,7 @@ class ParameterBackup:
             raise ParameterError(
                 f"the parameter backup in {folder} cannot be written ({error.strerror}); "
                 "without it the parameters would stay changed after a crash. Make room there, or "
-                "give the right to write there, and start again"
+                "give the right to write there"
             ) from error
 
     async def _restore(self) -> None:
