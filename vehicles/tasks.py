@@ -86,6 +86,18 @@ def asked_to_end(error: BaseException) -> bool:
     return task is not None and task.cancelling() > 0
 
 
+def end_if_asked() -> None:
+    """Raise CancelledError if this task was cancelled and went on.
+
+    For the line after a library's `asyncio.wait_for`: in Python 3.11 that drops a cancellation in
+    the moment in which what it awaits is done, and the task would never end. Not in a task in which
+    a TaskGroup has failed: in Python 3.11 that counts as cancelled ever after.
+    """
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
+
+
 def report(error: BaseException, where: str) -> None:
     """Report a task's exception to the loop's exception handler.
 

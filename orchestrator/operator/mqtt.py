@@ -25,7 +25,16 @@ from orchestrator.operator.outbox import Outbox
 from safety.guard.core.operator_command import OperatorCommand
 from safety.guard.operator.operator_lines import RefusedLineError
 from safety.guard.operator.rate_limit import RateLimit
-from vehicles.tasks import FAULTS, Contained, asked_to_end, leaves, report, start, stop
+from vehicles.tasks import (
+    FAULTS,
+    Contained,
+    asked_to_end,
+    end_if_asked,
+    leaves,
+    report,
+    start,
+    stop,
+)
 
 _CONNECT_S = 5.0
 _KEEPALIVE_S = 5
@@ -134,7 +143,9 @@ class MqttOperator:
         """
         wait_s = _FIRST_WAIT_S
         while True:
-            why = await self._connection()
+            # A task for each: in Python 3.11 one whose TaskGroup failed counts as cancelled after.
+            why = await start(self._connection(), name="mqtt connection")
+            end_if_asked()
             if not self._first.done():
                 self._first.set_exception(self._unreachable(why))
                 return
@@ -208,6 +219,7 @@ class MqttOperator:
         )
         async with client:
             await client.subscribe(f"{self._base}/operator/+", qos=1)
+            end_if_asked()
             self._reconnected()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._publish(client), name="mqtt out")
@@ -246,6 +258,7 @@ class MqttOperator:
             except OperatingError:
                 self._outbox.put_back(publication)
                 raise
+            end_if_asked()
 
     async def _receive_commands(self, client: aiomqtt.Client) -> None:
         with _connected():

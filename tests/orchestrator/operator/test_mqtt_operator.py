@@ -295,6 +295,32 @@ async def test_the_end_is_reported_and_a_death_as_well(tmp_path: Path) -> None:
     await scene.stop_broker()
 
 
+@pytest.mark.parametrize("call", ["publish", "subscribe"])
+async def test_it_ends_also_when_the_broker_answers_in_that_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """Python 3.11's wait_for, which aiomqtt uses, drops a cancellation then."""
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    waits: asyncio.Queue[asyncio.Future[None]] = asyncio.Queue()
+
+    async def answered_later(*_: object, **__: object) -> None:
+        answered = asyncio.get_running_loop().create_future()
+        waits.put_nowait(answered)
+        await asyncio.wait_for(answered, 60.0)
+
+    monkeypatch.setattr(aiomqtt.Client, call, answered_later)
+    client = MqttOperator(setup=scene.setup, secrets_=SECRETS, controller=scene.controller)
+    running = asyncio.create_task(client.run())
+    answered = await waits.get()
+    running.cancel()
+    answered.set_result(None)
+    await asyncio.wait({running}, timeout=10.0)
+    assert running.cancelled()
+    client.close()
+    await scene.stop_broker()
+
+
 async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
