@@ -255,7 +255,8 @@ class MqttOperator:
                         qos=1 if publication.important else 0,
                         retain=publication.retain,
                     )
-            except OperatingError:
+            except (OperatingError, asyncio.CancelledError):
+                # Cancelled also when the connection was lost before the broker answered.
                 self._outbox.put_back(publication)
                 raise
             end_if_asked()

@@ -321,6 +321,29 @@ async def test_it_ends_also_when_the_broker_answers_in_that_moment(
     await scene.stop_broker()
 
 
+async def test_what_a_lost_broker_did_not_confirm_is_published_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Scene(tmp_path)
+    await scene.start_broker()
+    published: asyncio.Queue[str] = asyncio.Queue()
+
+    async def without_answer(_: aiomqtt.Client, topic: str, *__: object, **___: object) -> None:
+        if topic.endswith("/verdict"):
+            published.put_nowait(topic)
+            await asyncio.sleep(60.0)
+
+    monkeypatch.setattr(aiomqtt.Client, "publish", without_answer)
+    async with mqtt_operating(scene.setup, SECRETS, scene.controller):
+        scene.controller.news(Happening("large/wil/1", 9.0, "decisive", "FAIL", "", "a contact"))
+        first = await published.get()
+        await scene.stop_broker()
+        await scene.start_broker()
+        async with asyncio.timeout(60.0):
+            assert await published.get() == first
+    await scene.stop_broker()
+
+
 async def test_a_broker_that_comes_back_finds_us_again(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
