@@ -192,17 +192,19 @@ def test_a_disk_that_dies_before_the_backup_is_removed_is_an_error(
     async def scenario() -> None:
         access = Access(A=1)
         backup = await context(access, {"A": 5}, tmp_path).__aenter__()
+        monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)  # only now: a real disk has written
         said = "are restored, but their backup .*000001.* cannot be removed .the disk takes nothing"
         with pytest.raises(ParameterError, match=said):
             await backup.__aexit__(None, None, None)
         assert access.values == {"A": 1}
 
     monkeypatch.setattr(CrashSafeFile, "remove", remove)
-    monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)
-    run_virtual(scenario())
-    assert len(list(tmp_path.iterdir())) == 1
-    released.set()
-    end_threads("parameter backup")
+    try:
+        run_virtual(scenario())
+        assert len(list(tmp_path.iterdir())) == 1
+    finally:
+        released.set()
+        end_threads("parameter backup")
     assert list(tmp_path.iterdir()) == []
 
 
