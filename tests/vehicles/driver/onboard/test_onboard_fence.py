@@ -16,7 +16,7 @@ from orchestrator.model.clock import run_virtual
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
 from vehicles.autopilots.autopilot import AutopilotName
 from vehicles.driver import Driver
-from vehicles.driver.onboard import disk_access
+from vehicles.driver.onboard import disk_access, onboard_fence
 from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from vehicles.driver.onboard.fence_backup import restore_fence
 from vehicles.driver.onboard.fence_protocol import AutopilotFence
@@ -283,15 +283,20 @@ def test_a_disk_that_dies_before_the_fences_backup_is_removed_is_an_error(
             assert released.wait(20.0)
         removed(file)
 
+    async def remove_soon(path: Path, remove: Callable[[], None], *, name: str) -> str:
+        """Lower the limit only now: whatever else is written and removed is on a real disk."""
+        monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)
+        return await disk_access.remove_backup(path, remove, name=name)
+
     async def script(rig: Rig) -> None:
         kept = rig.kept(tmp_path)
         await kept.keep(FIRST)
-        monkeypatch.setattr(disk_access, "_MOST_POLLS", 2)  # only now: a real disk has written
         said = r"is restored, but its backup .*000001.* cannot be removed .the disk takes nothing"
         with pytest.raises(MissionError, match=said):
             await kept.__aexit__(None, None, None)
         assert rig.radius_m == 90.0
 
+    monkeypatch.setattr(onboard_fence, "remove_backup", remove_soon)
     monkeypatch.setattr(CrashSafeFile, "remove", remove)
     try:
         with_vehicle("ardupilot", script)
