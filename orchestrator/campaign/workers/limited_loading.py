@@ -33,8 +33,11 @@ def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
         return
 
     end_s = time.monotonic() + limit_s - processor_wait_s(os.getpid())
+    is_over = False
 
     def expire(*_: object) -> None:
+        if is_over:
+            return  # else the process would end in flight, or the rest of the clean-up be skipped
         left_s = end_s + processor_wait_s(os.getpid()) - time.monotonic()
         if left_s > _LEAST_S:
             limit(left_s)
@@ -54,6 +57,7 @@ def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
     try:
         yield
     finally:
+        is_over = True  # first: an alarm may come between any two of the calls below
         faulthandler.cancel_dump_traceback_later()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

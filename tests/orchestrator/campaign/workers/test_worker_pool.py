@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import faulthandler
 import multiprocessing
 import os
 import resource
@@ -469,6 +470,45 @@ def test_time_without_a_processor_is_not_that_of_loading() -> None:
         while time.process_time() < end_s:
             pass
     assert time.monotonic() - began_s > limit_s
+
+
+@pytest.mark.parametrize("waited_s", [100.0, -100.0], ids=["time left", "time up"])
+def test_an_alarm_while_loading_ends_leaves_nothing_armed(
+    waited_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the process would end seconds later: in flight, or in another test."""
+    armed, is_ending = list[bool](), False
+    before, set_timer = signal.getsignal(signal.SIGALRM), signal.setitimer
+
+    def alarm() -> None:
+        if is_ending:
+            signal.raise_signal(signal.SIGALRM)
+
+    def dump_later(_timeout_s: float, *, exit: bool) -> None:  # noqa: A002 - faulthandler's word
+        armed.append(exit)
+
+    def cancel() -> None:
+        armed.append(False)
+        alarm()
+
+    def set_and_alarm(which: int, seconds: float) -> tuple[float, float]:
+        earlier = set_timer(which, seconds)
+        if not seconds:
+            alarm()
+        return earlier
+
+    monkeypatch.setattr(faulthandler, "dump_traceback_later", dump_later)
+    monkeypatch.setattr(faulthandler, "cancel_dump_traceback_later", cancel)
+    monkeypatch.setattr(signal, "setitimer", set_and_alarm)
+    wait = "orchestrator.campaign.workers.limited_loading.processor_wait_s"
+    monkeypatch.setattr(wait, lambda _pid: 0.0)
+    with limited_loading(30.0):
+        monkeypatch.setattr(wait, lambda _pid: waited_s)
+        is_ending = True
+    is_ending = False
+    assert armed == [True, False]
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    assert signal.getsignal(signal.SIGALRM) is before
 
 
 _STATE: list[str] = []
