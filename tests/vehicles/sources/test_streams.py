@@ -50,14 +50,14 @@ async def test_rtp_images_come_as_they_were_sent(sending: Sending, free_port: in
     assert seqs == sorted(set(seqs))
     assert seqs[0] == 0
     # A busy machine drops pictures and brings others late. Their stamps stay those of the sender,
-    # but where a quicker one came than ever before, which shows the least delay: the first ones, if
-    # it was busy then. (FFmpeg does not stamp the very first picture of a stream; it counts as not
-    # delayed.)
-    readings = readings[1:]
-    steps = [number_of(b.image_bgr) - number_of(a.image_bgr) for a, b in pairwise(readings)]
-    off_s = np.diff([r.t_s for r in readings]) - np.array(steps) / RATE_HZ
-    assert max(off_s) < 0.001
-    assert float(np.median(off_s[-39:])) == pytest.approx(0.0, abs=0.001)
+    # but where one came quicker than ever before: it counts as not delayed. (So does the very first
+    # picture of a stream, which FFmpeg does not stamp.) The least delay is kept for 10 s.
+    lately = [reading for reading in readings if reading.arrived_s - readings[0].arrived_s < 10.0]
+    for before, reading in pairwise(lately[1:]):
+        steps = number_of(reading.image_bgr) - number_of(before.image_bgr)
+        off_s = reading.t_s - before.t_s - steps / RATE_HZ
+        assert off_s < 1e-4
+        assert off_s > -1e-4 or reading.arrived_s - reading.t_s < 1e-4
 
 
 async def test_an_sdp_file_is_an_address(sending: Sending, free_port: int, tmp_path: Path) -> None:
