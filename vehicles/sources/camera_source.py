@@ -30,7 +30,7 @@ class SourceCounts:
 
     delivered: handed on. dropped: arrived, and replaced by a newer one before they were read.
     missed: never arrived, by the gaps in the stamps (only counted when the rate is known).
-    damaged: arrived with lost or broken data, and not handed on.
+    damaged: arrived with lost or broken data, or without their time, and not handed on.
     """
 
     delivered: int = 0

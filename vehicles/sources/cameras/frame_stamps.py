@@ -1,5 +1,7 @@
 """Stamps a camera's images with time and number, and checks their size; pure."""
 
+import math
+
 import numpy as np
 
 from vehicles.readings import BgrImage, CameraReading, Source
@@ -31,6 +33,7 @@ class Stamper:
         self._rate_hz = rate_hz
         self._seq = -1
         self._last_s: float | None = None
+        self._has_stamps = False
         self._skipped = 0
         self.missed = 0
 
@@ -41,10 +44,18 @@ class Stamper:
     def reading(
         self, image_bgr: BgrImage, *, stamp_s: float | None, arrived_s: float
     ) -> CameraReading | None:
-        """Return the stamped reading of an image; None for one not newer than the last.
+        """Return the stamped reading of an image; None for one that is not to be handed on.
 
-        stamp_s: on the sender's clock. Raises ImageChangedError.
+        That is one not newer than the last, and one that lost its stamp: FFmpeg loses that of the
+        first image after a pause, and by its arrival it would be as much too late as the pause was
+        long. stamp_s: on the sender's clock; None or not finite without one. Raises
+        ImageChangedError.
         """
+        has_stamp = stamp_s is not None and math.isfinite(stamp_s)
+        if self._has_stamps and not has_stamp:
+            self.skip_exposure()
+            return None
+        self._has_stamps = has_stamp
         resets = self._clock.resets
         t_s = self._clock.run_time(stamp_s, arrived_s)
         restarted = self._clock.resets != resets

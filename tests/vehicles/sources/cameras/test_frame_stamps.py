@@ -60,6 +60,22 @@ def test_what_is_not_newer_is_kept_back() -> None:
     assert after.seq == 2
 
 
+@pytest.mark.parametrize("stamp_s", [None, float("nan")])
+def test_an_image_that_lost_its_stamp_is_kept_back(stamp_s: float | None) -> None:
+    camera = stamper(rate_hz=10.0)
+    assert seqs(camera, [5.0, 5.1]) == [0, 1]
+    assert camera.reading(PICTURE, stamp_s=stamp_s, arrived_s=5.9) is None
+    after = camera.reading(PICTURE, stamp_s=5.3, arrived_s=5.91)
+    assert after is not None
+    assert (after.t_s, after.seq, camera.missed) == (pytest.approx(5.31), 3, 0)
+
+
+def test_images_of_a_sender_without_stamps_are_of_when_they_came() -> None:
+    camera = stamper()
+    readings = [camera.reading(PICTURE, stamp_s=None, arrived_s=s) for s in (1.0, 1.2)]
+    assert [reading and reading.t_s for reading in readings] == [1.0, 1.2]
+
+
 def test_a_new_start_of_the_sender_is_no_gap() -> None:
     camera = stamper(rate_hz=10.0)
     first = camera.reading(PICTURE, stamp_s=50.0, arrived_s=1.0)
