@@ -67,7 +67,8 @@ def test_an_image_that_lost_its_stamp_is_kept_back(stamp_s: float | None) -> Non
     assert camera.reading(PICTURE, stamp_s=stamp_s, arrived_s=5.9) is None
     after = camera.reading(PICTURE, stamp_s=5.3, arrived_s=5.91)
     assert after is not None
-    assert (after.t_s, after.seq, camera.missed) == (pytest.approx(5.31), 3, 0)
+    assert after.t_s == pytest.approx(5.31)
+    assert (after.seq, camera.missed) == (3, 0)
 
 
 def test_images_of_a_sender_without_stamps_are_of_when_they_came() -> None:
