@@ -39,11 +39,14 @@ def number_of(picture: Picture) -> int:
 
 
 class Sender:
-    """Sends pictures until told to stop; `sizes` says of which size the k-th is."""
+    """Sends pictures until told to stop; `size` says of which size the k-th is."""
 
-    def __init__(self, port: int, size: Callable[[int], tuple[int, int]]) -> None:
+    def __init__(
+        self, port: int, size: Callable[[int], tuple[int, int]], rate_hz: int = RATE_HZ
+    ) -> None:
         self._port = port
         self._size = size
+        self._rate_hz = rate_hz
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -59,7 +62,7 @@ class Sender:
         container: Any = None
         stream: Any = None
         start_s = time.monotonic()
-        while not self._stop.wait(max(0.0, start_s + k / RATE_HZ - time.monotonic())):
+        while not self._stop.wait(max(0.0, start_s + k / self._rate_hz - time.monotonic())):
             if self._size(k) != size:
                 size = self._size(k)
                 if container is not None:
@@ -67,7 +70,7 @@ class Sender:
                 container, stream = self._open(size)
             image = cv2.cvtColor(known_picture(k, *size), cv2.COLOR_BGR2YUV_I420)
             frame: Any = av.VideoFrame.from_ndarray(image, format="yuv420p")
-            frame.pts, frame.time_base = k * 90_000 // RATE_HZ, Fraction(1, 90_000)
+            frame.pts, frame.time_base = k * 90_000 // self._rate_hz, Fraction(1, 90_000)
             container.mux(stream.encode(frame))
             k += 1
         if container is not None:
@@ -75,7 +78,7 @@ class Sender:
 
     def _open(self, size: tuple[int, int]) -> tuple[Any, Any]:
         container = av.open(f"rtp://127.0.0.1:{self._port}", "w", format="rtp")
-        stream: Any = container.add_stream("libx264", rate=RATE_HZ)
+        stream: Any = container.add_stream("libx264", rate=self._rate_hz)
         stream.width, stream.height = size
         stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, 90_000)
         stream.codec_context.thread_count = 1
@@ -98,8 +101,12 @@ def given_port() -> int:
 def sending() -> Iterator[Callable[..., Sender]]:
     senders: list[Sender] = []
 
-    def start(port: int, size: Callable[[int], tuple[int, int]] = lambda _: (160, 120)) -> Sender:
-        sender = Sender(port, size)
+    def start(
+        port: int,
+        size: Callable[[int], tuple[int, int]] = lambda _: (160, 120),
+        rate_hz: int = RATE_HZ,
+    ) -> Sender:
+        sender = Sender(port, size, rate_hz)
         senders.append(sender)
         sender.start()
         return sender

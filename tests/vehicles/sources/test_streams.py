@@ -17,6 +17,7 @@ from tests.vehicles.sources.conftest import RATE_HZ, Sender, known_picture, numb
 from tests.vehicles.sources.pumping import pump
 from vehicles.readings import CameraReading
 from vehicles.sources.camera_source import ImageChangedError, SourceError, SourceStalledError
+from vehicles.sources.cameras import av_grabber
 from vehicles.sources.cameras.camera_factory import live_camera
 from vehicles.sources.cameras.live_camera import LiveCamera
 from worlds.camera import Intrinsics
@@ -54,7 +55,7 @@ async def test_rtp_images_come_as_they_were_sent(sending: Sending, free_port: in
     assert_of_the_senders_time(readings[1:])
 
 
-def assert_of_the_senders_time(readings: list[CameraReading]) -> None:
+def assert_of_the_senders_time(readings: list[CameraReading], rate_hz: int = RATE_HZ) -> None:
     """Fail unless all stamps are of the sender, but of pictures that came quicker than any before.
 
     They count as not delayed. (A busy machine brings the first ones late. The least delay is kept
@@ -63,7 +64,7 @@ def assert_of_the_senders_time(readings: list[CameraReading]) -> None:
     lately = [reading for reading in readings if reading.arrived_s - readings[0].arrived_s < 9.0]
     for before, reading in pairwise(lately):
         steps = number_of(reading.image_bgr) - number_of(before.image_bgr)
-        off_s = reading.t_s - before.t_s - steps / RATE_HZ
+        off_s = reading.t_s - before.t_s - steps / rate_hz
         assert off_s < 1e-4
         assert off_s > -1e-4 or reading.arrived_s - reading.t_s < 1e-4
 
@@ -194,7 +195,10 @@ async def test_lost_packets_never_become_a_wrong_picture(
 
 
 async def test_a_picture_that_comes_late_after_a_pause_gets_no_later_time(
-    sending: Sending, free_port: int, lossy: Callable[..., Lossy]
+    sending: Sending,
+    free_port: int,
+    lossy: Callable[..., Lossy],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     paused: list[int] = []
 
@@ -204,12 +208,34 @@ async def test_a_picture_that_comes_late_after_a_pause_gets_no_later_time(
             time.sleep(0.5)
         return False
 
+    monkeypatch.setattr(av_grabber, "_READ_TIMEOUT_S", 0.2)
     sending(lossy(free_port, pauses).port)
     address = f"rtp://127.0.0.1:{free_port}"
     async with live_camera(address, intrinsics=CAMERA, rate_hz=RATE_HZ, **PATIENT) as source:
         readings = await taken(source, 60)
     assert paused
     assert_of_the_senders_time(readings[1:])
+
+
+async def test_every_picture_of_a_slow_camera_comes(
+    sending: Sending, free_port: int, lossy: Callable[..., Lossy]
+) -> None:
+    delayed: set[int] = set()
+
+    def every_other_is_late(picture: int, _: int) -> bool:
+        if picture % 2 and picture not in delayed:
+            delayed.add(picture)
+            time.sleep(0.1)
+        return False
+
+    sending(lossy(free_port, every_other_is_late).port, rate_hz=5)
+    address = f"rtp://127.0.0.1:{free_port}"
+    async with live_camera(address, intrinsics=CAMERA, rate_hz=5.0, **PATIENT) as source:
+        readings = (await taken(source, 9))[1:]  # the first has no stamp
+        dropped = source.counts.dropped
+    numbers = [number_of(reading.image_bgr) for reading in readings]
+    assert numbers[-1] - numbers[0] + 1 - len(numbers) <= dropped
+    assert_of_the_senders_time(readings, rate_hz=5)
 
 
 async def test_rtsp_is_spoken(sending: Sending, free_port: int) -> None:

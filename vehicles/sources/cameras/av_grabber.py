@@ -18,8 +18,12 @@ from vehicles.sources.cameras.av_input import (
 from vehicles.sources.cameras.h264_loss import LossFinder
 from vehicles.sources.cameras.live_camera import GrabbedImage
 
-_READ_TIMEOUT_S = 0.2
-"""How often a thread that waits for data checks whether it has to stop."""
+_READ_TIMEOUT_S = 1.0
+"""How often a thread that waits for data checks whether it has to stop.
+
+FFmpeg loses the stamp of the image after a read that ended so: no camera of more than 1 Hz loses
+any.
+"""
 
 
 class AvGrabber:

@@ -19,7 +19,10 @@ from vehicles.sources.cameras.frame_stamps import Stamper, source_counts
 from worlds.camera import Intrinsics
 
 _STOP_TIMEOUT_S = 2.0
-"""A grabber's thread that has not stopped this long after the request is abandoned."""
+"""A grabber's thread that has not stopped this long after the request is abandoned.
+
+So is one that has neither opened nor failed this long after its time to open.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +40,7 @@ class Grabber(Protocol):
         """Open the live camera's device or stream. Raises SourceError."""
 
     def grab(self) -> GrabbedImage | None:
-        """Return the live camera's next image; None after a fraction of a second without.
+        """Return the live camera's next image; None after a second without.
 
         Raises SourceError when the stream has ended.
         """
@@ -203,7 +206,7 @@ class LiveCamera:
         while not self._handoff.opened:
             if self._handoff.error is not None:
                 raise self._handoff.error
-            await self._wait_for_wake(self._open_timeout_s + 1.0, self._open_error)
+            await self._wait_for_wake(self._open_timeout_s + _STOP_TIMEOUT_S, self._open_error)
 
     async def _wait_for_wake(self, timeout_s: float, late: Callable[[], SourceError]) -> None:
         try:
