@@ -1,11 +1,23 @@
 """The order of the tests: what flies on the wall clock is known, and one worker begins with it."""
 
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.conftest import FAST, FLIGHTS, ROOT, WALL, _is_among, _shares
+from tests import conftest
+from tests.conftest import (
+    FAST,
+    FLIGHTS,
+    ROOT,
+    WALL,
+    _is_among,
+    _leave_core,
+    _locks,
+    _shares,
+    _take_core,
+)
 
 
 @pytest.mark.parametrize("place", [*FAST, *FLIGHTS, *WALL])
@@ -36,3 +48,22 @@ def test_each_worker_begins_with_its_own_and_none_is_lost(workers: int, others: 
         size = (total - first) // (workers - k)
         assert ordered[first : first + len(begun[k])] == begun[k]
         first += size
+
+
+def test_a_worker_has_one_core_until_it_leaves_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    files = [tmp_path / name for name in ("first", "second", "queue")]
+    for file in files:
+        file.touch()
+    monkeypatch.setattr(conftest, "CORES", files[:2])
+    monkeypatch.setattr(conftest, "CORES_QUEUE", files[2])
+    monkeypatch.setattr(conftest, "_core", [])
+
+    with files[0].open() as elsewhere, files[1].open() as also:
+        assert _locks(elsewhere)
+        _take_core()
+        _take_core()
+        assert not _locks(also)
+        _leave_core()
+        assert _locks(also)
