@@ -232,10 +232,12 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     if _workers() > 1:
         if not (flies or _is_among(path, WALL) or _takes_own_turn(item)):
             os.nice(max(0, YIELDING - os.nice(0)))
-        if _is_among(path, FLIGHTS + WALL):
-            _leave_core()
-        else:
-            _take_core()
+        computes = not _is_among(path, FLIGHTS + WALL)
+        _take_core() if computes else _leave_core()
+        if hasattr(os, "SCHED_BATCH"):  # Linux: switched less often, for a tenth of its time
+            policy = os.SCHED_BATCH if computes else os.SCHED_OTHER
+            with suppress(OSError):  # where a container forbids it
+                os.sched_setscheduler(0, policy, os.sched_param(0))
     with _in_turn() if flies and not _takes_own_turn(item) else nullcontext():
         return (yield)
 
