@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
@@ -105,8 +105,9 @@ CORES_QUEUE = ROOT / "test_docs.py"
 CORES = sorted(ROOT.glob("*/**/*.py"))[: (os.cpu_count() or 1) + 1]
 """The files of which a worker locks one to compute: one more than there are cores do so at once.
 
-Five at once on two cores, who put each other out of the caches, took a quarter more of the
-processor for the same tests than two. A worker keeps its core as long as its tests compute.
+Five at once on two cores, who put each other out of the caches, took a third more of the
+processor for the same tests than two. A worker keeps its core as long as its tests compute. They
+wait for CORES_QUEUE.
 """
 
 WALL = (
@@ -224,8 +225,9 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Have few flights on the wall clock in the air, and all that waits for nothing yield.
 
-    A flight waits for its turn before its time counts. The kernel serves whoever is nicer last, so
-    that searches and flights in virtual time fill what flights on the wall clock leave idle.
+    A flight waits for its turn, and what computes for a core, before its time counts. The kernel
+    serves whoever is nicer last, so that searches and flights in virtual time fill what flights on
+    the wall clock leave idle.
     """
     path = item.path.relative_to(ROOT) if item.path.is_relative_to(ROOT) else item.path
     flies = _is_among(path, FLIGHTS) and _needs_turn(item)
@@ -234,7 +236,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
             os.nice(max(0, YIELDING - os.nice(0)))
         computes = not _is_among(path, FLIGHTS + WALL)
         _take_core() if computes else _leave_core()
-        if hasattr(os, "SCHED_BATCH"):  # Linux: switched less often, for a tenth of its time
+        if hasattr(os, "SCHED_BATCH"):  # Linux: switched less often, they take a tenth less time
             policy = os.SCHED_BATCH if computes else os.SCHED_OTHER
             with suppress(OSError):  # where a container forbids it
                 os.sched_setscheduler(0, policy, os.sched_param(0))
@@ -245,17 +247,11 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 @contextmanager
 def _in_turn() -> Iterator[Callable[[], None]]:
     """Wait for the turn of a flight on the wall clock; gives what gives it back sooner."""
-    with ExitStack() as opened:
-        turns = [opened.enter_context(path.open(encoding="utf-8")) for path in TURNS]
-        with QUEUE.open(encoding="utf-8") as queue:
-            fcntl.flock(queue, fcntl.LOCK_EX)
-            while not any(map(_locks, turns)):
-                time.sleep(TURN_POLL_S)
+    with _first_free(TURNS, QUEUE) as turn:
 
         def give_back() -> None:
-            # What was forked meanwhile and lives on has these files open, too.
-            for turn in turns:
-                fcntl.flock(turn, fcntl.LOCK_UN)
+            # What was forked meanwhile and lives on has this file open, too.
+            fcntl.flock(turn, fcntl.LOCK_UN)
 
         try:
             yield give_back
@@ -269,17 +265,8 @@ _core: list[IO[str]] = []
 
 def _take_core() -> None:
     """Wait for a core, unless this worker has one."""
-    if _core:
-        return
-    cores = [path.open(encoding="utf-8") for path in CORES]
-    with CORES_QUEUE.open(encoding="utf-8") as queue:
-        fcntl.flock(queue, fcntl.LOCK_EX)
-        while not (got := next(filter(_locks, cores), None)):
-            time.sleep(TURN_POLL_S)
-    for other in cores:
-        if other is not got:
-            other.close()
-    _core.append(got)
+    if not _core:
+        _core.append(_first_free(CORES, CORES_QUEUE))
 
 
 def _leave_core() -> None:
@@ -289,10 +276,24 @@ def _leave_core() -> None:
             fcntl.flock(core, fcntl.LOCK_UN)
 
 
-def _locks(turn: IO[str]) -> bool:
+def _first_free(paths: Sequence[Path], queue: Path) -> IO[str]:
+    """Wait until nobody else has locked one of the files, and return it locked.
+
+    Who comes first has the next: the others wait for the queue.
+    """
+    with ExitStack() as opened, queue.open(encoding="utf-8") as before:
+        files = [opened.enter_context(path.open(encoding="utf-8")) for path in paths]
+        fcntl.flock(before, fcntl.LOCK_EX)
+        while (free := next(filter(_locks, files), None)) is None:
+            time.sleep(TURN_POLL_S)
+        # Its lock stays with the file's copy when the others are closed.
+        return os.fdopen(os.dup(free.fileno()), encoding="utf-8")
+
+
+def _locks(file: IO[str]) -> bool:
     """Lock an open file; return whether nobody else has it."""
     try:
-        fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True

@@ -53,17 +53,18 @@ def test_each_worker_begins_with_its_own_and_none_is_lost(workers: int, others: 
 def test_a_worker_has_one_core_until_it_leaves_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    files = [tmp_path / name for name in ("first", "second", "queue")]
+    files = [tmp_path / name for name in ("first", "second", "third", "queue")]
     for file in files:
         file.touch()
-    monkeypatch.setattr(conftest, "CORES", files[:2])
-    monkeypatch.setattr(conftest, "CORES_QUEUE", files[2])
+    monkeypatch.setattr(conftest, "CORES", files[:3])
+    monkeypatch.setattr(conftest, "CORES_QUEUE", files[3])
     monkeypatch.setattr(conftest, "_core", [])
 
-    with files[0].open() as elsewhere, files[1].open() as also:
-        assert _locks(elsewhere)
+    with files[0].open() as first, files[1].open() as second, files[2].open() as third:
+        assert _locks(first)
         _take_core()
         _take_core()
-        assert not _locks(also)
+        assert not _locks(second)
+        assert _locks(third)
         _leave_core()
-        assert _locks(also)
+        assert _locks(second)

@@ -21,8 +21,8 @@ from vehicles.sources.cameras.live_camera import GrabbedImage
 _READ_TIMEOUT_S = 1.0
 """How often a thread that waits for data checks whether it has to stop.
 
-FFmpeg loses the stamp of the image after a read that ended so: no camera of more than 1 Hz loses
-any.
+FFmpeg loses the stamp of the image after a read that ended so: one that comes within this time of
+the last keeps it.
 """
 
 

@@ -19,10 +19,9 @@ from vehicles.sources.cameras.frame_stamps import Stamper, source_counts
 from worlds.camera import Intrinsics
 
 _STOP_TIMEOUT_S = 2.0
-"""A grabber's thread that has not stopped this long after the request is abandoned.
-
-So is one that has neither opened nor failed this long after its time to open.
-"""
+"""A grabber's thread that has not stopped this long after the request is abandoned."""
+_OPENING_MARGIN_S = 2.0
+"""How long a grabber may take beyond its time to open: its last read ends, its error says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +205,7 @@ class LiveCamera:
         while not self._handoff.opened:
             if self._handoff.error is not None:
                 raise self._handoff.error
-            await self._wait_for_wake(self._open_timeout_s + _STOP_TIMEOUT_S, self._open_error)
+            await self._wait_for_wake(self._open_timeout_s + _OPENING_MARGIN_S, self._open_error)
 
     async def _wait_for_wake(self, timeout_s: float, late: Callable[[], SourceError]) -> None:
         try:

@@ -166,7 +166,7 @@ async def test_a_device_that_hangs_at_opening_is_given_up() -> None:
     told_to_stop: list[bool] = []
     # Closing waits for the thread: it lets go once the waiting is over.
     grabber = FakeGrabber(lambda: told_to_stop.append(source._stop.wait(10.0)))
-    source = camera(grabber, open_timeout_s=-0.9)
+    source = camera(grabber, open_timeout_s=-1.9)
     with pytest.raises(SourceError, match="did not open within"):
         async with source:
             pass
