@@ -98,6 +98,7 @@ class NodeRuns:
         results = node_results(campaign)
         if isinstance(results, str):
             return results
+        start_run_server()  # it imports for a second; many a node process gets no campaign
         for problem_of in (results.problem, partial(different_in_place, campaign.files)):
             if problem := await in_thread(problem_of):
                 return problem
@@ -244,7 +245,6 @@ def main() -> int:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
-    start_run_server()
     reports.send_bytes(encode_to_campaign(NodeFacts(node_facts())))
     with tempfile.TemporaryDirectory(prefix="wil-campaign-") as home:
         runs = NodeRuns(commands, reports, Path(home))

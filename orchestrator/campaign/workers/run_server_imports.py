@@ -26,6 +26,5 @@ for _number in (signal.SIGTERM, signal.SIGHUP):
 cv2.setNumThreads(1)  # its threads would not exist in a fork
 remove_listeners_at_exit()
 load_kept_kernels()
-gc.collect()
 gc.freeze()
 gc.enable()

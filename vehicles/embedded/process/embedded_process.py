@@ -124,6 +124,7 @@ async def fly(
                 await stack.enter_async_context(companion(vehicle, faults))
             # All objects that exist now live as long as the process: the collector skips them.
             gc.freeze()
+            gc.enable()
             for text in settings.faults:
                 faults.inject(parse_fault(text))
             await stop.wait()
