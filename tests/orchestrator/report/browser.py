@@ -1,5 +1,6 @@
 """Chromium without a window, driven over a pair of pipes (DevTools protocol), for tests."""
 
+import atexit
 import base64
 import json
 import os
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars")
 _TIMEOUT_S = 60
 _OF_THE_DRIVER = "GL Driver Message"
 """Stands in what a graphics driver says of its own speed; no page causes that."""
@@ -22,31 +24,42 @@ def chromium() -> str | None:
     return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
 
 
-class Page:
-    """One tab. errors: of its console and its scripts. requests: what it asked for, but itself."""
+class Program:
+    """A running browser, and the pipes by which all its pages are driven."""
 
-    def __init__(self, commands: int, answers: int) -> None:
-        self._commands, self._answers = commands, answers
+    def __init__(self, *, webgl: bool) -> None:
+        program = chromium()
+        assert program is not None
+        to_browser, self._commands = os.pipe()
+        self._answers, from_browser = os.pipe()
+        self._profile = tempfile.mkdtemp(prefix="wil-browser-")
+        # The protocol is spoken on descriptors 3 and 4, wherever ours are.
+        line = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
+        options = [*OPTIONS, "--enable-unsafe-swiftshader" if webgl else "--disable-3d-apis"]
+        arguments = [*options, "--remote-debugging-pipe", f"--user-data-dir={self._profile}"]
+        self._process = subprocess.Popen(  # noqa: S603 - a browser of this machine
+            ["/bin/bash", "-c", line, program, *arguments],
+            pass_fds=(to_browser, from_browser),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
         self._buffer = b""
         self._count = 0
-        self._session: str | None = None
-        self._loaded = 0
-        self.errors: list[str] = []
-        self.requests: list[str] = []
+        self.pages: dict[str, Page] = {}
 
-    def start(self) -> None:
-        target = self.send("Target.createTarget", url="about:blank")["targetId"]
-        attached = self.send("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Network", "Log"):
-            self.send(f"{domain}.enable")
+    @property
+    def is_running(self) -> bool:
+        return self._process.poll() is None
 
-    def send(self, method: str, **parameters: Any) -> dict[str, Any]:
+    def send(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
         """Send a command and return its answer; events on the way are noted."""
         self._count += 1
         message: dict[str, Any] = {"id": self._count, "method": method, "params": parameters}
-        if self._session is not None:
-            message["sessionId"] = self._session
+        if session is not None:
+            message["sessionId"] = session
         os.write(self._commands, json.dumps(message).encode() + b"\0")
         while (answer := self._receive()).get("id") != self._count:
             self._note(answer)
@@ -55,12 +68,64 @@ class Page:
         found: dict[str, Any] = answer["result"]
         return found
 
+    def take_event(self) -> None:
+        """Wait for an event, and have its page note it."""
+        self._note(self._receive())
+
+    def close(self) -> None:
+        """End the browser."""
+        with suppress(OSError, RuntimeError):
+            os.write(self._commands, b'{"id": 0, "method": "Browser.close"}\0')
+        os.close(self._commands)
+        try:
+            self._process.wait(_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        os.close(self._answers)
+        shutil.rmtree(self._profile, ignore_errors=True)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        if (page := self.pages.get(event.get("sessionId", ""))) is not None:
+            page.note(event)
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            data = os.read(self._answers, 1 << 20)
+            if not data:
+                raise RuntimeError("chromium has ended")
+            self._buffer += data
+        line, _, self._buffer = self._buffer.partition(b"\0")
+        found: dict[str, Any] = json.loads(line)
+        return found
+
+
+class Page:
+    """One tab. errors: of its console and its scripts. requests: what it asked for, but itself."""
+
+    def __init__(self, program: Program, context: str) -> None:
+        self._program = program
+        self._loaded = 0
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        where = {"url": "about:blank", "browserContextId": context}
+        target = program.send("Target.createTarget", **where)["targetId"]
+        attached = program.send("Target.attachToTarget", targetId=target, flatten=True)
+        self.session: str = attached["sessionId"]
+        program.pages[self.session] = self
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.send(f"{domain}.enable")
+
+    def send(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Send a command about this tab and return its answer."""
+        return self._program.send(method, self.session, **parameters)
+
     def open(self, url: str) -> None:
         """Open a page and wait until it is loaded."""
         before = self._loaded
         self.send("Page.navigate", url=url)
         while self._loaded == before:
-            self._note(self._receive())
+            self._program.take_event()
 
     def value(self, script: str) -> Any:
         """Return what an expression comes to."""
@@ -91,17 +156,8 @@ class Page:
         shot = self.send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(shot["data"]))
 
-    def _receive(self) -> dict[str, Any]:
-        while b"\0" not in self._buffer:
-            data = os.read(self._answers, 1 << 20)
-            if not data:
-                raise RuntimeError("chromium has ended")
-            self._buffer += data
-        line, _, self._buffer = self._buffer.partition(b"\0")
-        found: dict[str, Any] = json.loads(line)
-        return found
-
-    def _note(self, event: dict[str, Any]) -> None:
+    def note(self, event: dict[str, Any]) -> None:
+        """Note what the browser says of this tab."""
         method, about = event.get("method"), event.get("params", {})
         if method == "Page.loadEventFired":
             self._loaded += 1
@@ -116,40 +172,26 @@ class Page:
             self.requests.append(about["request"]["url"])
 
 
+_running: dict[bool, Program] = {}
+"""The browsers of this process, one with WebGL and one without: each takes 2 s of the processor to
+start."""
+
+
 @contextmanager
 def browser(*, webgl: bool = False) -> Iterator[Page]:
-    """Start a browser of a profile of its own, and end it. webgl: have it, drawn in software."""
-    program = chromium()
-    assert program is not None
-    to_browser, commands = os.pipe()
-    answers, from_browser = os.pipe()
-    profile = tempfile.mkdtemp(prefix="wil-browser-")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars"]
-    options.append("--enable-unsafe-swiftshader" if webgl else "--disable-3d-apis")
-    # The protocol is spoken on descriptors 3 and 4, wherever ours are.
-    line = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
-    arguments = [program, *options, "--remote-debugging-pipe", f"--user-data-dir={profile}"]
-    process = subprocess.Popen(  # noqa: S603 - a browser of this machine
-        ["/bin/bash", "-c", line, *arguments],
-        pass_fds=(to_browser, from_browser),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    os.close(to_browser)
-    os.close(from_browser)
-    page = Page(commands, answers)
+    """Open a page that shares no cookies, cache or storage with others, and close it.
+
+    webgl: have it, drawn in software.
+    """
+    program = _running.get(webgl)
+    if program is None or not program.is_running:
+        program = _running[webgl] = Program(webgl=webgl)
+        atexit.register(program.close)
+    context = program.send("Target.createBrowserContext")["browserContextId"]
+    page = Page(program, context)
     try:
-        page.start()
         yield page
     finally:
+        del program.pages[page.session]
         with suppress(OSError, RuntimeError):
-            os.write(commands, b'{"id": 0, "method": "Browser.close"}\0')
-        os.close(commands)
-        try:
-            process.wait(_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        os.close(answers)
-        shutil.rmtree(profile, ignore_errors=True)
+            program.send("Target.disposeBrowserContext", browserContextId=context)
