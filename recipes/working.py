@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
-from vehicles.perception.hsv import Mask
 from vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,
     LidarScanReading,
+    Mask,
     MicrophoneReading,
     Reading,
 )

@@ -1,8 +1,15 @@
 """For all tests: properties are searched without a deadline, for these machines are shared."""
 
+
+import os
+
+# Their threads wait for work by asking for it again and again: with them each of the workers, and
+# each program that a test starts, takes what others need.
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import fcntl
 import gc
-import os
 import shutil
 import tempfile
 import time

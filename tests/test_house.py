@@ -111,7 +111,9 @@ def sources() -> Iterator[Path]:
 def interpreter_flags() -> Iterator[tuple[Path, str]]:
     """Yield the first flag of each command that starts this interpreter with a flag."""
     for path in sources():
-        for node in ast.walk(ast.parse(path.read_bytes())):
+        if b"sys.executable" not in (source := path.read_bytes()):
+            continue
+        for node in ast.walk(ast.parse(source)):
             if not isinstance(node, ast.List | ast.Tuple) or len(node.elts) < 2:
                 continue
             first, second = node.elts[:2]

@@ -7,17 +7,20 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("bench", "campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
 HELPER = ROOT / "vehicles" / "tasks.py"
+_STARTS = {"create_task", "ensure_future"}
 _GROUPS = {"group", "tasks"}
 """What a TaskGroup is called; its tasks it awaits itself."""
 
 
 def bare_starts(source: str) -> Iterator[str]:
     """Give the calls in a source that start a task without a group, or without a name."""
+    if not any(name in source for name in _STARTS):
+        return
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute | ast.Name):
             continue
         called = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
-        if called not in {"create_task", "ensure_future"}:
+        if called not in _STARTS:
             continue
         owner = node.func.value if isinstance(node.func, ast.Attribute) else None
         of_group = isinstance(owner, ast.Name) and owner.id in _GROUPS

@@ -8,8 +8,7 @@ import numpy as np
 
 from recipes.pipeline.stages import StageView
 from vehicles.perception.depth_colors import color_depth
-from vehicles.perception.hsv import Mask
-from vehicles.readings import BgrImage, CameraReading, DepthReading, Reading
+from vehicles.readings import BgrImage, CameraReading, DepthReading, Mask, Reading
 
 _TILE_PX = 480
 _LABEL_PX = 26

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from orchestrator.offline.errors import OfflineError
 from vehicles.readings import BgrImage, CameraReading, DepthImage, Source
-from vehicles.sources.camera_source import SourceError
+from vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
 from vehicles.sources.cameras.frame_stamps import check_image
-from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES, VideoFile
+from vehicles.sources.cameras.image_files import VideoFile
 from vehicles.sources.cameras.recorded_camera import ImageFile, RecordedImage
 from worlds.camera import Intrinsics
 from worlds.files.images import ImageError, read_image

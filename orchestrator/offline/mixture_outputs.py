@@ -16,7 +16,7 @@ from orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
 from orchestrator.recording.video import VideoWriter
 from vehicles.readings import BgrImage, CameraReading
-from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
+from vehicles.sources.camera_source import IMAGE_SUFFIXES
 from worlds.files.paths import exists, is_file, is_folder
 
 _OF_RUNS = ("log.jsonl", "result.json", "judged.msgpack")

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recipes.working import AnyMasked, Masked, R, element_shape
-from vehicles.perception.hsv import Mask
+from vehicles.readings import Mask
 
 Bools = NDArray[np.bool_]
 

@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.perception.hsv import Mask
-from vehicles.readings import BgrImage
+from vehicles.readings import BgrImage, Mask
 
 _SAMPLE_PX = 160
 """Number of columns and rows of the image on which levels are measured, about."""

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.perception.hsv import Mask
-from vehicles.readings import BgrImage
+from vehicles.readings import BgrImage, Mask
 
 
 class SoftEdge:

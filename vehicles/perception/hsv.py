@@ -8,12 +8,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from vehicles.readings import BgrImage
-
-Mask = NDArray[np.uint8]
-"""(height, width) uint8: 255 is in, 0 is out. One value per pixel, never one per channel."""
+from vehicles.readings import BgrImage, Mask
 
 FULL_CIRCLE_DEG = (0.0, 360.0)
 

@@ -12,6 +12,7 @@ from vehicles.readings.images import (
     DepthImage,
     DepthReading,
     IdImage,
+    Mask,
     Source,
 )
 from vehicles.readings.kinds import SENSOR_TYPES, Reading, SensorType, end_s, sensor_type_of
@@ -37,6 +38,7 @@ __all__ = [
     "ImuReading",
     "LidarPointsReading",
     "LidarScanReading",
+    "Mask",
     "MicrophoneReading",
     "ObjectIds",
     "Points",

@@ -13,6 +13,8 @@ Source = Literal["real", "twin", "mixed"]
 BgrImage = NDArray[np.uint8]
 DepthImage = NDArray[np.float32]
 IdImage = NDArray[np.uint8]
+Mask = NDArray[np.uint8]
+"""(height, width) uint8: 255 is in, 0 is out. One value per pixel, never one per channel."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,8 @@ from worlds.camera import Intrinsics
 
 SourceKind = Literal["live", "file"]
 R_co = TypeVar("R_co", bound=Reading, covariant=True)
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
+"""Of the files in a folder of recorded images."""
 
 
 class SourceError(VehicleError):

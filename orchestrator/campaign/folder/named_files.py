@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from vehicles.sources.cameras.image_files import IMAGE_SUFFIXES
+from vehicles.sources.camera_source import IMAGE_SUFFIXES
 from worlds.files.documents import Data
 from worlds.files.paths import exists, is_file, is_folder
 

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import cv2
-
 from orchestrator.campaign.folder.campaign_folder import OutputError, held_run, make_run_folder
 from orchestrator.campaign.workers.limited_loading import limited_loading
 from orchestrator.campaign.workers.run_output import kept_output
@@ -13,7 +11,6 @@ from orchestrator.model.operator_command import Inbox
 from orchestrator.model.progress import Report
 from orchestrator.model.results import RunResult
 from orchestrator.model.results_reader import ResultError, read_result
-from orchestrator.run.stages.return_flight import return_setup
 from orchestrator.state.run_setup import RunOrder, RunSetup
 from worlds.files.references import forget_loaded
 
@@ -32,8 +29,11 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     The run's folder is locked meanwhile: a resumed campaign waits until this has landed, also
     when the campaign that ordered it has died.
     """
-    # Only the run server imports this; a process that only sends orders does not need it.
+    # Only the run server imports these; a process that only sends orders does not need them.
+    import cv2  # noqa: PLC0415
+
     from orchestrator.run.flight.run import fly  # noqa: PLC0415
+    from orchestrator.run.stages.return_flight import return_setup  # noqa: PLC0415
 
     cv2.setNumThreads(1)  # runs share the cores by processes
     forget_loaded()  # an earlier run of this process must not affect this one

@@ -15,6 +15,7 @@ import cv2
 
 import orchestrator.campaign.workers.run_order
 import orchestrator.run.flight.run
+import orchestrator.run.stages.return_flight
 from orchestrator.campaign.workers.run_server import remove_listeners_at_exit
 from orchestrator.run.perception.warm_up import load_kept_kernels
 

@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 from recipes.model.registry import Context, ParameterFault, SidedParameters, step
 from recipes.operations.masks import intersect_masks
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
-from vehicles.perception.hsv import Mask
-from vehicles.readings import BgrImage, CameraReading
+from vehicles.readings import BgrImage, CameraReading, Mask
 from worlds.files.documents import KeyFaultError
 from worlds.files.images import ImageError, read_image
 from worlds.files.paths import is_file

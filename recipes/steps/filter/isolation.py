@@ -9,8 +9,14 @@ from pydantic import Field, field_validator, model_validator
 from recipes.model.registry import Context, SidedParameters, step
 from recipes.operations.masks import intersect_masks
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
-from vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange, Mask
-from vehicles.readings import CameraReading, DepthReading, LidarPointsReading, LidarScanReading
+from vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange
+from vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarPointsReading,
+    LidarScanReading,
+    Mask,
+)
 from worlds.files.documents import KeyFaultError, Part, Path, closest
 
 Identified = CameraReading | DepthReading | LidarScanReading | LidarPointsReading

@@ -13,8 +13,7 @@ from recipes.operations.masks import intersect_masks, narrow_mask
 from recipes.operations.optics import ImageReading, size_of
 from recipes.operations.step_parameters import IMAGE_SENSORS, PAIR, Fraction
 from recipes.working import AnyMasked, CannotMixError, Masked, Operator
-from vehicles.perception.hsv import Mask
-from vehicles.readings import LidarPointsReading, LidarScanReading
+from vehicles.readings import LidarPointsReading, LidarScanReading, Mask
 from worlds.files.documents import Part
 
 Point = Annotated[list[Fraction], PAIR]

@@ -13,13 +13,7 @@ from recipes.operations.optics import disagreement_px
 from recipes.operations.scans import refuse_other_beams
 from recipes.operations.soft_edges import SoftEdge
 from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
-from vehicles.perception.hsv import Mask
-from vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarScanReading,
-    Reading,
-)
+from vehicles.readings import CameraReading, DepthReading, LidarScanReading, Mask, Reading
 
 MAX_DISAGREEMENT_PX = 1.0
 """Largest distance of the same point in two images that may be laid over each other."""

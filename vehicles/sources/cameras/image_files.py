@@ -7,14 +7,12 @@ from typing import Any
 import av
 import cv2
 
-from vehicles.sources.camera_source import SourceError
+from vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
 from vehicles.sources.cameras.av_input import opening_error
 from vehicles.sources.cameras.frame_stamps import check_image
 from vehicles.sources.cameras.recorded_camera import RecordedImage
 from worlds.files.images import ImageError, check_pixels, read_image
 from worlds.files.limits import MAX_IMAGE_PIXELS
-
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 
 
 class VideoFile:
