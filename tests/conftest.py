@@ -1,6 +1,5 @@
 """For all tests: properties are searched without a deadline, for these machines are shared."""
 
-
 import os
 
 # Their threads wait for work by asking for it again and again: with them each of the workers, and

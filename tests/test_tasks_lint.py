@@ -39,6 +39,17 @@ def test_tasks_are_started_by_groups_with_a_name_or_by_the_helper() -> None:
     assert found == {}
 
 
+def test_nothing_is_raised_out_of_except_star() -> None:
+    """Before Python 3.11.4, such as on Debian 12, it arrives in a group."""
+    found = [
+        str(path.relative_to(ROOT))
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if "except*" in path.read_text("utf-8") and path != HELPER
+    ]
+    assert found == []
+
+
 def test_a_bare_start_is_found() -> None:
     assert list(bare_starts("asyncio.create_task(run(), name='x')"))
     assert list(bare_starts("asyncio.ensure_future(run())"))

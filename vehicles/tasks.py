@@ -71,6 +71,25 @@ async def together() -> AsyncIterator[asyncio.TaskGroup]:
         raise _one_of(leaves(errors)) from None
 
 
+@contextmanager
+def raising_first_of(*kinds: type[Exception]) -> Iterator[None]:
+    """Raise the first error of these kinds in a group of tasks' errors by itself, in no group.
+
+    Where there are also errors of other kinds, a group of it and them. Not by `except*`: what is
+    raised there arrives in a group before Python 3.11.4, and Debian 12 has 3.11.2.
+    """
+    try:
+        yield
+    except BaseExceptionGroup as errors:
+        found, others = errors.split(kinds)
+        if found is None:
+            raise
+        first = leaves(found)[0]
+        if others is None:
+            raise first from None
+        raise BaseExceptionGroup(errors.message, [first, others]) from None
+
+
 def leaves(error: BaseException) -> list[BaseException]:
     """Return the errors within nested error groups of tasks, in order."""
     if isinstance(error, BaseExceptionGroup):

@@ -52,7 +52,7 @@ from orchestrator.operator.operator_channels import open_operator_channels
 from orchestrator.run.stages.return_flight import return_plan
 from orchestrator.run.vehicles.preflight_checks import disk_item
 from orchestrator.state.run_setup import RunOrder
-from vehicles.tasks import TaskAccount
+from vehicles.tasks import TaskAccount, raising_first_of
 from worlds.files.problems import printable
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
@@ -245,13 +245,11 @@ class _Flight:
             expected=(OutputError, OperatingError, EngineError, OSError, EOFError),
         )
         try:
-            with account.of(loop):
+            with raising_first_of(OutputError, EngineError), account.of(loop):
                 async with open_operator_channels(self._controller, self._campaign.mqtt):
                     await self._pool.fly(self._orders())
                 if self._changed is not None:
                     raise self._changed
-        except* (OutputError, EngineError) as errors:
-            raise errors.exceptions[0] from None
         finally:
             await self._workers.close()
             self._repositioning.end_wait()

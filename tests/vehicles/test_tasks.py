@@ -6,7 +6,16 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from orchestrator.model.clock import run_virtual
-from vehicles.tasks import Contained, TaskAccount, finish, start, stop, together
+from vehicles.tasks import (
+    Contained,
+    TaskAccount,
+    finish,
+    leaves,
+    raising_first_of,
+    start,
+    stop,
+    together,
+)
 
 
 class ExpectedError(Exception):
@@ -119,6 +128,21 @@ def test_a_group_raises_a_single_error_as_it_is_and_several_as_a_group() -> None
             await fail_together(2)
 
     assert faults_of(main) == []
+
+
+def test_the_first_error_of_a_kind_leaves_its_group_alone() -> None:
+    expected, other = ExpectedError("first"), KeyError("other")
+    with pytest.raises(ExpectedError) as single, raising_first_of(ExpectedError, OSError):
+        raise ExceptionGroup("tasks", [ExceptionGroup("inner", [expected, OSError("second")])])
+    assert single.value is expected
+    with pytest.raises(ExceptionGroup) as several, raising_first_of(ExpectedError):
+        raise ExceptionGroup("tasks", [other, expected])
+    assert leaves(several.value) == [expected, other]
+    with pytest.raises(ExceptionGroup) as none, raising_first_of(ExpectedError):
+        raise ExceptionGroup("tasks", [other])
+    assert leaves(none.value) == [other]
+    with pytest.raises(KeyError), raising_first_of(ExpectedError):
+        raise other
 
 
 def test_what_is_contained_is_reported_and_ctrl_c_is_not_contained() -> None:

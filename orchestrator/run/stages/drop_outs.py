@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from orchestrator.state.run_state import FlightError, RunState
 from orchestrator.state.vehicle_context import VehicleContext
 from vehicles.errors import VehicleError
+from vehicles.tasks import raising_first_of
 
 
 async def unless_out(
@@ -44,12 +45,10 @@ async def each(
     async def one(context: VehicleContext) -> None:
         await do(context)
 
-    try:
+    with raising_first_of(VehicleError, FlightError):
         async with asyncio.TaskGroup() as group:
             for context in contexts:
                 group.create_task(one(context), name=f"{context.name} stage")
-    except* (VehicleError, FlightError) as errors:
-        raise errors.exceptions[0] from None
 
 
 async def each_left(

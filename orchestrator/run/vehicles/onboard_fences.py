@@ -20,6 +20,7 @@ from vehicles.driver.onboard.onboard_fence import OnboardFence
 from vehicles.driver.onboard.parameter_backup import ParameterValue
 from vehicles.errors import VehicleError
 from vehicles.mavlink.fence_areas import Place
+from vehicles.tasks import raising_first_of
 
 Note = Callable[..., None]
 
@@ -95,12 +96,10 @@ class OnboardFences:
                 raise VehicleError(
                     f"{name} is not ready yet: try again once its first fence is uploaded"
                 )
-        try:
+        with raising_first_of(VehicleError):
             async with asyncio.TaskGroup() as group:
                 for name, fence in fences.items():
                     group.create_task(self._offer(name, fence), name=f"{name} fence")
-        except* VehicleError as errors:
-            raise errors.exceptions[0] from None
 
     async def confirm(self) -> None:
         """Confirm the offered onboard fences: they stay."""

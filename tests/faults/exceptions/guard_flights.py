@@ -160,11 +160,13 @@ async def _in_the_air(folder: Path, flight: RemoteFlight) -> None:
     flight.guard.change_fences(dict.fromkeys(SYSTEMS, _WIDE), "anna")
     path = json.loads((folder / POINTER).read_text())["socket"]
     reader, writer = await asyncio.open_unix_connection(path)
-    for command in ("status", "watch"):
-        writer.write(json.dumps({"command": command, "who": "anna"}).encode() + b"\n")
-        async with asyncio.timeout(5.0):
-            await reader.readline()
-    writer.close()
+    try:
+        for command in ("status", "watch"):
+            writer.write(json.dumps({"command": command, "who": "anna"}).encode() + b"\n")
+            async with asyncio.timeout(5.0):
+                await reader.readline()
+    finally:
+        writer.close()
     flight.guard.command(OperatorCommand("hold", "anna"))
     await until(lambda: "operator" in flight.kinds() or bool(flight.kinds()))
     flight.guard.bring_down("done")

@@ -113,11 +113,13 @@ async def _operate(folder: Path, outcome: OperatorOutcome, probe: Probe) -> None
 async def _use_socket(folder: Path) -> None:
     path = json.loads((folder / POINTER).read_text())["socket"]
     reader, writer = await asyncio.open_unix_connection(path)
-    for line in (b'{"command": "status", "who": "anna"}', b"nothing", b'{"command": "watch"}'):
-        writer.write(line + b"\n")
+    try:
+        for line in (b'{"command": "status", "who": "anna"}', b"nothing", b'{"command": "watch"}'):
+            writer.write(line + b"\n")
+            await _line(reader)
         await _line(reader)
-    await _line(reader)
-    writer.close()
+    finally:
+        writer.close()
 
 
 async def _line(reader: asyncio.StreamReader) -> None:
