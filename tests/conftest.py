@@ -151,6 +151,17 @@ So has whatever else is busy on the machine: with 10 it left a tenth, and tests 
 _WEIGHED = pytest.StashKey[int]()
 
 
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_auto_num_workers() -> int | None:
+    """Have four workers more than there are cores: many tests wait for a clock or a process.
+
+    As many as cores leave two cores idle most of the time. None: a variable says how many.
+    """
+    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None
+    return (os.cpu_count() or 1) + 4
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile the control laws before workers of pytest-xdist start, where they are not kept yet.
 
