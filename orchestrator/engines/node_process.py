@@ -98,7 +98,10 @@ class NodeRuns:
         results = node_results(campaign)
         if isinstance(results, str):
             return results
-        start_run_server()  # it imports for a second; many a node process gets no campaign
+        try:
+            start_run_server()  # it imports for a second; many a node process gets no campaign
+        except OSError as error:
+            return f"its run server cannot be started: {error}"
         for problem_of in (results.problem, partial(different_in_place, campaign.files)):
             if problem := await in_thread(problem_of):
                 return problem

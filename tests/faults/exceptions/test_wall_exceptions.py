@@ -23,7 +23,10 @@ from tests.faults.exceptions.operator_flights import OperatorFlights
 if sys.version_info < (3, 11, 7):
     # What is raised before the first line of a connection's handler leaves the connection to
     # asyncio, which closes it since then.
-    pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+    pytestmark = pytest.mark.filterwarnings(
+        "ignore:Exception ignored in. <(function _SelectorTransport|socket.socket)"
+        ":pytest.PytestUnraisableExceptionWarning"
+    )
 
 _SEED = 9
 _SAMPLE = 1

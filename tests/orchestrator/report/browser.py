@@ -14,7 +14,7 @@ from typing import Any
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars")
-_TIMEOUT_S = 60
+_TIMEOUT_S = 5
 _OF_THE_DRIVER = "GL Driver Message"
 """Stands in what a graphics driver says of its own speed; no page causes that."""
 
@@ -105,6 +105,7 @@ class Page:
 
     def __init__(self, program: Program, context: str) -> None:
         self._program = program
+        self.context = context
         self._loaded = 0
         self.errors: list[str] = []
         self.requests: list[str] = []
@@ -188,10 +189,11 @@ def browser(*, webgl: bool = False) -> Iterator[Page]:
         program = _running[webgl] = Program(webgl=webgl)
         atexit.register(program.close)
     context = program.send("Target.createBrowserContext")["browserContextId"]
-    page = Page(program, context)
     try:
-        yield page
+        yield Page(program, context)
     finally:
-        del program.pages[page.session]
+        program.pages = {
+            session: page for session, page in program.pages.items() if page.context != context
+        }
         with suppress(OSError, RuntimeError):
             program.send("Target.disposeBrowserContext", browserContextId=context)
