@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -83,7 +84,11 @@ class Program:
             self._process.kill()
             self._process.wait()
         os.close(self._answers)
-        shutil.rmtree(self._profile, ignore_errors=True)
+        for _ in range(_TIMEOUT_S * 10):  # processes of its own may still write there
+            shutil.rmtree(self._profile, ignore_errors=True)
+            if not Path(self._profile).exists():
+                break
+            time.sleep(0.1)
 
     def _note(self, event: dict[str, Any]) -> None:
         if (page := self.pages.get(event.get("sessionId", ""))) is not None:
